@@ -1,0 +1,55 @@
+"""What goes into a horizon fit and what comes out of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.status import Status
+
+
+@dataclass(frozen=True)
+class LimbObservation:
+    """The limb points that one camera saw."""
+
+    view: CameraView
+    limb: LimbPoints
+
+
+@dataclass(frozen=True)
+class HorizonFit:
+    """Nadir, disc radius and altitude from limb points of one or more cameras.
+
+    nadir_base : (3,) unit vector towards the planet's centre, base frame.
+    rho_rad : angular radius of the planet's disc. altitude_m : above the planet's surface.
+    cov_nadir_altitude : (4, 4) covariance of (nadir_base, altitude_m); the nadir block has rank 2 (rad^2).
+    rms_residual_px : of the inliers, across the limb. cameras : names of the cameras used.
+    history : per-iteration states of the iterative methods, rows (nadir_base, rho_rad); empty for closed forms.
+    When status is not OK every estimate is NaN and `reason` says why.
+    """
+
+    status: Status
+    reason: str
+    method: str
+    nadir_base: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+    rho_rad: float = np.nan
+    altitude_m: float = np.nan
+    cov_nadir_altitude: np.ndarray = field(default_factory=lambda: np.full((4, 4), np.nan))
+    rms_residual_px: float = np.nan
+    num_points: int = 0
+    num_inliers: int = 0
+    cameras: tuple[str, ...] = ()
+    history: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
+
+    @property
+    def ok(self) -> bool:
+        """True when the estimates are valid."""
+        return self.status is Status.OK
+
+    @classmethod
+    def none(cls, status: Status, reason: str, method: str, num_points: int = 0) -> HorizonFit:
+        """No estimate, and why."""
+        return cls(status, reason, method, num_points=num_points)

@@ -1,0 +1,35 @@
+"""Limb points of one image, the product of limb detection and the input of every fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from horizon_sensor_ros.core.status import Status
+
+
+def _empty(columns: int) -> np.ndarray:
+    return np.empty((0, columns))
+
+
+@dataclass(frozen=True)
+class LimbPoints:
+    """Points of one image that lie on the planet's limb.
+
+    px : (N, 2) float64, raw (distorted) pixels, x right, y down, pixel centres at integers.
+    normal_px : (N, 2) unit vectors in the image, across the limb, towards space.
+    sigma_px : (N,) one sigma of each point along its normal.
+    status, reason : OK, or why the image shows no usable limb (then N = 0).
+    """
+
+    status: Status
+    reason: str = ""
+    px: np.ndarray = field(default_factory=lambda: _empty(2))
+    normal_px: np.ndarray = field(default_factory=lambda: _empty(2))
+    sigma_px: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+    @classmethod
+    def none(cls, status: Status, reason: str) -> LimbPoints:
+        """No limb in this image, and why."""
+        return cls(status, reason)
