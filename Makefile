@@ -1,0 +1,71 @@
+# `make help` lists the targets. Everything lives in .venv, made from python3 and pip alone.
+PYTHON ?= python3
+VENV := .venv
+NOBLE := .venv-noble
+# Ubuntu 24.04 has Python 3.12; its library versions have wheels for 3.10 to 3.12. A python may be
+# on the path and yet not run (version managers), hence the try.
+NOBLE_PYTHON ?= $(firstword $(foreach p,python3.12 python3 python3.11 python3.10,$(shell \
+	$(p) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, 13))' 2>/dev/null && echo $(p))))
+# More arguments for pytest: make test PYTEST_ARGS="-k camera"
+PYTEST_ARGS ?=
+# One thread a process: the tests' many small matrices gain nothing from more.
+export OPENBLAS_NUM_THREADS := 1
+
+# A sourced ROS workspace or another venv must not leak into this one.
+ifneq ($(ROS_DISTRO)$(AMENT_PREFIX_PATH)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
+unexport LD_LIBRARY_PATH
+endif
+unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH CMAKE_PREFIX_PATH PYTHONPATH PYTHONHOME
+unexport RMW_IMPLEMENTATION ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION VIRTUAL_ENV
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+INPUTS := setup.py setup.cfg pyproject.toml $(wildcard requirements/*.txt)
+
+.PHONY: help venv demo test test-slow test-noble bench lint clean
+.DEFAULT_GOAL := help
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+venv: $(VENV)/.ready ## make .venv with the real rclpy and all commands in .venv/bin
+demo: venv ## a simulated flight past the real nodes; error table and a report with pictures
+	$(VENV)/bin/horizon_demo
+test: venv ## all tests but the slow ones; lint, types and a colcon build are among them
+	$(VENV)/bin/python -m pytest -m "not slow" $(PYTEST_ARGS)
+test-slow: venv ## the slow tests
+	$(VENV)/bin/python -m pytest -m slow $(PYTEST_ARGS)
+test-noble: $(NOBLE)/.ready ## the same tests with the library versions of Ubuntu 24.04
+	$(NOBLE)/bin/python -m pytest -m "not slow" $(PYTEST_ARGS)
+bench: venv ## the benchmark tables
+	$(VENV)/bin/python benchmarks/run.py
+lint: venv ## ruff and mypy
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/mypy
+clean: ## remove what the other targets made
+	rm -rf $(VENV) $(NOBLE) build install log demo_output bench_output *.egg-info
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find horizon_sensor_ros test -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# make_venv,DIRECTORY,PYTHON,ARGUMENTS OF PIP
+# The stamp is written last and removed first: a venv without one was interrupted and starts anew.
+# The second form of creation is for Debian's python3 without python3-venv.
+define make_venv
+	@$(2) -c 'import sys; sys.exit(sys.version_info < (3, 10))' \
+		|| { echo "$(2) does not run or is older than Python 3.10: set PYTHON=..."; exit 1; }
+	@if [ -e $(1)/.ready ]; then rm $(1)/.ready; else rm -rf $(1); fi
+	@[ -d $(1) ] || { echo "Making $(1)"; $(2) -m venv $(1) >/dev/null 2>&1; } \
+		|| { $(2) -m venv --clear --without-pip $(1) \
+			&& $(2) -m pip -q --python $(1)/bin/python install pip; }
+	@echo "Installing the libraries into $(1) (about 700 MB; a minute or two)"
+	@$(1)/bin/python -m pip install -q --disable-pip-version-check $(3)
+	@$(1)/bin/python -m pip install -q --disable-pip-version-check --no-deps \
+		--no-build-isolation --use-pep517 --editable .
+	@touch $(1)/.ready
+endef
+
+$(VENV)/.ready: $(INPUTS)
+	$(call make_venv,$(VENV),$(PYTHON),-r requirements/dev.txt)
+
+$(NOBLE)/.ready: $(INPUTS)
+	@[ -n "$(NOBLE_PYTHON)" ] || { echo "test-noble needs a Python 3.10 to 3.12"; exit 1; }
+	$(call make_venv,$(NOBLE),$(NOBLE_PYTHON),-r requirements/dev.txt -c requirements/noble.txt)

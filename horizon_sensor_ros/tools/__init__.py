@@ -1,0 +1,1 @@
+"""Command line tools: bags, field of applicability, demo."""

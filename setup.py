@@ -1,0 +1,39 @@
+"""Installation of the package, for colcon (apt ROS) and for pip alike."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = "horizon_sensor_ros"
+
+COMMANDS = {
+    "local_vertical_node": "ros.local_vertical_node",
+    "attitude_node": "ros.attitude_node",
+    "horizon_replay": "tools.replay",
+    "horizon_applicability": "tools.applicability",
+    "horizon_demo": "tools.demo",
+}
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="Local vertical, roll, pitch and altitude from cameras that see a planet's limb",
+    license="Apache-2.0",
+    python_requires=">=3.10",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}/config", sorted(glob("config/*"))),
+        (f"share/{PACKAGE}/launch", sorted(glob("launch/*.launch.py"))),
+    ],
+    # The libraries come from rosdep (package.xml) or from requirements/run.txt, never from here:
+    # apt's OpenCV and rclpy have no pip distribution that such a line could name.
+    install_requires=["setuptools"],
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            f"{name} = {PACKAGE}.{module}:main" for name, module in COMMANDS.items()
+        ]
+    },
+)
