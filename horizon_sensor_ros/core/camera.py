@@ -226,7 +226,7 @@ class Camera:
 
     @cached_property
     def max_angle_rad(self) -> float:
-        """Angle off the axis up to which the model is one-to-one; pi/2 or pi where it has no limit."""
+        """Angle off the axis up to which the model is one-to-one; pi/2 or pi without a limit."""
         if self.model == "equidistant":
             return self._max_theta
         return float(np.arctan(self._max_radius))
