@@ -1,0 +1,49 @@
+"""Start the horizon nodes.
+
+    ros2 launch horizon_sensor_ros horizon_sensor.launch.py params_file:=mine.yaml
+
+Topics are relative: with `namespace:=nav` the nodes listen to /nav/camera_1/image_raw and so on.
+"""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+PACKAGE = "horizon_sensor_ros"
+NODES = ("local_vertical_node", "attitude_node")
+
+
+def _node(name: str) -> Node:
+    use_sim_time = ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)
+    return Node(
+        package=PACKAGE,
+        executable=name,
+        name=name,
+        namespace=LaunchConfiguration("namespace"),
+        parameters=[LaunchConfiguration("params_file"), {"use_sim_time": use_sim_time}],
+        output="screen",
+        condition=IfCondition(LaunchConfiguration(name)),
+    )
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Both nodes, each of which can be left out; they bring themselves to active."""
+    default_params = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "params.yaml"])
+    arguments = [
+        DeclareLaunchArgument("namespace", default_value="", description="Namespace of the nodes"),
+        DeclareLaunchArgument(
+            "params_file", default_value=default_params, description="ROS parameter file"
+        ),
+        DeclareLaunchArgument(
+            "use_sim_time", default_value="false", description="Take the time from /clock"
+        ),
+        *(
+            DeclareLaunchArgument(name, default_value="true", description=f"Start {name}")
+            for name in NODES
+        ),
+    ]
+    return LaunchDescription([*arguments, *(_node(name) for name in NODES)])

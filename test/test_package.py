@@ -1,0 +1,192 @@
+"""The package as colcon installs it, and its metadata."""
+
+from __future__ import annotations
+
+import os
+import py_compile
+import re
+import runpy
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = "horizon_sensor_ros"
+COMMANDS = {
+    "local_vertical_node",
+    "attitude_node",
+    "horizon_replay",
+    "horizon_applicability",
+    "horizon_demo",
+}
+NODES = ("local_vertical_node", "attitude_node")
+EXTRINSICS = (
+    "-p",
+    "camera_1.rotation:=[0.5, 0.5, 0.5, 0.5]",
+    "-p",
+    "camera_2.rotation:=[0.0, 0.7071067811865476, 0.7071067811865476, 0.0]",
+)
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Prefix of the package, built and installed by colcon."""
+    work = tmp_path_factory.mktemp("colcon")
+    build = subprocess.run(
+        [
+            *(sys.executable, "-m", "colcon", "--log-base", str(work / "log"), "build"),
+            *("--paths", str(ROOT), "--packages-select", PACKAGE),
+            *("--build-base", str(work / "build"), "--install-base", str(work / "install")),
+        ],
+        cwd=work,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert build.returncode == 0, build.stdout + build.stderr
+    return work / "install" / PACKAGE
+
+
+def in_workspace(installed: Path, *command: str) -> list[str]:
+    """Command that runs in a shell with the workspace sourced, as a user would."""
+    setup = installed.parent / "setup.bash"
+    return ["bash", "-c", f'source "{setup}" && exec "$@"', "bash", *command]
+
+
+def test_colcon_installs_executables_where_ros2_run_looks(installed: Path) -> None:
+    executables = {p.name for p in (installed / "lib" / PACKAGE).iterdir() if os.access(p, os.X_OK)}
+    assert executables >= COMMANDS
+
+
+def test_colcon_installs_index_marker_and_share_files(installed: Path) -> None:
+    share = installed / "share"
+    assert (share / "ament_index" / "resource_index" / "packages" / PACKAGE).is_file()
+    assert (share / PACKAGE / "package.xml").is_file()
+    for folder, pattern in (("config", "*"), ("launch", "*.launch.py")):
+        ours = {p.name for p in (ROOT / folder).glob(pattern)}
+        assert ours
+        assert {p.name for p in (share / PACKAGE / folder).iterdir()} == ours
+
+
+def test_colcon_installs_every_module(installed: Path) -> None:
+    (site,) = installed.glob("lib/python3*/site-packages")
+    ours = {str(p.relative_to(ROOT)) for p in (ROOT / PACKAGE).rglob("*.py")}
+    assert {str(p.relative_to(site)) for p in (site / PACKAGE).rglob("*.py")} == ours
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_built_executable_becomes_active_and_ends_on_sigint(
+    installed: Path, ros_environment: dict[str, str], ros_domain: int, name: str
+) -> None:
+    executable = str(installed / "lib" / PACKAGE / name)
+    command = in_workspace(installed, executable, "--ros-args", *EXTRINSICS)
+    with subprocess.Popen(
+        command, env=ros_environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
+        try:
+            assert lifecycle_state(name, ros_domain) == "active"
+            process.send_signal(signal.SIGINT)
+            output, _ = process.communicate(timeout=10)
+        finally:
+            process.kill()
+    assert process.returncode == 0, output
+    assert "Traceback" not in output
+
+
+def lifecycle_state(node_name: str, domain: int, patience_s: float = 20.0) -> str:
+    """State the node reports once it has come up; the last one heard when patience ends."""
+    rclpy = pytest.importorskip("rclpy")
+    from lifecycle_msgs.srv import GetState
+    from rclpy.executors import SingleThreadedExecutor
+
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain)
+    try:
+        node = rclpy.create_node("package_test", context=context)
+        executor = SingleThreadedExecutor(context=context)
+        client = node.create_client(GetState, f"/{node_name}/get_state")
+        deadline = time.monotonic() + patience_s
+        state = "not there"
+        while state != "active" and time.monotonic() < deadline:
+            if not client.wait_for_service(timeout_sec=1.0):
+                continue
+            answer = client.call_async(GetState.Request())
+            executor.spin_until_future_complete(answer, timeout_sec=2.0)
+            if answer.done():
+                state = answer.result().current_state.label
+        return state
+    finally:
+        rclpy.shutdown(context=context)
+
+
+def test_built_executable_without_extrinsics_says_so_and_fails(
+    installed: Path, ros_environment: dict[str, str]
+) -> None:
+    executable = str(installed / "lib" / PACKAGE / "attitude_node")
+    done = subprocess.run(
+        in_workspace(installed, executable),
+        env=ros_environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode != 0
+    assert "camera_1.rotation" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_pip_installs_the_commands_beside_python() -> None:
+    # `pip install --editable` reads setup.cfg too, and must not follow colcon's script directory.
+    directory = Path(sys.executable).parent
+    if not (directory / "activate").is_file():
+        pytest.skip("not run from a virtual environment")
+    assert {c for c in COMMANDS if os.access(directory / c, os.X_OK)} == COMMANDS
+
+
+def test_versions_agree() -> None:
+    manifest = ET.parse(ROOT / "package.xml").getroot()
+    setup = (ROOT / "setup.py").read_text()
+    found = re.search(r'version="([^"]+)"', setup)
+    assert found is not None
+    assert manifest.findtext("version") == found[1]
+
+
+def test_every_ros_package_imported_is_declared() -> None:
+    manifest = ET.parse(ROOT / "package.xml").getroot()
+    declared = {element.text for element in manifest.iter("exec_depend")}
+    pattern = re.compile(r"^\s*(?:from|import) (rclpy|\w+_(?:msgs|interfaces|srvs))\b", re.M)
+    source = "\n".join(path.read_text() for path in (ROOT / PACKAGE).rglob("*.py"))
+    imported = set(pattern.findall(source))
+    assert "rclpy" in imported
+    assert imported <= declared
+
+
+def launch_files() -> list[Path]:
+    files = sorted((ROOT / "launch").glob("*.launch.py"))
+    assert files
+    return files
+
+
+def test_launch_files_compile(tmp_path: Path) -> None:
+    for path in launch_files():
+        py_compile.compile(str(path), cfile=str(tmp_path / "launch.pyc"), doraise=True)
+
+
+def test_launch_files_describe_nodes() -> None:
+    pytest.importorskip("launch_ros", reason="the launch system is not on PyPI, only in apt's ROS")
+    for path in launch_files():
+        assert runpy.run_path(str(path))["generate_launch_description"]().entities
+
+
+def test_config_files_parse() -> None:
+    for path in (ROOT / "config").glob("*.yaml"):
+        assert yaml.safe_load(path.read_text()), path
+    for path in (ROOT / "config").glob("*.xml"):
+        ET.parse(path)
