@@ -1,0 +1,1 @@
+"""Simulators with exact truth: the Earth camera, a flight around the planet, the range camera."""

@@ -1,0 +1,91 @@
+"""What is exactly true about a simulated frame: the pose, the verticals, the limb's curve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.planet import Planet
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+_CURVE_SAMPLES = 8192
+
+
+@dataclass(frozen=True, eq=False)
+class LimbTruth:
+    """The limb's curve where it crosses the frame, in order along the limb.
+
+    px (N, 2) : samples in raw pixels, rarely more than a pixel apart; normal_px (N, 2) : unit,
+    towards space; step_dn (N,) : brightness of the planet just inside over the sky just outside,
+    before noise; in_the_open (N,) : not hidden by a part of the craft.
+    """
+
+    px: FloatArray
+    normal_px: FloatArray
+    step_dn: FloatArray
+    in_the_open: BoolArray
+
+    def visible(self, min_step_dn: float) -> BoolArray:
+        """Return which samples (N,) show an unhidden step of at least `min_step_dn`."""
+        return self.in_the_open & (self.step_dn >= min_step_dn)
+
+    def visible_length_px(self, min_step_dn: float) -> float:
+        """Length of the visible limb in the frame, in pixels along the curve."""
+        if len(self.px) < 2:
+            return 0.0
+        step = np.linalg.norm(np.diff(self.px, axis=0), axis=1)
+        seen = self.visible(min_step_dn)
+        # a jump is where the curve left the frame and came back
+        return float(step[seen[1:] & seen[:-1] & (step < 20.0)].sum())
+
+
+@dataclass(frozen=True, eq=False)
+class FrameTruth:
+    """Truth of one frame; unit vectors, rotations from the camera's optical frame and the base.
+
+    nadir_* : towards the planet's centre; geodetic_nadir_* : against the ellipsoid's normal (the
+    same on a sphere). altitude_m : above `planet.radius_m`, on the ellipsoid above it, without
+    the limb height. rho_rad : angle from nadir to the limb (mean over the limb on an ellipsoid).
+    """
+
+    camera: Camera
+    planet: Planet
+    nadir_cam: FloatArray
+    nadir_base: FloatArray
+    geodetic_nadir_cam: FloatArray
+    geodetic_nadir_base: FloatArray
+    altitude_m: float
+    rho_rad: float
+    position_ecef_m: FloatArray
+    rot_world_from_cam: FloatArray
+    rot_world_from_base: FloatArray
+    limb: LimbTruth
+
+
+def limb_curve(
+    camera: Camera, planet: Planet, rot_world_from_cam: FloatArray, position_ecef_m: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Limb samples px (N, 2) inside the frame and their unit normals (N, 2) towards space."""
+    azimuth = np.linspace(0.0, 2.0 * np.pi, _CURVE_SAMPLES, endpoint=False)
+    rays = planet.limb_rays_ecef(position_ecef_m, azimuth) @ rot_world_from_cam
+    px = camera.pixels(rays)
+    tangent = np.roll(px, -1, axis=0) - np.roll(px, 1, axis=0)
+    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+    nadir_cam = -(position_ecef_m @ rot_world_from_cam) / np.linalg.norm(position_ecef_m)
+    outward = camera.pixels(rays - 1e-4 * nadir_cam) - px
+    with np.errstate(invalid="ignore"):
+        normal *= np.sign(np.sum(normal * outward, axis=1, keepdims=True))
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    keep = camera.in_frame(px) & np.isfinite(normal).all(axis=1)
+    if not keep.any():
+        return np.empty((0, 2)), np.empty((0, 2))
+    # start after a gap, so that one stretch of limb is one run of rows
+    start = int(np.argmin(keep)) if not keep.all() else 0
+    order = np.roll(np.arange(_CURVE_SAMPLES), -start)
+    order = order[keep[order]]
+    return px[order], normal[order]

@@ -1,0 +1,102 @@
+"""Cameras and poses to simulate with: lenses, attitudes in paper C's convention, directions.
+
+Body frame of paper C: x forward, y right, z down; its level frame has z towards the planet.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.planet import Planet
+
+FloatArray = NDArray[np.float64]
+
+# Optical frame (x right, y down, z forward) to the body frame (forward, right, down).
+ROT_BODY_FROM_FORWARD_CAMERA = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+ROT_BODY_FROM_RIGHT_CAMERA = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+
+
+def camera_from_fov(width: int, height: int, fov_rad: float) -> Camera:
+    """Pinhole camera with square pixels and a field of view across its width, edge to edge."""
+    if not 0.0 < fov_rad < np.pi:
+        raise ValueError(f"fov_rad must be between 0 and pi, got {fov_rad}")
+    focal = 0.5 * width / np.tan(0.5 * fov_rad)
+    return Camera(width, height, focal, focal, (width - 1) / 2.0, (height - 1) / 2.0)
+
+
+def camera_from_lens(
+    width: int, height: int, focal_length_m: float, pixel_pitch_m: float
+) -> Camera:
+    """Pinhole camera with a focal length and square pixels of a pitch, both in metres."""
+    if not (focal_length_m > 0.0 and pixel_pitch_m > 0.0):
+        raise ValueError(
+            f"focal_length_m and pixel_pitch_m must be positive, got {focal_length_m}, "
+            f"{pixel_pitch_m}"
+        )
+    focal = focal_length_m / pixel_pitch_m
+    return Camera(width, height, focal, focal, (width - 1) / 2.0, (height - 1) / 2.0)
+
+
+def rot_level_from_body(roll_rad: float, pitch_rad: float, yaw_rad: float = 0.0) -> FloatArray:
+    """Rotation (3, 3), Rz(yaw) Ry(pitch) Rx(roll), into a level frame whose z points down."""
+    cr, sr = np.cos(roll_rad), np.sin(roll_rad)
+    cp, sp = np.cos(pitch_rad), np.sin(pitch_rad)
+    cy, sy = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def rot_world_from_level(
+    position_ecef_m: FloatArray, planet: Planet | None = None, vertical: str = "geocentric"
+) -> FloatArray:
+    """Rotation (3, 3) of the north, east, down frame at a position (3,) into ECEF."""
+    position = np.asarray(position_ecef_m, float)
+    down = (Planet() if planet is None else planet).nadir_ecef(position, vertical)
+    east = np.cross([0.0, 0.0, 1.0], -down)
+    if np.linalg.norm(east) < 1e-9:  # over a pole
+        east = np.array([0.0, 1.0, 0.0])
+    east /= np.linalg.norm(east)
+    return np.stack([np.cross(east, down), east, down], axis=1)
+
+
+def pose_from_attitude(
+    altitude_m: float,
+    roll_rad: float,
+    pitch_rad: float,
+    yaw_rad: float = 0.0,
+    *,
+    latitude_rad: float = 0.0,
+    longitude_rad: float = 0.0,
+    planet: Planet | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Attitude rot_world_from_body (3, 3) and position_ecef_m (3,) of a body above the planet.
+
+    Roll, pitch and yaw are paper C's, against geocentric north, east, down; latitude is geodetic.
+    """
+    planet = Planet() if planet is None else planet
+    position = planet.ecef_from_geodetic(latitude_rad, longitude_rad, altitude_m)
+    level = rot_world_from_level(position, planet)
+    return level @ rot_level_from_body(roll_rad, pitch_rad, yaw_rad), position
+
+
+def rot_from_axis(axis: FloatArray, roll_rad: float = 0.0) -> FloatArray:
+    """Rotation (3, 3) out of an optical frame whose z is `axis` (3,), turned about it by roll."""
+    z = np.asarray(axis, float) / np.linalg.norm(axis)
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+    x /= np.linalg.norm(x)
+    y = np.cross(z, x)
+    c, s = np.cos(roll_rad), np.sin(roll_rad)
+    return np.stack([c * x + s * y, -s * x + c * y, z], axis=1)
+
+
+def random_direction(rng: np.random.Generator) -> FloatArray:
+    """Unit vector (3,), uniform over the sphere."""
+    v = rng.standard_normal(3)
+    return v / np.linalg.norm(v)

@@ -1,0 +1,76 @@
+"""From light to grey levels: optics, exposure, noise, defects, quantisation and coding."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from horizon_sensor_ros.sim.earth_scene import Imaging, Occluder
+
+Image = NDArray[np.float32]
+
+_SUPERSAMPLING = 4
+
+
+def occlusion(occluders: tuple[Occluder, ...], shape: tuple[int, int]) -> tuple[Image, Image]:
+    """Share of each pixel that is hidden, and the light (DN) that the hiding parts add."""
+    height, width = shape
+    hidden = np.zeros(shape, np.float32)
+    light = np.zeros(shape, np.float32)
+    for occluder in occluders:
+        fine = np.zeros((height * _SUPERSAMPLING, width * _SUPERSAMPLING), np.uint8)
+        corners = (np.asarray(occluder.corners_px, float) + 0.5) * _SUPERSAMPLING - 0.5
+        cv2.fillPoly(fine, [np.rint(corners).astype(np.int32)], 255)
+        coarse = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
+        share = coarse.astype(np.float32) / 255.0
+        hidden = hidden * (1.0 - share) + share
+        light = light * (1.0 - share) + share * np.float32(occluder.brightness_dn)
+    return hidden, light
+
+
+def expose(light: Image, imaging: Imaging, rng: np.random.Generator) -> Image:
+    """Signal in DN without noise: vignetting, PSF, gain, rolling brightness, background."""
+    height, width = light.shape
+    signal = light
+    if imaging.vignetting > 0.0:
+        x = (np.arange(width, dtype=np.float32) - (width - 1) / 2.0) / (width / 2.0)
+        y = (np.arange(height, dtype=np.float32) - (height - 1) / 2.0) / (height / 2.0)
+        r2 = 0.5 * ((y * y)[:, None] + (x * x)[None, :])
+        signal = signal * (1.0 - np.float32(imaging.vignetting) * r2)
+    if imaging.psf_sigma_px > 0.0:
+        blurred = cv2.GaussianBlur(
+            signal, (0, 0), imaging.psf_sigma_px, borderType=cv2.BORDER_REPLICATE
+        )
+        signal = np.asarray(blurred, np.float32)
+    signal = signal * np.float32(imaging.gain)
+    if imaging.banding > 0.0:
+        phase = rng.uniform(0.0, 2.0 * np.pi)
+        rows = np.arange(height) * (2.0 * np.pi / imaging.banding_period_px) + phase
+        signal = signal * (1.0 + imaging.banding * np.sin(rows)).astype(np.float32)[:, None]
+    return signal + np.float32(imaging.background_dn)
+
+
+def digitise(
+    signal: Image, imaging: Imaging, rng: np.random.Generator
+) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Add noise and defects, then quantise; 255 DN are full scale whatever the number of bits."""
+    noise = rng.standard_normal(signal.shape, dtype=np.float32)
+    if imaging.shot_noise_dn > 0.0:
+        variance = imaging.noise_dn**2 + imaging.shot_noise_dn * np.maximum(signal, 0.0)
+        noise *= np.sqrt(variance)
+    else:
+        noise *= np.float32(imaging.noise_dn)
+    noise += signal
+    if imaging.hot_pixels > 0:
+        where = rng.integers(0, noise.size, imaging.hot_pixels)
+        noise.flat[where] += rng.uniform(60.0, 255.0, imaging.hot_pixels)
+    full_scale = 2**imaging.bits - 1
+    if imaging.bits > 8:
+        scaled = np.rint(noise * np.float32(full_scale / 255.0))
+        return np.clip(scaled, 0, full_scale).astype(np.uint16)
+    image = np.clip(np.rint(noise), 0, 255).astype(np.uint8)
+    if imaging.jpeg_quality is None:
+        return image
+    _, code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, int(imaging.jpeg_quality)])
+    return np.asarray(cv2.imdecode(code, cv2.IMREAD_GRAYSCALE), np.uint8)

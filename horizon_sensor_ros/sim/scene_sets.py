@@ -1,0 +1,131 @@
+"""Random sets of frames for benchmarks: A (uniform planet), B (clouds), and B for two cameras.
+
+Both sets: sphere, altitude 300 to 6000 km (log-uniform), field of view 40 to 80 deg, 400 x 400 to
+1024 x 1024 pixels, any roll, PSF sigma 0.7 px. Set A: noise 2 DN. Set B: noise 4 DN. The cameras
+are aimed so that the limb crosses the frame well. Frame i of a seed is the same whatever n is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views
+from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
+from horizon_sensor_ros.sim.poses import camera_from_fov, random_direction, rot_from_axis
+
+FloatArray = NDArray[np.float64]
+
+_ALTITUDES_M = (300e3, 6000e3)
+_FIELDS_RAD = (np.radians(40.0), np.radians(80.0))
+_SIZES_PX = (400, 1024)
+_OFF_LIMB = 0.4  # largest angle of a camera's axis to a point of the limb, over half its field
+
+
+@dataclass(frozen=True, eq=False)
+class SceneCase:
+    """Frames of one craft at one moment: `frames[i]` is seen by `views[i]`."""
+
+    name: str
+    views: tuple[CameraView, ...]
+    frames: tuple[SimFrame, ...]
+
+
+def set_a(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
+    """Draw n frames of a uniform planet, one camera each; the base frame is the optical one."""
+    return (_one_camera("a", i, seed, EarthScene(), Imaging(noise_dn=2.0)) for i in range(n))
+
+
+def set_b(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
+    """Draw n frames of a clouded planet, one camera each; the base frame is the optical one."""
+    return (_one_camera("b", i, seed, _clouds(seed, i), Imaging(noise_dn=4.0)) for i in range(n))
+
+
+def two_camera_set(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
+    """Draw n pairs as in set B, axes perpendicular; the base frame is camera 1's optical one."""
+    for i in range(n):
+        rng = np.random.default_rng([seed, i, 2])
+        distance = _distance(rng)
+        nadir = random_direction(rng)
+        rho = np.arcsin(EarthScene().planet.radius_m / distance)
+        size, fov = _size_and_fov(rng)
+        axis_1, axis_2 = _perpendicular_axes(rng, nadir, rho, _OFF_LIMB * fov / 2.0)
+        rot_1 = rot_from_axis(axis_1, rng.uniform(0.0, 2.0 * np.pi))
+        rot_2 = rot_from_axis(axis_2, rng.uniform(0.0, 2.0 * np.pi))
+        camera = camera_from_fov(size, size, fov)
+        views = (
+            CameraView("camera_1", camera, np.eye(3)),
+            CameraView("camera_2", camera, rot_1.T @ rot_2),
+        )
+        imaging = Imaging(noise_dn=4.0)
+        frames = render_views(
+            views, rot_1, -nadir * distance, _clouds(seed, i), rng, imaging=imaging
+        )
+        yield SceneCase(f"two{i}", views, frames)
+
+
+def _clouds(seed: int, i: int) -> EarthScene:
+    rng = np.random.default_rng([seed, i, 0xB])
+    return EarthScene(
+        texture="clouds",
+        texture_seed=int(rng.integers(2**31)),
+        cloud_cover=float(rng.uniform(0.35, 0.75)),
+    )
+
+
+def _distance(rng: np.random.Generator) -> float:
+    altitude = np.exp(rng.uniform(*np.log(_ALTITUDES_M)))
+    return EarthScene().planet.radius_m + float(altitude)
+
+
+def _size_and_fov(rng: np.random.Generator) -> tuple[int, float]:
+    return int(rng.integers(_SIZES_PX[0], _SIZES_PX[1] + 1)), float(rng.uniform(*_FIELDS_RAD))
+
+
+def _near(rng: np.random.Generator, direction: FloatArray, within_rad: float) -> FloatArray:
+    """Direction at a random angle of at most `within_rad` from another."""
+    across = np.cross(direction, random_direction(rng))
+    across /= np.linalg.norm(across)
+    angle = within_rad * np.sqrt(rng.uniform())
+    return np.cos(angle) * direction + np.sin(angle) * across
+
+
+def _limb_point(rng: np.random.Generator, nadir: FloatArray, rho: float) -> FloatArray:
+    across = np.cross(nadir, random_direction(rng))
+    across /= np.linalg.norm(across)
+    return np.cos(rho) * nadir + np.sin(rho) * across
+
+
+def _perpendicular_axes(
+    rng: np.random.Generator, nadir: FloatArray, rho: float, within_rad: float
+) -> tuple[FloatArray, FloatArray]:
+    """Two perpendicular directions, both within an angle of the limb.
+
+    The limb's own points span up to 2 rho; seen from far (rho < 45 deg) no two lie 90 deg apart,
+    and both axes then look past the limb, outwards by the least that makes them perpendicular.
+    """
+    tilt = max(rho, np.radians(45.0))
+    for _ in range(1000):
+        axis_1 = _near(rng, _limb_point(rng, nadir, tilt), 0.5 * within_rad)
+        across = np.cross(axis_1, random_direction(rng))
+        axis_2 = across / np.linalg.norm(across)
+        if abs(np.arccos(axis_2 @ nadir) - tilt) < 0.5 * within_rad:
+            return axis_1, axis_2
+    raise RuntimeError("no pair of perpendicular axes near the limb was found")
+
+
+def _one_camera(name: str, i: int, seed: int, scene: EarthScene, imaging: Imaging) -> SceneCase:
+    rng = np.random.default_rng([seed, i, 1])
+    distance = _distance(rng)
+    nadir = random_direction(rng)
+    rho = np.arcsin(scene.planet.radius_m / distance)
+    size, fov = _size_and_fov(rng)
+    axis = _near(rng, _limb_point(rng, nadir, rho), _OFF_LIMB * fov / 2.0)
+    rot = rot_from_axis(axis, rng.uniform(0.0, 2.0 * np.pi))
+    views = (CameraView("camera_1", camera_from_fov(size, size, fov), np.eye(3)),)
+    frames = render_views(views, rot, -nadir * distance, scene, rng, imaging=imaging)
+    return SceneCase(f"{name}{i}", views, frames)
