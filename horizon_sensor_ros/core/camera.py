@@ -88,7 +88,7 @@ class Camera:
         object.__setattr__(self, "distortion", distortion)
 
     @classmethod
-    def from_calibration(  # noqa: PLR0917 - the order of CameraInfo
+    def from_calibration(
         cls,
         width: int,
         height: int,

@@ -48,7 +48,7 @@ class Planet:
 
     @property
     def mean_radius_m(self) -> float:
-        """(2 a + b) / 3, the radius of the sphere that stands for an ellipsoid in a sphere's fit."""
+        """(2 a + b) / 3: radius of the sphere that stands for an ellipsoid in a fit."""
         return self.radius_m * (1 - self.flattening / 3)
 
     @property

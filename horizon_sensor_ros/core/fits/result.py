@@ -25,10 +25,11 @@ class HorizonFit:
 
     nadir_base : (3,) unit vector towards the planet's centre, base frame.
     rho_rad : angular radius of the planet's disc. altitude_m : above the planet's surface.
-    cov_nadir_altitude : (4, 4) covariance of (nadir_base, altitude_m); the nadir block has rank 2 (rad^2).
+    cov_nadir_altitude : (4, 4) covariance of (nadir_base, altitude_m); the nadir block has rank 2
+    (rad^2).
     rms_residual_px : of the inliers, across the limb. cameras : names of the cameras used.
-    history : per-iteration states of the iterative methods, rows (nadir_base, rho_rad); empty for closed forms.
-    When status is not OK every estimate is NaN and `reason` says why.
+    history : per-iteration states of the iterative methods, rows (nadir_base, rho_rad); empty for
+    closed forms. When status is not OK every estimate is NaN and `reason` says why.
     """
 
     status: Status

@@ -1,0 +1,155 @@
+"""From nadir and disc radius to a `HorizonFit`: residuals, covariance, and whether to trust it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.fits.limb_rays import LimbRays
+from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.status import Status
+
+MIN_POINTS = 4
+# Larger residuals than these are not a limb's.
+MAX_RMS_PX = 3.0
+# Beyond this the linearised covariance means nothing, nor does the nadir.
+MAX_NADIR_SIGMA_RAD = 0.1
+MIN_INLIER_FRACTION = 0.4
+# Smallest eigenvalue of the mean squared design; an arc of a quarter of a degree.
+_LEAST_EIGENVALUE = 1e-13
+_MAD_TO_SIGMA = 1.4826
+_INLIER_SIGMAS = 4.0
+_LONGEST_CORRELATION = 40
+
+
+def too_few(rays: LimbRays, method: str) -> HorizonFit | None:
+    """Refusal for less than `MIN_POINTS` usable points, else None."""
+    if len(rays) >= MIN_POINTS:
+        return None
+    reason = f"{len(rays)} usable limb points, {MIN_POINTS} needed"
+    return HorizonFit.none(Status.TOO_FEW_POINTS, reason, method, rays.num_points)
+
+
+def robust_sigma(values: np.ndarray) -> float:
+    """Scale of residuals about zero from their median size."""
+    return float(_MAD_TO_SIGMA * np.median(np.abs(values)))
+
+
+def correlation_factor(values: np.ndarray, camera: np.ndarray) -> float:
+    """How many times the variance of a sum of residuals exceeds that of independent ones.
+
+    values, camera : (N,), in order along the limb. From the sums over a sliding window (Bartlett's
+    estimate of the spectral density at frequency zero), corrected for what three fitted
+    unknowns take out of it. 1 for less than 60 points.
+    """
+    window = min(len(values) // 15, _LONGEST_CORRELATION)
+    if window < 4:
+        return 1.0
+    power = 0.0
+    count = 0
+    for index in range(int(camera[-1]) + 1):
+        arc = values[camera == index]
+        if len(arc) <= window:
+            continue
+        total = np.concatenate(([0.0], np.cumsum(arc)))
+        sums = total[window:] - total[:-window]
+        power += float(sums @ sums)
+        count += len(sums)
+    variance = float(values @ values) / len(values)
+    if count == 0 or variance == 0:
+        return 1.0
+    return power / count / (window * variance) / (1.0 - 3.0 * window / len(values))
+
+
+def covariance_nadir_altitude(
+    cov: np.ndarray, basis: np.ndarray, rho_rad: float, planet: Planet
+) -> np.ndarray:
+    """(4, 4) of (nadir_base, altitude_m) from (3, 3) of (tangent components, rho)."""
+    to_fit = np.zeros((4, 3))
+    to_fit[:3, :2] = basis
+    to_fit[3, 2] = planet.altitude_slope(rho_rad)
+    out = to_fit @ cov @ to_fit.T
+    return 0.5 * (out + out.T)
+
+
+def refusal(
+    rays: LimbRays, nadir_base: np.ndarray, rho_rad: float, design: np.ndarray
+) -> tuple[Status, str] | None:
+    """Why this cone cannot be the planet's limb as these points saw it; None if it can."""
+    if not (np.all(np.isfinite(nadir_base)) and np.isfinite(rho_rad)):
+        return Status.ILL_CONDITIONED, "the limb points do not determine a cone"
+    if rho_rad <= 0 or np.median(rays.angles(nadir_base)[1]) <= 0:
+        return Status.WRONG_POLARITY, "the limb normals point into the fitted disc"
+    if rho_rad >= np.pi / 2:
+        return Status.WRONG_POLARITY, "the limb is curved the wrong way: the disc exceeds 180 deg"
+    if np.linalg.eigvalsh(design.T @ design)[0] < _LEAST_EIGENVALUE * len(design):
+        return Status.ILL_CONDITIONED, "the limb points cover too little of the limb"
+    return None
+
+
+def too_uncertain(cov: np.ndarray) -> tuple[Status, str] | None:
+    """Refusal when the covariance (tangent components first) leaves nadir open; else None."""
+    sigma = np.sqrt(np.linalg.eigvalsh(cov[:2, :2])[-1]) if np.all(np.isfinite(cov)) else np.nan
+    if sigma <= MAX_NADIR_SIGMA_RAD:
+        return None
+    return Status.ILL_CONDITIONED, f"nadir is uncertain by {np.degrees(sigma):.1f} deg"
+
+
+def inliers(residual: np.ndarray) -> np.ndarray:
+    """Mask (N,) of residuals within four robust sigma."""
+    with np.errstate(invalid="ignore"):
+        return np.abs(residual) <= max(_INLIER_SIGMAS * robust_sigma(residual), 1e-6)
+
+
+def assess_least_squares(
+    rays: LimbRays,
+    planet: Planet,
+    method: str,
+    nadir_base: np.ndarray,
+    rho_rad: float,
+    weight: np.ndarray,
+    history: np.ndarray | None = None,
+) -> HorizonFit:
+    """Result of a fit that minimised ``sum weight (angle - rho)^2``, to first order.
+
+    weight : (N,). The covariance is that estimator's under the points' sigmas, enlarged where the
+    residuals are larger than those, or hang together along the limb.
+    """
+    basis = tangent_basis(nadir_base) if np.all(np.isfinite(nadir_base)) else np.zeros((3, 2))
+    design = rays.design(nadir_base, basis)
+    refused = refusal(rays, nadir_base, rho_rad, design)
+    if refused:
+        return HorizonFit.none(*refused, method, rays.num_points)
+    with np.errstate(divide="ignore"):
+        residual = rays.residuals_px(nadir_base, rho_rad)[0]
+    inlying = inliers(residual)
+    rms = float(np.sqrt(np.mean(residual[inlying] ** 2)))
+    if not rms <= MAX_RMS_PX:
+        reason = f"residual {rms:.1f} px rms"
+        return HorizonFit.none(Status.POOR_FIT, reason, method, rays.num_points)
+    weighted = design * weight[:, None]
+    influence = np.linalg.solve(weighted.T @ design, weighted.T) * rays.sigma_rad
+    order = rays.along_limb(nadir_base)
+    order = order[inlying[order]]
+    chi = (residual / rays.sigma_px)[order]
+    chi2 = float(chi @ chi) / max(len(chi) - 3, 1)
+    factor = max(1.0, chi2 * correlation_factor(chi, rays.camera[order]))
+    cov = influence @ influence.T * factor
+    refused = too_uncertain(cov)
+    if refused:
+        return HorizonFit.none(*refused, method, rays.num_points)
+    return HorizonFit(
+        Status.OK,
+        "",
+        method,
+        nadir_base=nadir_base,
+        rho_rad=float(rho_rad),
+        altitude_m=planet.altitude_from_rho(rho_rad),
+        cov_nadir_altitude=covariance_nadir_altitude(cov, basis, rho_rad, planet),
+        rms_residual_px=rms,
+        num_points=rays.num_points,
+        num_inliers=int(np.count_nonzero(inlying)),
+        cameras=rays.cameras,
+        history=np.empty((0, 4)) if history is None else history,
+    )

@@ -1,0 +1,71 @@
+"""Cramer-Rao bound of nadir and altitude: what no unbiased estimator of the limb can beat."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
+from horizon_sensor_ros.core.fits.limb_rays import ray_change
+from horizon_sensor_ros.core.planet import Planet
+
+
+def horizon_bound(
+    views: Sequence[CameraView],
+    planet: Planet,
+    nadir_base: np.ndarray,
+    altitude_m: float,
+    sigma_px: float,
+    samples: int = 3600,
+) -> np.ndarray:
+    """Covariance (4, 4) of (nadir_base, altitude_m) that the limb in these cameras' frames allows.
+
+    sigma_px : error across the limb of an edge measurement that uses one pixel of limb length,
+    independent from pixel to pixel. samples : limb rays around the whole disc.
+    NaN when no limb is in any frame, or too little of it. Raises ValueError for a sigma_px that is
+    not positive or an altitude below the limb.
+    """
+    rho = planet.rho_from_altitude(altitude_m)
+    if not np.isfinite(rho):
+        raise ValueError(f"altitude_m must be above the limb, got {altitude_m}")
+    if not sigma_px > 0:
+        raise ValueError(f"sigma_px must be positive, got {sigma_px}")
+    nadir = np.asarray(nadir_base, dtype=float)
+    nadir = nadir / np.linalg.norm(nadir)
+    basis = tangent_basis(nadir)
+    azimuth = np.arange(samples) * (2 * np.pi / samples)
+    around = np.array([np.cos(azimuth), np.sin(azimuth)]).T @ basis.T
+    along = np.array([-np.sin(azimuth), np.cos(azimuth)]).T @ basis.T
+    rays = np.cos(rho) * nadir + np.sin(rho) * around
+    # Direction of growing angle from nadir, and the derivative of the angle by nadir and rho.
+    outward = np.cos(rho) * around - np.sin(rho) * nadir
+    rows = np.column_stack((-np.cos(azimuth), -np.sin(azimuth), np.full(samples, -1.0)))
+    information = np.zeros((3, 3))
+    for view in views:
+        rot_cam_from_base = view.rot_base_from_cam.T
+        rays_cam = rays @ rot_cam_from_base.T
+        px, jacobian = view.camera.project(rays_cam)
+        seen = view.camera.in_frame(px)
+        if not seen.any():
+            continue
+        jacobian = jacobian[seen]
+        step = np.einsum("ijk,ik->ij", jacobian, (along @ rot_cam_from_base.T)[seen])
+        length_px = np.linalg.norm(step, axis=1) * np.sin(rho) * (2 * np.pi / samples)
+        normal = np.column_stack((-step[:, 1], step[:, 0]))
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        growth = np.einsum(
+            "ij,ij->i", ray_change(jacobian, normal), (outward @ rot_cam_from_base.T)[seen]
+        )
+        weight = length_px / (sigma_px * growth) ** 2
+        information += (rows[seen] * weight[:, None]).T @ rows[seen]
+    scale = np.sqrt(np.diag(information))
+    if not np.all(scale > 0):
+        return np.full((4, 4), np.nan)
+    normalised = information / np.outer(scale, scale)
+    if np.linalg.cond(normalised) > 1e14:
+        return np.full((4, 4), np.nan)
+    cov = np.linalg.inv(normalised) / np.outer(scale, scale)
+    return covariance_nadir_altitude(cov, basis, rho, planet)

@@ -1,0 +1,121 @@
+"""Limb points of all cameras as rays in the base frame, with the cone's residuals in pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.fits.result import LimbObservation
+
+# A limb normal so far off the cone's that a distance along it says nothing about the cone.
+_LEAST_NORMAL_COSINE = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class LimbRays:
+    """Usable limb points of one or more cameras.
+
+    rays_base : (N, 3) unit. outward_base : (N, 3) change of the ray per pixel along the point's
+    limb normal, radians per pixel, towards space, perpendicular to the ray. sigma_px : (N,) along
+    that normal. camera : (N,) index into cameras, the names. num_points : before unusable ones (not
+    finite, or without a ray) were dropped.
+    """
+
+    rays_base: np.ndarray
+    outward_base: np.ndarray
+    sigma_px: np.ndarray
+    camera: np.ndarray
+    cameras: tuple[str, ...]
+    num_points: int
+
+    def __len__(self) -> int:
+        return len(self.rays_base)
+
+    @property
+    def sigma_rad(self) -> np.ndarray:
+        """(N,) one sigma of the angle between ray and limb."""
+        return self.sigma_px * np.sqrt(np.einsum("ij,ij->i", self.outward_base, self.outward_base))
+
+    def angles(self, nadir_base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rays' angles from nadir (N,), rad, and their growth per pixel (N,).
+
+        The growth is along each point's normal, rad per pixel: positive where the normal points
+        away from the planet, as it should.
+        """
+        cosine = np.clip(self.rays_base @ nadir_base, -1.0, 1.0)
+        sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 1e-300))
+        return np.arccos(cosine), (self.outward_base @ nadir_base) / -sine
+
+    def residuals_px(self, nadir_base: np.ndarray, rho_rad: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return each point's distance (N,) from the cone along its normal, px, and a mask (N,).
+
+        Positive: the point lies outside the predicted disc. To first order in the distance, with
+        the camera's exact scale at the point. The mask is False where the normal lies across the
+        cone's, or against it; the distance there is infinite.
+        """
+        theta, growth = self.angles(nadir_base)
+        usable = growth > _LEAST_NORMAL_COSINE * self.sigma_rad / self.sigma_px
+        return (theta - rho_rad) / np.where(usable, growth, 0.0), usable
+
+    def design(self, nadir_base: np.ndarray, basis: np.ndarray) -> np.ndarray:
+        """Derivative (N, 3) of ``angle - rho`` by nadir's two tangent components and rho.
+
+        basis : (3, 2) tangent vectors at nadir, see `tangent_basis`.
+        """
+        cosine = self.rays_base @ nadir_base
+        out = np.empty((len(self), 3))
+        np.matmul(self.rays_base, -basis, out=out[:, :2])
+        out[:, :2] /= np.sqrt(np.maximum(1.0 - cosine * cosine, 1e-300))[:, None]
+        out[:, 2] = -1.0
+        return out
+
+    def along_limb(self, nadir_base: np.ndarray) -> np.ndarray:
+        """Order (N,) of the points: camera by camera, then along the limb."""
+        across = self.rays_base @ tangent_basis(nadir_base)
+        # Measured from the mean direction, so that the cut at +-pi falls into a gap if there is
+        # one.
+        middle = across.mean(axis=0)
+        azimuth = np.arctan2(across[:, 1] * middle[0] - across[:, 0] * middle[1], across @ middle)
+        return np.lexsort((azimuth, self.camera))
+
+
+def gather(observations: Sequence[LimbObservation]) -> LimbRays:
+    """Bring the limb points of all cameras into the base frame; empty ones contribute nothing."""
+    parts = []
+    names: list[str] = []
+    num_points = 0
+    for observation in observations:
+        limb, view = observation.limb, observation.view
+        px = np.asarray(limb.px, dtype=float)
+        num_points += len(px)
+        rays = view.camera.rays(px)
+        normal = np.asarray(limb.normal_px, dtype=float)
+        sigma = np.asarray(limb.sigma_px, dtype=float)
+        keep = np.isfinite(rays[:, 0] + normal[:, 0] + normal[:, 1]) & (sigma > 0) & (sigma < 1e6)
+        if not keep.any():
+            continue
+        if not keep.all():
+            rays, normal, sigma = rays[keep], normal[keep], sigma[keep]
+        outward = ray_change(view.camera.pixel_jacobian(rays), normal)
+        rot = view.rot_base_from_cam.T
+        index = np.full(len(rays), len(names))
+        names.append(view.name)
+        parts.append((rays @ rot, outward @ rot, sigma, index))
+    if not parts:
+        none = np.empty((0, 3))
+        return LimbRays(none, none, np.empty(0), np.empty(0, dtype=int), (), num_points)
+    rays, outward, sigma, index = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return LimbRays(rays, outward, sigma, index, tuple(names), num_points)
+
+
+def ray_change(jacobian: np.ndarray, step_px: np.ndarray) -> np.ndarray:
+    """Change (N, 3) of unit rays for steps (N, 2) in the image: the pseudo-inverse of (N, 2, 3)."""
+    gram = jacobian @ jacobian.transpose(0, 2, 1)
+    a, b, d = gram[:, 0, 0], gram[:, 0, 1], gram[:, 1, 1]
+    scale = 1.0 / (a * d - b * b)
+    first = (d * step_px[:, 0] - b * step_px[:, 1]) * scale
+    second = (a * step_px[:, 1] - b * step_px[:, 0]) * scale
+    return first[:, None] * jacobian[:, 0] + second[:, None] * jacobian[:, 1]

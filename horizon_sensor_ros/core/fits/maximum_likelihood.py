@@ -1,0 +1,251 @@
+"""Maximum-likelihood horizon: pixel residuals along the limb's normals, robust, with covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.fits.assessment import (
+    MAX_RMS_PX,
+    MIN_INLIER_FRACTION,
+    correlation_factor,
+    covariance_nadir_altitude,
+    refusal,
+    robust_sigma,
+    too_few,
+    too_uncertain,
+)
+from horizon_sensor_ros.core.fits.cone import robust_circle_on_sphere
+from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
+from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.status import Status
+
+METHOD = "ml"
+# Tukey's biweight: 95 % efficient for Gaussian residuals, blind to those beyond this many sigma.
+_TUKEY = 4.685
+# The residuals' scale, in units of their claimed sigmas, is measured but not believed below this.
+_LEAST_SCALE = 0.1
+_MAX_STEPS = 40
+_MAX_HALVINGS = 8
+_MAX_STEP_RAD = 0.3
+# A step of this many (sigma)^2 is the last.
+_CONVERGED = 1e-8
+
+
+@dataclass(frozen=True)
+class AltitudeMeasurement:
+    """An altitude known from elsewhere, above the planet's `mean_radius_m`, and its sigma."""
+
+    altitude_m: float
+    sigma_m: float
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.altitude_m):
+            raise ValueError(f"altitude_m must be finite, got {self.altitude_m}")
+        if not (np.isfinite(self.sigma_m) and self.sigma_m > 0):
+            raise ValueError(f"sigma_m must be positive, got {self.sigma_m}")
+
+
+def fit_maximum_likelihood(
+    observations: Sequence[LimbObservation],
+    planet: Planet,
+    initial: tuple[np.ndarray, float] | None = None,
+    altitude: AltitudeMeasurement | None = None,
+) -> HorizonFit:
+    """Nadir and rho that make the pixel residuals along the limb's normals most likely.
+
+    initial : (nadir_base (3,), rho_rad) to start from; by default a closed-form robust circle.
+    altitude : an optional measurement of it. Without points there is no answer, whatever the rest.
+    Source: derived here; the residual's first-order scaling is that of orthogonal distance fits.
+    """
+    return refine(gather(observations), planet, initial, altitude)
+
+
+def refine(
+    rays: LimbRays,
+    planet: Planet,
+    initial: tuple[np.ndarray, float] | None = None,
+    altitude: AltitudeMeasurement | None = None,
+) -> HorizonFit:
+    """`fit_maximum_likelihood` of points that are gathered already."""
+    refused = too_few(rays, METHOD)
+    if refused:
+        return refused
+    nadir, rho = robust_circle_on_sphere(rays) if initial is None else initial
+    nadir = np.asarray(nadir, dtype=float)
+    if not (np.all(np.isfinite(nadir)) and np.isfinite(rho) and np.any(nadir)):
+        reason = "the limb points do not determine a cone"
+        return HorizonFit.none(Status.ILL_CONDITIONED, reason, METHOD, rays.num_points)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        nadir, rho, converged, history = _iterate(
+            rays, planet, nadir / np.linalg.norm(nadir), float(rho), altitude
+        )
+        return _assess(rays, planet, nadir, rho, altitude, converged, history)
+
+
+def _chi(rays: LimbRays, nadir: np.ndarray, rho: float) -> np.ndarray:
+    """Residuals in sigmas; infinite where the limb normal contradicts the cone."""
+    residual, usable = rays.residuals_px(nadir, rho)
+    residual[~usable] = np.inf
+    return residual / rays.sigma_px
+
+
+def _scale(chi: np.ndarray) -> float:
+    scale = robust_sigma(chi)
+    return max(scale, _LEAST_SCALE) if np.isfinite(scale) else np.inf
+
+
+def _tukey_cost(chi: np.ndarray, scale: float) -> float:
+    rest = np.maximum(1.0 - (chi / (_TUKEY * scale)) ** 2, 0.0)
+    return float((1.0 - rest * rest * rest).sum()) * (_TUKEY * scale) ** 2 / 6.0
+
+
+def _altitude_row(
+    planet: Planet, rho: float, altitude: AltitudeMeasurement | None
+) -> tuple[float, float]:
+    """Residual of the altitude in sigmas, and its derivative by rho."""
+    if altitude is None:
+        return 0.0, 0.0
+    predicted = planet.limb_radius_m / np.sin(rho) - planet.mean_radius_m
+    return (
+        (predicted - altitude.altitude_m) / altitude.sigma_m,
+        planet.altitude_slope(rho) / altitude.sigma_m,
+    )
+
+
+def _iterate(
+    rays: LimbRays,
+    planet: Planet,
+    nadir: np.ndarray,
+    rho: float,
+    altitude: AltitudeMeasurement | None,
+) -> tuple[np.ndarray, float, bool, np.ndarray]:
+    """Gauss-Newton on two tangent components and rho, reweighted, with step halving."""
+    history = [np.append(nadir, rho)]
+    chi = _chi(rays, nadir, rho)
+    for _ in range(_MAX_STEPS):
+        scale = _scale(chi)
+        if not np.isfinite(scale):
+            break
+        basis = tangent_basis(nadir)
+        weight = np.maximum(1.0 - (chi / (_TUKEY * scale)) ** 2, 0.0)
+        weight *= weight
+        growth = rays.angles(nadir)[1] * rays.sigma_px
+        rows = rays.design(nadir, basis)
+        rows /= np.where(weight > 0, growth, np.inf)[:, None]
+        weighted = rows * weight[:, None]
+        information = weighted.T @ rows
+        gradient = weighted.T @ np.where(weight > 0, chi, 0.0)
+        prior, slope = _altitude_row(planet, rho, altitude)
+        information[2, 2] += slope * slope
+        gradient[2] += slope * prior
+        step = _solve(information, -gradient)
+        if not np.all(np.isfinite(step)):
+            break
+        step *= min(1.0, _MAX_STEP_RAD / max(float(np.abs(step).max()), 1e-300))
+        length2 = float(step @ information @ step)
+        cost = _tukey_cost(chi, scale) + 0.5 * prior * prior
+        for _ in range(_MAX_HALVINGS):
+            new_nadir = nadir + basis @ step[:2]
+            new_nadir /= np.linalg.norm(new_nadir)
+            new_rho = rho + float(step[2])
+            new_chi = _chi(rays, new_nadir, new_rho)
+            new_prior = _altitude_row(planet, new_rho, altitude)[0]
+            new_cost = _tukey_cost(new_chi, scale) + 0.5 * new_prior * new_prior
+            if 0 < new_rho < np.pi and new_cost <= cost + 1e-9 * (1.0 + cost):
+                break
+            step *= 0.5
+        else:
+            # No descent left: at the minimum to within rounding, or lost.
+            return nadir, rho, length2 < 1e-3 * max(1.0, scale * scale), np.array(history)
+        nadir, rho, chi = new_nadir, new_rho, new_chi
+        history.append(np.append(nadir, rho))
+        if length2 < _CONVERGED * max(1.0, scale * scale):
+            return nadir, rho, True, np.array(history)
+    return nadir, rho, False, np.array(history)
+
+
+def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve a symmetric 3 x 3 system, scaled to a unit diagonal; NaN when it is singular."""
+    diagonal = np.sqrt(np.diag(matrix))
+    if not np.all(diagonal > 0):
+        return np.full(3, np.nan)
+    try:
+        return np.linalg.solve(matrix / np.outer(diagonal, diagonal), right / diagonal) / diagonal
+    except np.linalg.LinAlgError:
+        return np.full(3, np.nan)
+
+
+def _assess(
+    rays: LimbRays,
+    planet: Planet,
+    nadir: np.ndarray,
+    rho: float,
+    altitude: AltitudeMeasurement | None,
+    converged: bool,
+    history: np.ndarray,
+) -> HorizonFit:
+    """Judge the fit and give its covariance.
+
+    The covariance is the M-estimator's, ``(A^T A)^-1 mean psi^2 / (mean psi')^2`` over the inliers
+    (Huber 1981), enlarged by the residuals' correlation along the limb, and never smaller than
+    the claimed sigmas allow. An altitude measurement keeps its own sigma.
+    """
+
+    def refuse(status: Status, reason: str) -> HorizonFit:
+        return HorizonFit.none(status, reason, METHOD, rays.num_points)
+
+    basis = tangent_basis(nadir)
+    design = rays.design(nadir, basis)
+    refused = refusal(rays, nadir, rho, design)
+    if refused:
+        return refuse(*refused)
+    if not converged:
+        return refuse(Status.NOT_CONVERGED, f"no convergence in {len(history) - 1} steps")
+    chi = _chi(rays, nadir, rho)
+    scale = _scale(chi)
+    inlying = np.abs(chi) < _TUKEY * scale
+    num_inliers = int(np.count_nonzero(inlying))
+    rms = float(np.sqrt(np.mean((chi[inlying] * rays.sigma_px[inlying]) ** 2)))
+    if not rms <= MAX_RMS_PX:
+        return refuse(Status.POOR_FIT, f"residual {rms:.1f} px rms")
+    if num_inliers < max(MIN_INLIER_FRACTION * len(rays), 3):
+        return refuse(Status.POOR_FIT, f"only {num_inliers} of {len(rays)} points on one limb")
+    rows = design[inlying] / (rays.angles(nadir)[1] * rays.sigma_px)[inlying, None]
+    order = rays.along_limb(nadir)
+    order = order[inlying[order]]
+    along = chi[order]
+    ratio2 = (along / (_TUKEY * scale)) ** 2
+    psi = along * (1.0 - ratio2) ** 2
+    slope = float(np.mean((1.0 - ratio2) * (1.0 - 5.0 * ratio2)))
+    variance = float(psi @ psi) / max(num_inliers - 3, 1) / slope**2
+    factor = max(1.0, variance * correlation_factor(psi, rays.camera[order]))
+    information = rows.T @ rows / factor
+    information[2, 2] += _altitude_row(planet, rho, altitude)[1] ** 2
+    diagonal = np.sqrt(np.diag(information))
+    try:
+        cov = np.linalg.inv(information / np.outer(diagonal, diagonal))
+    except np.linalg.LinAlgError:
+        return refuse(Status.ILL_CONDITIONED, "the limb points do not determine a cone")
+    cov /= np.outer(diagonal, diagonal)
+    refused = too_uncertain(cov)
+    if refused:
+        return refuse(*refused)
+    return HorizonFit(
+        Status.OK,
+        "",
+        METHOD,
+        nadir_base=nadir,
+        rho_rad=rho,
+        altitude_m=planet.altitude_from_rho(rho),
+        cov_nadir_altitude=covariance_nadir_altitude(cov, basis, rho, planet),
+        rms_residual_px=rms,
+        num_points=rays.num_points,
+        num_inliers=num_inliers,
+        cameras=rays.cameras,
+        history=history,
+    )
