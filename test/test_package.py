@@ -21,6 +21,7 @@ PACKAGE = "horizon_sensor_ros"
 COMMANDS = {
     "local_vertical_node",
     "attitude_node",
+    "horizon_sensor",
     "horizon_replay",
     "horizon_applicability",
     "horizon_demo",

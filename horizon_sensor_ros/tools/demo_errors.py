@@ -1,0 +1,154 @@
+"""What the nodes said, held against the flight's truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+
+from horizon_sensor_ros.core.attitude import (
+    level_from_base,
+    nadir_sign,
+    roll_pitch_from_nadir,
+    rotation_from_quaternion,
+)
+
+_Z, _ROT_X, _ROT_Y = 2, 3, 4
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Truth of one moment: nadir (3,) in the base frame, and altitude."""
+
+    stamp: int
+    time_s: float
+    nadir_base: np.ndarray
+    altitude_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class FlightErrors:
+    """Errors and their sigmas, (N,), NaN where there was no answer; one row a moment of the flight.
+
+    vertical_rad is of `local_vertical`, everything else of `attitude`. nees: of altitude, roll and
+    pitch together, three degrees of freedom.
+    """
+
+    time_s: np.ndarray
+    vertical_rad: np.ndarray
+    nadir_rad: np.ndarray
+    nadir_sigma_rad: np.ndarray
+    roll_rad: np.ndarray
+    roll_sigma_rad: np.ndarray
+    pitch_rad: np.ndarray
+    pitch_sigma_rad: np.ndarray
+    altitude_m: np.ndarray
+    altitude_sigma_m: np.ndarray
+    nees: np.ndarray
+
+
+def nadir_and_altitude(
+    message: PoseWithCovarianceStamped, level_z: str
+) -> tuple[np.ndarray, float]:
+    """Nadir (3,) in the base frame and altitude in metres that an `attitude` message states."""
+    q = message.pose.pose.orientation
+    rot_level_from_base = rotation_from_quaternion(np.array([q.x, q.y, q.z, q.w]))
+    sign = nadir_sign(level_z)
+    return sign * rot_level_from_base[2], -sign * message.pose.pose.position.z
+
+
+def flight_errors(
+    truths: Sequence[Truth],
+    verticals: Mapping[int, Vector3Stamped],
+    attitudes: Mapping[int, PoseWithCovarianceStamped],
+    level_z: str,
+) -> FlightErrors:
+    """Errors of the answers, found by stamp, against the truths."""
+    rows = np.full((len(truths), 10), np.nan)
+    for row, truth in zip(rows, truths, strict=True):
+        if truth.stamp in verticals:
+            v = verticals[truth.stamp].vector
+            row[0] = _angle(np.array([v.x, v.y, v.z]), truth.nadir_base)
+        if truth.stamp in attitudes:
+            row[1:] = _attitude_errors(attitudes[truth.stamp], truth, level_z)
+    return FlightErrors(np.array([truth.time_s for truth in truths]), *rows.T)
+
+
+def _attitude_errors(
+    message: PoseWithCovarianceStamped, truth: Truth, level_z: str
+) -> tuple[float, ...]:
+    nadir, altitude = nadir_and_altitude(message, level_z)
+    roll, pitch = roll_pitch_from_nadir(nadir, level_z)
+    true_roll, true_pitch = roll_pitch_from_nadir(truth.nadir_base, level_z)
+    covariance = np.array(message.pose.covariance).reshape(6, 6)
+    block = covariance[np.ix_([_Z, _ROT_X, _ROT_Y], [_Z, _ROT_X, _ROT_Y])]
+    sign = nadir_sign(level_z)
+    # Rotation error about the level frame's axes, from nadir's error in that frame.
+    d = level_from_base(nadir, level_z) @ (nadir - truth.nadir_base)
+    error = np.array([-sign * (altitude - truth.altitude_m), sign * d[1], -sign * d[0]])
+    sigma_z, sigma_x, sigma_y = np.sqrt(np.diag(block))
+    return (
+        _angle(nadir, truth.nadir_base),
+        float(np.hypot(sigma_x, sigma_y)),
+        _wrapped(roll - true_roll),
+        float(sigma_x / np.cos(pitch)),
+        pitch - true_pitch,
+        float(sigma_y),
+        altitude - truth.altitude_m,
+        float(sigma_z),
+        float(error @ np.linalg.solve(block, error)),
+    )
+
+
+def error_table(errors: FlightErrors, latency_s: np.ndarray) -> str:
+    """Return the table that the demo prints: of magnitudes, over the moments with an answer."""
+    degrees, kilometres = np.degrees, 1e-3
+    rows = (
+        ("local_vertical: nadir", "deg", degrees(errors.vertical_rad), None),
+        ("attitude: nadir", "deg", degrees(errors.nadir_rad), degrees(errors.nadir_sigma_rad)),
+        ("attitude: roll", "deg", degrees(errors.roll_rad), degrees(errors.roll_sigma_rad)),
+        ("attitude: pitch", "deg", degrees(errors.pitch_rad), degrees(errors.pitch_sigma_rad)),
+        (
+            *("attitude: altitude", "km"),
+            *(errors.altitude_m * kilometres, errors.altitude_sigma_m * kilometres),
+        ),
+    )
+    lines = [f"{'error against truth':24}{'':5}{'median':>9}{'95 %':>9}{'max':>9}{'1 sigma':>10}"]
+    for name, unit, values, sigmas in rows:
+        sizes = np.abs(values[np.isfinite(values)])
+        figures = (
+            "".join(f"{v:9.4f}" for v in (*np.percentile(sizes, [50, 95]), sizes.max()))
+            if sizes.size
+            else f"{'-':>9}" * 3
+        )
+        stated = "" if sigmas is None or not sizes.size else f"{np.nanmedian(sigmas):10.4f}"
+        lines.append(f"{name:24}{unit:5}{figures}{stated}")
+    nees = errors.nees[np.isfinite(errors.nees)]
+    moments = len(errors.time_s)
+    vertical, attitude = (
+        int(np.isfinite(v).sum()) for v in (errors.vertical_rad, errors.nadir_rad)
+    )
+    lines += [
+        "",
+        f"availability   local_vertical {vertical} of {moments} ({vertical / moments:.0%}), "
+        f"attitude {attitude} of {moments} ({attitude / moments:.0%})",
+    ]
+    if nees.size:
+        lines += [
+            f"NEES           mean {nees.mean():.2f} (altitude, roll, pitch: 3 is exact), "
+            f"95 % {np.percentile(nees, 95):.1f} (7.8 is exact)",
+            f"latency        image published to attitude heard: median "
+            f"{1e3 * np.median(latency_s):.0f} ms, 95 % {1e3 * np.percentile(latency_s, 95):.0f} ms"
+            " (the rendering runs on the same cores)",
+        ]
+    return "\n".join(lines)
+
+
+def _angle(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def _wrapped(angle: float) -> float:
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)

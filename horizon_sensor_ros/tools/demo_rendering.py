@@ -1,0 +1,56 @@
+"""The demo's frames, drawn ahead by worker processes while the flight is under way."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from horizon_sensor_ros.sim.flight import Flight
+
+_WORKERS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What the cameras see at one time, one image (H, W) uint8 a view, and the truth."""
+
+    time_s: float
+    images: tuple[np.ndarray, ...]
+    nadir_base: np.ndarray
+    altitude_m: float
+
+
+@contextmanager
+def rendered(flight: Flight, times_s: list[float]) -> Iterator[Iterator[Moment]]:
+    """Draw the flight at the given times; the iterator waits for moments not drawn yet."""
+    pool = ProcessPoolExecutor(
+        _WORKERS,
+        # Spawned, not forked: a copy of a process with DDS threads in it may hang.
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=_in_the_background,
+    )
+    try:
+        yield pool.map(partial(_moment, flight), times_s)
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _in_the_background() -> None:
+    # The nodes come first on a small machine; Ctrl-C is for the demo itself.
+    os.nice(10)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _moment(flight: Flight, time_s: float) -> Moment:
+    frames = flight.frames(time_s)
+    truth = frames[0].truth
+    images = tuple(frame.image for frame in frames)
+    return Moment(time_s, images, truth.nadir_base, truth.altitude_m)

@@ -1,0 +1,207 @@
+"""The demo: its sums against closed forms, its processes, and a short flight as a whole."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import stat
+import subprocess
+import sys
+import time
+import uuid
+from pathlib import Path
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+
+from horizon_sensor_ros.core.attitude import nadir_from_roll_pitch
+from horizon_sensor_ros.tools import demo_processes
+from horizon_sensor_ros.tools.demo_errors import Truth, error_table, flight_errors
+from horizon_sensor_ros.tools.demo_processes import NodeFailedError, running_nodes
+from horizon_sensor_ros.tools.private_domain import private_domain
+
+SIGMA_Z_M, SIGMA_X_RAD, SIGMA_Y_RAD = 400.0, 1e-3, 2e-3
+
+
+def attitude(roll: float, pitch: float, altitude: float, level_z: str) -> PoseWithCovarianceStamped:
+    """Message as a node would send it, written with half angles: Ry(pitch) Rx(roll)."""
+    message = PoseWithCovarianceStamped()
+    q = message.pose.pose.orientation
+    cr, sr, cp, sp = np.cos(roll / 2), np.sin(roll / 2), np.cos(pitch / 2), np.sin(pitch / 2)
+    q.w, q.x, q.y, q.z = cp * cr, cp * sr, sp * cr, -sp * sr
+    message.pose.pose.position.z = altitude if level_z == "up" else -altitude
+    variances = [1e14, 1e14, SIGMA_Z_M**2, SIGMA_X_RAD**2, SIGMA_Y_RAD**2, 39.0]
+    message.pose.covariance = np.diag(variances).ravel()
+    return message
+
+
+@pytest.mark.parametrize("level_z", ["up", "down"])
+def test_errors_are_those_put_in(level_z: str) -> None:
+    roll, pitch, altitude = 0.3, -0.2, 500e3
+    d_roll, d_pitch, d_altitude = 2e-4, -3e-4, 150.0
+    truth = Truth(7, 1.5, nadir_from_roll_pitch(roll, pitch, level_z), altitude)
+    message = attitude(roll + d_roll, pitch + d_pitch, altitude + d_altitude, level_z)
+    vertical = Vector3Stamped()
+    vertical.vector.x, vertical.vector.y, vertical.vector.z = truth.nadir_base
+
+    errors = flight_errors([truth], {7: vertical}, {7: message}, level_z)
+
+    assert errors.time_s == pytest.approx([1.5])
+    assert errors.vertical_rad == pytest.approx([0.0], abs=1e-12)
+    assert errors.roll_rad == pytest.approx([d_roll], abs=1e-9)
+    assert errors.pitch_rad == pytest.approx([d_pitch], abs=1e-9)
+    assert errors.altitude_m == pytest.approx([d_altitude], abs=1e-6)
+    # On the sphere of directions, roll counts with the cosine of pitch.
+    across = np.hypot(d_roll * np.cos(pitch), d_pitch)
+    assert errors.nadir_rad == pytest.approx([across], rel=1e-3)
+    expected = (
+        (d_altitude / SIGMA_Z_M) ** 2
+        + (d_roll * np.cos(pitch) / SIGMA_X_RAD) ** 2
+        + (d_pitch / SIGMA_Y_RAD) ** 2
+    )
+    assert errors.nees == pytest.approx([expected], rel=1e-2)
+    assert errors.roll_sigma_rad == pytest.approx([SIGMA_X_RAD / np.cos(pitch)], rel=1e-2)
+    assert errors.pitch_sigma_rad == pytest.approx([SIGMA_Y_RAD])
+    assert errors.altitude_sigma_m == pytest.approx([SIGMA_Z_M])
+
+
+def test_table_counts_moments_without_an_answer() -> None:
+    nadir = nadir_from_roll_pitch(0.0, 0.0, "down")
+    truths = [Truth(stamp, float(stamp), nadir, 500e3) for stamp in range(4)]
+    answers = {1: attitude(0.0, 0.0, 501e3, "down")}
+
+    errors = flight_errors(truths, {}, answers, "down")
+    table = error_table(errors, np.array([0.05]))
+
+    assert np.isfinite(errors.nadir_rad).tolist() == [False, True, False, False]
+    assert "local_vertical 0 of 4 (0%), attitude 1 of 4 (25%)" in table
+    assert re.search(r"attitude: altitude +km +1\.0000 +1\.0000 +1\.0000 +0\.4000", table)
+
+
+def executable(directory: Path, body: str) -> None:
+    path = directory / "fake_node"
+    path.write_text(f"#!{sys.executable} -S\nimport signal, sys, time\n{body}\n")
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+
+
+@pytest.fixture
+def fake_nodes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(demo_processes, "executable_path", lambda name: tmp_path / name)
+    monkeypatch.setattr(demo_processes, "_PATIENCE_S", 1.0)
+    return tmp_path
+
+
+def test_node_that_ends_at_once_is_reported_with_its_last_words(fake_nodes: Path) -> None:
+    executable(fake_nodes, "print('no rotation for camera_1', file=sys.stderr); sys.exit(3)")
+    said = pytest.raises(NodeFailedError, match=r"(?s)exit code 3.*no rotation for camera_1")
+    with said, running_nodes(["fake_node"], [], os.environ, fake_nodes) as nodes:
+        nodes[0].process.wait(10)
+
+
+@pytest.mark.parametrize(
+    "body",
+    ["time.sleep(100)", "signal.signal(signal.SIGINT, signal.SIG_IGN); time.sleep(100)"],
+    ids=["obedient", "stubborn"],
+)
+def test_no_process_is_left_when_the_block_raises(fake_nodes: Path, body: str) -> None:
+    executable(fake_nodes, body)
+    started = []
+
+    def interrupted() -> None:
+        with running_nodes(["fake_node", "fake_node"], [], os.environ, fake_nodes) as nodes:
+            started.extend(nodes)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert len(started) == 2
+    assert all(node.process.poll() is not None for node in started)
+
+
+def test_domains_are_held_by_one_at_a_time() -> None:
+    with private_domain() as first, private_domain() as second, private_domain() as third:
+        assert len({first, second, third}) == 3
+
+
+def processes_with(token: str) -> list[str]:
+    """Command lines of the processes whose environment has the token, defunct ones left out."""
+    found = []
+    for directory in Path("/proc").glob("[0-9]*"):
+        try:
+            if token.encode() in (directory / "environ").read_bytes():
+                found.append((directory / "cmdline").read_text().replace("\0", " "))
+        except OSError:
+            continue  # gone, or somebody else's
+    return [line for line in found if line]
+
+
+def command(output: Path, *arguments: str) -> list[str]:
+    script = "import sys; from horizon_sensor_ros.tools.demo import main; sys.exit(main())"
+    return [sys.executable, "-c", script, "--output", str(output), *arguments]
+
+
+def test_short_flight_prints_errors_and_leaves_a_report(tmp_path: Path) -> None:
+    token = uuid.uuid4().hex
+    done = subprocess.run(
+        command(tmp_path, "--seconds", "4"),
+        env={**os.environ, "DEMO_TEST_TOKEN": token},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert processes_with(token) == []
+    found = re.search(r"local_vertical \d+ of 20 \((\d+)%\), attitude \d+ of 20", done.stdout)
+    assert found is not None, done.stdout
+    assert int(found[1]) >= 50
+    median_deg = float(re.search(r"attitude: nadir +deg +([\d.]+)", done.stdout)[1])  # type: ignore[index]
+    assert median_deg < 0.1
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("<img") >= 2
+    assert "src=\"http" not in page
+
+
+def test_interrupt_leaves_no_process(tmp_path: Path) -> None:
+    token = uuid.uuid4().hex
+    with subprocess.Popen(
+        command(tmp_path),
+        env={**os.environ, "DEMO_TEST_TOKEN": token},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            deadline = time.monotonic() + 60
+            while len([p for p in processes_with(token) if "_node" in p]) < 2:
+                assert process.poll() is None
+                assert time.monotonic() < deadline
+                time.sleep(0.05)
+            process.send_signal(signal.SIGINT)
+            _, said = process.communicate(timeout=30)
+        finally:
+            process.kill()
+    assert process.returncode == 130
+    assert said.endswith("horizon_demo: interrupted\n")
+    assert "Traceback" not in said
+    assert processes_with(token) == []
+
+
+def test_node_that_refuses_its_parameters_fails_the_demo(tmp_path: Path) -> None:
+    script = (
+        "import sys; from horizon_sensor_ros.tools import demo\n"
+        "demo._node_arguments = lambda views: []\n"
+        "sys.exit(demo.main())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, "--output", str(tmp_path), "--seconds", "2"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert "camera_1.rotation" in done.stderr
+    assert "Traceback" not in done.stderr
