@@ -78,6 +78,7 @@ class _World:
         self.cos_rho = float(np.sqrt(1.0 - 1.0 / self.distance**2))
         self.radius_m = float(self.axes[0])
         self.sun = None if scene.sun_direction is None else np.array(scene.sun_direction)
+        self.lamp = None if scene.even_light else self.sun
 
     def sight(self, rays_world: FloatArray) -> _Sight:
         rays = rays_world / self.axes
@@ -101,8 +102,8 @@ class _World:
             )
         else:
             light = np.full(len(points), scene.uniform_dn, np.float32)
-        if self.sun is not None:
-            cos_sun = self._normals(points) @ self.sun
+        if self.lamp is not None:
+            cos_sun = self._normals(points) @ self.lamp
             day = 0.5 * (cos_sun + np.sqrt(cos_sun * cos_sun + _TWILIGHT**2))
             light = light * np.maximum(day**0.7, scene.night_light).astype(np.float32)
             if scene.city_dn > 0.0:
@@ -158,9 +159,9 @@ class _World:
 
     def _air_light(self, points: FloatArray) -> FloatArray | float:
         """Share of sunlight that the air over surface points gets, twilight included."""
-        if self.sun is None:
+        if self.lamp is None:
             return 1.0
-        day = np.clip((self._normals(points) @ self.sun + 0.10) / 0.35, 0.0, 1.0)
+        day = np.clip((self._normals(points) @ self.lamp + 0.10) / 0.35, 0.0, 1.0)
         return np.maximum(day * day * (3.0 - 2.0 * day), self.scene.night_light)
 
 

@@ -41,6 +41,7 @@ class EarthScene:
     cloud_cover: float = 0.5  # 0..1, share of the surface that is clouded
 
     sun_direction: Vector3 | None = None  # None: the whole planet is evenly lit
+    even_light: bool = False  # the Sun is in the sky, but the planet is lit evenly all the same
     night_light: float = 0.0  # brightness of the night side over the day side's (moonlight)
     city_dn: float = 0.0  # brightest city lights, on the night side
 

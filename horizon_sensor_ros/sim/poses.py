@@ -8,14 +8,31 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.planet import Planet
 
 FloatArray = NDArray[np.float64]
 
-# Optical frame (x right, y down, z forward) to the body frame (forward, right, down).
+# Optical frame (x right, y down, z forward) of a camera that looks along a body axis, to the body.
 ROT_BODY_FROM_FORWARD_CAMERA = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 ROT_BODY_FROM_RIGHT_CAMERA = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+
+# The base frame in the body's axes: "frd" is the body frame, "flu" REP 103's (forward, left, up).
+ROT_BASE_FROM_BODY = {"frd": np.eye(3), "flu": np.diag([1.0, -1.0, -1.0])}
+
+
+def side_views(camera: Camera, base_axes: str = "frd") -> tuple[CameraView, CameraView]:
+    """Two cameras with perpendicular axes (papers A, B): camera_1 forward, camera_2 to the right.
+
+    base_axes : "frd" or "flu", the base frame's axes; else ValueError.
+    """
+    if base_axes not in ROT_BASE_FROM_BODY:
+        raise ValueError(f'base_axes must be "frd" or "flu", got {base_axes!r}')
+    to_base = ROT_BASE_FROM_BODY[base_axes]
+    return (
+        CameraView("camera_1", camera, to_base @ ROT_BODY_FROM_FORWARD_CAMERA),
+        CameraView("camera_2", camera, to_base @ ROT_BODY_FROM_RIGHT_CAMERA),
+    )
 
 
 def camera_from_fov(width: int, height: int, fov_rad: float) -> Camera:

@@ -96,7 +96,7 @@ def add_sun(image: Image, sun_px: FloatArray, brightness_dn: float) -> None:
     dy = (np.arange(height) - sun_px[1]).astype(np.float32)
     r2 = (dy * dy)[:, None] + (dx * dx)[None, :]
     core2 = np.float32(_SUN_CORE_PX**2)
-    halo = np.float32(0.25) / (1.0 + r2 / (4.0 * core2)) ** np.float32(1.3)
+    halo = np.float32(0.35) / (1.0 + r2 / (4.0 * core2)) ** np.float32(0.9)
     halo += np.minimum(np.exp(np.minimum(core2 - r2, 300.0) / (0.3 * core2)), 1.0)
     streak = np.exp(-np.abs(dx) / (6.0 * _SUN_CORE_PX)) * 0.4 + 0.12
     image += np.float32(brightness_dn) * halo
