@@ -1,0 +1,261 @@
+"""Any point cloud as a small pinhole image of inverse depth, in which a plane is a linear function."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..status import Status
+
+_MARGIN_PX = 8
+_MAX_COORDINATE_M = 1e4
+_MAX_SIDE_PX = 400
+_STEEPEST = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class RangeImage:
+    """Inverse depth over a regular grid of viewing directions (x/z, y/z), cropped to what was returned.
+
+    status, reason : OK, or why the cloud is of no use; the rest is then empty.
+    inverse_depth : (H, W) float32, 1/m; 0 where there is no return.
+    unknown : (H, W) bool, where nothing may be concluded from a missing return: speckle that was taken out, and
+        directions outside the sensor's frame.
+    focal_px : pixels of this image a unit of (x/z, y/z).
+    origin : (x/z, y/z) of pixel (column 0, row 0).
+    num_points : finite points in the cloud.  num_used : pixels with a return.
+    centroid_m : (3,) of the finite points, in the view frame.
+    rot_sensor_from_view : (3, 3); the image is taken along z of the view frame, which is the sensor's own unless the
+        target lies more than 45 deg off its z axis (a lidar's frame with x forward).
+    """
+
+    status: Status
+    reason: str
+    inverse_depth: np.ndarray
+    unknown: np.ndarray
+    focal_px: float
+    origin: np.ndarray
+    num_points: int
+    num_used: int
+    centroid_m: np.ndarray
+    rot_sensor_from_view: np.ndarray
+
+    def tangents(self) -> tuple[np.ndarray, np.ndarray]:
+        """x/z of the columns (W,) and y/z of the rows (H,)."""
+        height, width = self.inverse_depth.shape
+        return (
+            self.origin[0] + np.arange(width) / self.focal_px,
+            self.origin[1] + np.arange(height) / self.focal_px,
+        )
+
+
+def range_image(
+    points: np.ndarray, focal_px: float | None = None, min_points: int = 100
+) -> RangeImage:
+    """Bring a cloud into a range image.
+
+    points : (H, W, 3) organised or (N, 3) plain, metres, sensor frame with z forward; not finite: no return.
+    focal_px : focal length of the sensor in pixels; None: estimated from the spacing of the points.
+    An organised cloud that is no pinhole image (a scanning lidar's) is treated as a plain one. Raises ValueError for
+    another shape or a focal length that is not positive.
+    """
+    points = np.asarray(points)
+    if points.ndim not in (2, 3) or points.shape[-1] != 3:
+        raise ValueError(f"points must be (H, W, 3) or (N, 3); got shape {points.shape}")
+    if focal_px is not None and not focal_px > 0:
+        raise ValueError(f"focal_px must be positive; got {focal_px}")
+    flat = points.reshape(-1, 3).astype(np.float64, copy=False)
+    with np.errstate(invalid="ignore"):
+        finite = np.isfinite(flat).all(axis=1)
+        place = np.flatnonzero(finite)
+        used = flat[place]
+        # Sensors that fill missing returns with zeros do so exactly.
+        size = np.abs(used).max(axis=1, initial=0)
+        keep = (size > 1e-3) & (size < _MAX_COORDINATE_M)
+    place, used = place[keep], used[keep]
+    view = _view_rotation(used)
+    if view is None:
+        ahead = used[:, 2] > 0.2 * size[keep]
+    else:
+        used = used @ view
+        ahead = used[:, 2] > 0.2 * np.abs(used).max(axis=1, initial=0)
+    if not ahead.all():
+        place, used = place[ahead], used[ahead]
+    if len(used) < min_points:
+        what = "finite points ahead of the sensor"
+        return _refused(Status.TOO_FEW_POINTS, f"{len(used)} {what}, {min_points} needed", len(used))
+    tangent = used[:, :2] / used[:, 2:]
+    if points.ndim == 3 and view is None:
+        grid = _organised_grid(tangent, place, points.shape[:2])
+        if grid is not None:
+            pixel, focal, origin, frame = grid
+            return _assemble(used, pixel, focal, origin, frame, None, min_points)
+    if not (np.ptp(tangent, axis=0) > 1e-6).all():
+        return _refused(Status.TOO_FEW_POINTS, "the directions to the points lie on one line", len(used))
+    pixel, focal, origin = _plain_grid(tangent, focal_px)
+    return _assemble(used, pixel, focal, origin, None, view, min_points)
+
+
+def _refused(status: Status, reason: str, num_points: int) -> RangeImage:
+    empty = np.zeros((0, 0), np.float32)
+    nowhere = np.full(3, np.nan)
+    return RangeImage(status, reason, empty, empty > 0, 1.0, np.zeros(2), num_points, 0, nowhere, np.eye(3))
+
+
+def _view_rotation(points: np.ndarray) -> np.ndarray | None:
+    """None where z is the forward axis; else the axis swap (3, 3) that makes it so."""
+    if not len(points):
+        return None
+    centre = points.mean(axis=0)
+    axis = int(np.argmax(np.abs(centre)))
+    if axis == 2 and centre[2] > 0:
+        return None
+    forward = np.eye(3)[axis] * np.sign(centre[axis])
+    right = np.eye(3)[(axis + 1) % 3]
+    return np.column_stack([right, np.cross(forward, right), forward])
+
+
+def _organised_grid(
+    tangent: np.ndarray, place: np.ndarray, shape: tuple[int, int]
+) -> tuple[np.ndarray, float, np.ndarray, np.ndarray] | None:
+    """Pixels, focal length and origin of a pinhole camera's cloud, or None where it is not one.
+
+    Columns and rows are linear in x/z and y/z; pixels that are not square are brought to the finer pitch.
+    """
+    row, column = np.divmod(place, shape[1])
+    step = max(1, len(place) // 2000)
+    fits = []
+    for t, index in ((tangent[::step, 0], column[::step]), (tangent[::step, 1], row[::step])):
+        mean_t, mean_i = t.mean(), index.mean()
+        spread = ((index - mean_i) ** 2).sum()
+        if not spread > 0:
+            return None
+        slope = ((t - mean_t) * (index - mean_i)).sum() / spread
+        worst = np.abs(t - mean_t - slope * (index - mean_i)).max()
+        if not (slope > 0 and worst < 0.2 * slope):
+            return None
+        fits.append((slope, mean_t - slope * mean_i))
+    (pitch_x, x0), (pitch_y, y0) = fits
+    if abs(pitch_x / pitch_y - 1) > 0.02:
+        return None
+    pitch = (pitch_x + pitch_y) / 2
+    pixel = np.column_stack([column, row])
+    frame = np.array([0, 0, shape[1] - 1, shape[0] - 1])
+    return pixel, 1 / pitch, np.array([x0, y0]), frame
+
+
+def _plain_grid(
+    tangent: np.ndarray, focal_px: float | None
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """Pixels, focal length and origin for points in any order.
+
+    Where the directions lie on a regular grid (a camera's cloud without its empty pixels) that grid is found and every
+    point gets its own pixel; otherwise the pixels are made coarse enough to leave few holes.
+    """
+    distance = _nearest_distance(tangent)
+    extent = float(np.ptp(tangent, axis=0).max())
+    pitch = 1 / focal_px if focal_px else distance
+    pitch = max(pitch, extent / _MAX_SIDE_PX)
+    grid = [_grid_of(tangent[:, axis], pitch) for axis in (0, 1)]
+    if all(g is not None for g in grid):
+        (pitch_x, x0), (pitch_y, y0) = grid  # type: ignore[misc]
+        if abs(pitch_x / pitch_y - 1) < 0.02:
+            pitch, origin = (pitch_x + pitch_y) / 2, np.array([x0, y0])
+            return np.rint((tangent - origin) / pitch).astype(np.int64), 1 / pitch, origin
+    # Points strewn at random: some two to a pixel leave one in seven empty.
+    area = max(extent * float(np.ptp(tangent, axis=0).min()), (extent / 50) ** 2)
+    pitch = max(2 * distance, extent / _MAX_SIDE_PX, np.sqrt(area / len(tangent)))
+    origin = tangent.min(axis=0)
+    return np.rint((tangent - origin) / pitch).astype(np.int64), 1 / pitch, origin
+
+
+def _nearest_distance(tangent: np.ndarray) -> float:
+    """Median distance of a point to its nearest other one, over at most 500 of them."""
+    from scipy.spatial import cKDTree  # noqa: PLC0415  organised clouds do without it
+
+    unique = np.unique(np.round(tangent, 7), axis=0)
+    sample = unique[:: max(1, len(unique) // 500)]
+    distance = cKDTree(unique).query(sample, k=2)[0][:, 1]
+    return float(np.median(distance))
+
+
+def _grid_of(values: np.ndarray, pitch: float) -> tuple[float, float] | None:
+    """Pitch and origin of the regular grid near ``pitch`` that the values lie on, or None."""
+    levels = np.unique(np.round(values / pitch, 2)) * pitch
+    if len(levels) < 4:
+        return None
+    steps = np.diff(levels)
+    steps = steps[steps > 0.5 * pitch]
+    if not len(steps):
+        return None
+    step = float(np.median(steps[steps < 1.5 * pitch])) if (steps < 1.5 * pitch).any() else pitch
+    origin = levels[0]
+    half = (levels[-1] - origin) / 2
+    # The pitch sharpens as more of the grid is counted right, from the first lines outwards.
+    for reach in (8 * step, 32 * step, half, 4 * half):
+        near = levels[levels - origin <= reach]
+        count = np.rint((near - origin) / step)
+        if count[-1] < 1 or len(near) < 3:
+            continue
+        step, origin = np.polyfit(count, near, 1)
+    off = (values - origin) / step
+    return (step, origin) if np.abs(off - np.rint(off)).max() < 0.25 else None
+
+
+def _assemble(
+    used: np.ndarray,
+    pixel: np.ndarray,
+    focal: float,
+    origin: np.ndarray,
+    frame: np.ndarray | None,
+    view: np.ndarray | None,
+    min_points: int,
+) -> RangeImage:
+    low = pixel.min(axis=0) - _MARGIN_PX
+    width, height = pixel.max(axis=0) + _MARGIN_PX + 1 - low
+    inverse = np.zeros(height * width, np.float32)
+    index = (pixel[:, 1] - low[1]) * width + pixel[:, 0] - low[0]
+    # Of several points in one pixel the nearest counts, whatever their order.
+    np.maximum.at(inverse, index, (1 / used[:, 2]).astype(np.float32))
+    inverse = inverse.reshape(height, width)
+    unknown = np.zeros((height, width), bool)
+    if frame is not None:
+        edge = frame - np.tile(low, 2)
+        unknown[: max(edge[1], 0)] = True
+        unknown[edge[3] + 1 :] = True
+        unknown[:, : max(edge[0], 0)] = True
+        unknown[:, edge[2] + 1 :] = True
+    speckle = _speckle(inverse, focal)
+    inverse[speckle] = 0
+    unknown |= speckle
+    count = int(np.count_nonzero(inverse))
+    if count < min_points:
+        reason = f"{count} separate directions hang together, {min_points} needed"
+        return _refused(Status.TOO_FEW_POINTS, reason, len(used))
+    corner = origin + low / focal
+    centre = used.mean(axis=0)
+    turn = np.eye(3) if view is None else view
+    return RangeImage(
+        Status.OK, "", inverse, unknown, focal, corner, len(used), count, centre, turn
+    )
+
+
+def _speckle(inverse: np.ndarray, focal: float) -> np.ndarray:
+    """Returns that fewer than two of the eight neighbours share: outliers and mixed pixels."""
+    seen = inverse > 0
+    tolerance = inverse * np.float32(_STEEPEST / focal) + np.float32(1e-6)
+    seen_pair = seen[:, 1:] & seen[:, :-1]
+    step = np.abs(np.diff(inverse, axis=1))[seen_pair]
+    if step.size:
+        # Ranges noisier than the pixels are wide: half of all neighbours differ by less than the median.
+        tolerance = np.maximum(tolerance, 6 * np.median(step))
+    count = np.zeros(inverse.shape, np.uint8)
+    for dv, du in ((0, 1), (1, -1), (1, 0), (1, 1)):
+        here = (slice(0, -1 if dv else None), slice(1 if du < 0 else 0, -1 if du > 0 else None))
+        there = (slice(1 if dv else 0, None), slice(1 if du > 0 else 0, -1 if du < 0 else None))
+        near = np.abs(inverse[here] - inverse[there]) < tolerance[here]
+        near &= seen[here] & seen[there]
+        count[here] += near
+        count[there] += near
+    return seen & (count < 2)

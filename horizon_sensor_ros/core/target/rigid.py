@@ -1,0 +1,70 @@
+"""Rigid motions as (rotation (..., 3, 3), translation (..., 3)), and their small changes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) matrices with ``skew(v) @ a == cross(v, a)``."""
+    v = np.asarray(v)
+    out = np.zeros((*v.shape, 3), dtype=v.dtype)
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return out
+
+
+def rotation_from_vector(vector_rad: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) rotations about ``vector_rad`` (..., 3) by its length (Rodrigues)."""
+    vector = np.asarray(vector_rad, dtype=float)
+    angle2 = (vector * vector).sum(axis=-1)[..., None, None]
+    angle = np.sqrt(angle2)
+    small = angle2 < 1e-8
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 1 - angle2 / 6, np.sin(safe) / safe)
+    b = np.where(small, 0.5 - angle2 / 24, (1 - np.cos(safe)) / (safe * safe))
+    k = skew(vector)
+    return np.eye(3) + a * k + b * (k @ k)
+
+
+def vector_from_rotation(rotation: np.ndarray) -> np.ndarray:
+    """The rotation vector (3,), radians, at most pi long, of one rotation (3, 3)."""
+    r = np.asarray(rotation, dtype=float)
+    axis2 = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    sine, cosine = np.linalg.norm(axis2) / 2, (np.trace(r) - 1) / 2
+    angle = np.arctan2(sine, cosine)
+    if sine > 1e-7:
+        return axis2 / (2 * sine) * angle
+    if cosine > 0:
+        return axis2 / 2
+    # Half a turn: the axis is the eigenvector of R that stays, the largest column of R + 1.
+    column = (r + np.eye(3))[:, np.argmax(np.diag(r))]
+    return column / np.linalg.norm(column) * angle
+
+
+def pose_matrix(rotation: np.ndarray, translation_m: np.ndarray) -> np.ndarray:
+    """(4, 4) homogeneous form."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, translation_m
+    return pose
+
+
+def inverse_pose(pose: np.ndarray) -> np.ndarray:
+    """Inverse of a (4, 4) rigid motion."""
+    back = pose[:3, :3].T
+    return pose_matrix(back, -back @ pose[:3, 3])
+
+
+def orthonormal(rotation: np.ndarray) -> np.ndarray:
+    """The rotations nearest to (..., 3, 3) matrices that rounding has spoilt."""
+    u, _, vt = np.linalg.svd(rotation)
+    return u @ vt
+
+
+def adjoint(pose: np.ndarray) -> np.ndarray:
+    """(6, 6) taking small motions (rotation, translation) about frame b's axes to frame a's, by pose_a_from_b."""
+    rotation = pose[:3, :3]
+    out = np.zeros((6, 6))
+    out[:3, :3] = out[3:, 3:] = rotation
+    out[3:, :3] = skew(pose[:3, 3]) @ rotation
+    return out

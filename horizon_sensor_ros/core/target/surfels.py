@@ -1,0 +1,388 @@
+"""Surface elements of a range image: local planes, and the sharp depth edges and thin parts around them.
+
+In a pinhole image a plane n.p = d has inverse depth w = (n / d).(x/z, y/z, 1): linear in the image. So a local least
+squares plane takes ten box filters over the whole image and no neighbour search.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from .range_image import RangeImage
+
+# A plane is trusted down to this cosine between ray and normal.
+_MIN_COSINE = 0.1
+# So much of a pixel's width a surface may bend within a window and still count as flat.
+_BEND_PX = 0.12
+# Mean square residual of a window over the expected one, up to which it holds one plane.
+_FLAT = 2.0
+# Standard deviation of an edge half way between two pixels.
+_EDGE_PX = 0.29
+_THIN_PX = 7
+_NEIGHBOURS = 10
+_EDGE_REACH_PX = 4.6
+
+
+@dataclass(frozen=True, eq=False)
+class Surfels:
+    """N observations "this point lies on this plane": ``normal . (x - point) = 0`` within ``sigma_m``.
+
+    points, normals : (N, 3).  sigma_m : (N,) of one raw measurement.  weight : (N,) raw measurements that each stands for.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    sigma_m: np.ndarray
+    weight: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """E points on depth edges: sharp ones of faces, and both sides of thin parts.
+
+    points : (E, 3).  sides : (E, 3) unit normals of the plane through the sensor and the edge, away from the
+    surface.  sigma_m : (E,) across the edge.  fronts : (E, 3) unit normals towards the sensor, across the part, where it
+    is thin (a line); NaN elsewhere.
+    """
+
+    points: np.ndarray
+    sides: np.ndarray
+    sigma_m: np.ndarray
+    fronts: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceView:
+    """All that the registration needs of one cloud; lengths in metres, in the view frame.
+
+    sigma_m : range noise.  footprint_m : a pixel's width at the target.  size_m : the target's rms radius.
+    point_map, normal_map : (H W, 3) point and normal (towards the sensor) of the local plane at each pixel.
+    plane : (H W) bool, where there is one.  nearest : (H W) index of the nearest pixel with a plane.
+    depth_map : (H W) depth of the return, 0 where there is none.
+    gap_px : (H W) distance to the nearest return or unknown pixel.
+    """
+
+    image: RangeImage
+    sigma_m: float
+    footprint_m: float
+    size_m: float
+    point_map: np.ndarray
+    normal_map: np.ndarray
+    plane: np.ndarray
+    nearest: np.ndarray
+    depth_map: np.ndarray
+    gap_px: np.ndarray
+    faces: Surfels
+    edges: Edges
+
+    def sample(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Points and normals (up to about ``count``, 3) float32 spread evenly over all returns; no plane: normal 0."""
+        seen = np.flatnonzero(self.depth_map)
+        index = seen[:: max(1, round(len(seen) / count))]
+        points = self.point_map[index]
+        rough = np.flatnonzero(~self.plane[index])
+        if len(rough):
+            row, column = np.divmod(index[rough], self.image.inverse_depth.shape[1])
+            depth = self.depth_map[index[rough]]
+            tan_u, tan_v = self.image.tangents()
+            points[rough] = np.column_stack([tan_u[column] * depth, tan_v[row] * depth, depth])
+        return points, self.normal_map[index]
+
+
+def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView:
+    """Fit planes and edges to a range image whose status is OK.
+
+    sigma_m : range noise; None: estimated from the image.
+    """
+    inverse = image.inverse_depth
+    seen = inverse > 0
+    middle = float(np.median(inverse[seen]))
+    footprint = 1 / (middle * image.focal_px)
+    sigma = max(_range_noise(inverse, seen) if sigma_m is None else sigma_m, 1e-3 * footprint)
+    radius = _window_radius(sigma / footprint)
+    fit = _plane_fit(inverse, seen, middle, radius)
+    noise = sigma * inverse * inverse + _BEND_PX * inverse / image.focal_px
+    flat = fit.flat(noise)
+    slope_u, slope_v, level = _borrow_planes(fit, flat, seen, inverse, noise, radius)
+    tan_u, tan_v = image.tangents()
+    a, b = slope_u * image.focal_px, slope_v * image.focal_px
+    c = level - a * tan_u - b * tan_v[:, None]
+    length = np.sqrt(a * a + b * b + c * c)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = 1 / level
+        cosine = level / (length * np.sqrt(1 + tan_u**2 + tan_v[:, None] ** 2))
+        normal = np.stack([a, b, c], axis=-1) / -length[..., None]
+    plane = flat & (cosine > _MIN_COSINE)
+    point = np.stack([depth * tan_u, depth * tan_v[:, None], depth], axis=-1)
+    point[~plane], normal[~plane], cosine[~plane] = 0, 0, 0
+    returns = inverse[seen]
+    rows, columns = np.nonzero(seen)
+    size = np.sqrt(
+        (tan_u[columns] / returns).var() + (tan_v[rows] / returns).var() + (1 / returns).var()
+    )
+    point_map = point.reshape(-1, 3).astype(np.float32)
+    normal_map = normal.reshape(-1, 3).astype(np.float32)
+    return SurfaceView(
+        image, sigma, footprint, float(size), point_map, normal_map, plane.ravel(),
+        _nearest(plane), np.divide(1, inverse, out=np.zeros_like(inverse), where=seen).ravel(),
+        cv2.distanceTransform((~(seen | image.unknown)).astype(np.uint8), cv2.DIST_L2, 3).ravel(),
+        _faces(plane, point_map, normal_map, cosine, sigma, footprint),
+        _edges(image, plane, slope_u, slope_v, level, cosine, sigma, noise),
+    )  # fmt: skip
+
+
+def _range_noise(inverse: np.ndarray, seen: np.ndarray) -> float:
+    """Standard deviation (m) from second differences along the rows, which planes do not have."""
+    three = seen[:, :-2] & seen[:, 1:-1] & seen[:, 2:]
+    bend = np.abs(inverse[:, :-2] - 2 * inverse[:, 1:-1] + inverse[:, 2:])[three]
+    if not bend.size:
+        return 0.0
+    return float(np.median(bend / inverse[:, 1:-1][three] ** 2)) / (0.6745 * np.sqrt(6))
+
+
+def _window_radius(noise_px: float) -> int:
+    """Smallest window (2 r + 1 wide) whose normals are good to some 3 deg; noise in pixel widths."""
+    for radius in (2, 3, 4, 5):
+        if noise_px < 0.05 * (2 * radius + 1) * np.sqrt(radius * (radius + 1) / 3):
+            return radius
+    return 6
+
+
+@dataclass(frozen=True, eq=False)
+class _PlaneFit:
+    """Windowed least squares at every pixel: level, slopes a pixel, mean square residual, where defined."""
+
+    level: np.ndarray
+    slope_u: np.ndarray
+    slope_v: np.ndarray
+    mean_square: np.ndarray
+    defined: np.ndarray
+
+    def flat(self, noise: np.ndarray) -> np.ndarray:
+        return self.defined & (self.mean_square < _FLAT * noise * noise)
+
+
+def _plane_fit(inverse: np.ndarray, seen: np.ndarray, middle: float, radius: int) -> _PlaneFit:
+    mask = seen.astype(np.float32)
+    # About the middle, so that single precision does for the squares.
+    w = (inverse - np.float32(middle)) * mask
+    one = np.ones(2 * radius + 1, np.float32)
+    ramp = np.arange(-radius, radius + 1, dtype=np.float32)
+
+    def box(image: np.ndarray, kernel_u: np.ndarray, kernel_v: np.ndarray) -> np.ndarray:
+        return cv2.sepFilter2D(image, cv2.CV_32F, kernel_u, kernel_v, borderType=cv2.BORDER_CONSTANT)
+
+    n = box(mask, one, one)
+    count = np.maximum(n, 1)
+    mean_u, mean_v = box(mask, ramp, one) / count, box(mask, one, ramp) / count
+    mean_w = box(w, one, one) / count
+    uu = box(mask, ramp * ramp, one) - n * mean_u * mean_u
+    vv = box(mask, one, ramp * ramp) - n * mean_v * mean_v
+    uv = box(mask, ramp, ramp) - n * mean_u * mean_v
+    uw = box(w, ramp, one) - n * mean_u * mean_w
+    vw = box(w, one, ramp) - n * mean_v * mean_w
+    ww = box(w * w, one, one) - n * mean_w * mean_w
+    full = (2 * radius + 1) ** 2
+    det = uu * vv - uv * uv
+    spread = full * radius * (radius + 1) / 3
+    defined = seen & (n >= 0.45 * full) & (det > 0.02 * spread * spread)
+    det[~defined] = 1
+    slope_u, slope_v = (vv * uw - uv * vw) / det, (uu * vw - uv * uw) / det
+    rest = np.maximum(ww - slope_u * uw - slope_v * vw, 0)
+    level = mean_w - slope_u * mean_u - slope_v * mean_v + np.float32(middle)
+    defined &= level > 0.2 * middle
+    return _PlaneFit(level, slope_u, slope_v, rest / np.maximum(n - 3, 1), defined)
+
+
+def _borrow_planes(
+    fit: _PlaneFit,
+    flat: np.ndarray,
+    seen: np.ndarray,
+    inverse: np.ndarray,
+    noise: np.ndarray,
+    radius: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Slopes and level everywhere; where a window straddles an edge, of a window beside it that does not.
+
+    Marks the pixels that found one in ``flat``.
+    """
+    slope_u, slope_v, level = fit.slope_u.copy(), fit.slope_v.copy(), fit.level.copy()
+    height, width = flat.shape
+    row, column = np.nonzero(seen & ~flat)
+    if not len(row):
+        return slope_u, slope_v, level
+    shifts = np.array([(r, c) for r in (-radius, 0, radius) for c in (-radius, 0, radius) if r or c])
+    there_row = np.clip(row[:, None] + shifts[:, 0], 0, height - 1)
+    there_column = np.clip(column[:, None] + shifts[:, 1], 0, width - 1)
+    there = there_row * width + there_column
+    guess = (
+        fit.level.ravel()[there]
+        + fit.slope_u.ravel()[there] * (column[:, None] - there_column)
+        + fit.slope_v.ravel()[there] * (row[:, None] - there_row)
+    )
+    off = (guess - inverse[row, column][:, None]) / noise[row, column][:, None]
+    off[~flat.ravel()[there] | (guess <= 0)] = np.inf
+    best = np.argmin(np.abs(off), axis=1)
+    pick = np.arange(len(row)), best
+    good = np.abs(off[pick]) < 2.5
+    row, column = row[good], column[good]
+    pick = pick[0][good], best[good]
+    level[row, column] = guess[pick]
+    slope_u[row, column] = fit.slope_u.ravel()[there[pick]]
+    slope_v[row, column] = fit.slope_v.ravel()[there[pick]]
+    flat[row, column] = True
+    return slope_u, slope_v, level
+
+
+def _nearest(plane: np.ndarray) -> np.ndarray:
+    """(H W) index of the nearest pixel with a plane; zeros where there is none at all."""
+    place = np.flatnonzero(plane)
+    if not len(place):
+        return np.zeros(plane.size, np.int64)
+    label = cv2.distanceTransformWithLabels(
+        (~plane).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )[1]
+    of_label = np.zeros(int(label.max()) + 1, np.int64)
+    of_label[label.ravel()[place]] = place
+    return of_label[label.ravel()]
+
+
+def _faces(
+    plane: np.ndarray,
+    point_map: np.ndarray,
+    normal_map: np.ndarray,
+    cosine: np.ndarray,
+    sigma: float,
+    footprint: float,
+) -> Surfels:
+    """Planes on a lattice thin enough to keep their number moderate; neighbours share their pixels anyway."""
+    row, column = np.nonzero(plane)
+    share = 1
+    if len(row) > 1200:
+        keep = (row + column) % 2 == 0
+        share = 2
+        if len(row) > 2400:
+            step = 2 * int(np.ceil(np.sqrt(len(row) / 6000)))
+            keep = (row % step == 0) & (column % step == 0)
+            share = step * step
+        row, column = row[keep], column[keep]
+    index = row * plane.shape[1] + column
+    across = sigma * cosine[row, column]
+    return Surfels(
+        point_map[index].astype(float),
+        normal_map[index].astype(float),
+        np.hypot(across, 0.05 * footprint),
+        np.full(len(index), float(share)),
+    )
+
+
+def _edges(
+    image: RangeImage,
+    plane: np.ndarray,
+    slope_u: np.ndarray,
+    slope_v: np.ndarray,
+    level: np.ndarray,
+    cosine: np.ndarray,
+    sigma: float,
+    noise: np.ndarray,
+) -> Edges:
+    """Places between a surface's last pixel and what lies behind it, gathered into short lines.
+
+    The round limb of a curved body is no edge of it (it moves over the surface as the body turns), so only flat pixels
+    count, and those of parts a few pixels thin.
+    """
+    inverse = image.inverse_depth
+    seen = inverse > 0
+    found = []
+    for du, dv in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        beside = np.roll(inverse, (-dv, -du), (0, 1))
+        open_ = ~np.roll(image.unknown, (-dv, -du), (0, 1))
+        expected = np.where(plane, level + slope_u * du + slope_v * dv, inverse)
+        drop = 4 * noise + 1.5 * inverse / image.focal_px
+        row, column = np.nonzero(seen & open_ & (beside < expected - drop))
+        flat = plane[row, column] & (cosine[row, column] > 0.25)
+        if not flat.all():
+            thin = np.zeros(len(row), bool)
+            here = inverse[row, column]
+            for k in range(1, _THIN_PX + 1):
+                behind = inverse[(row - k * dv) % len(inverse), (column - k * du) % inverse.shape[1]]
+                thin |= behind < here - drop[row, column]
+            keep = flat | thin
+            row, column, flat = row[keep], column[keep], flat[keep]
+        half = np.column_stack([column + 0.5 * du, row + 0.5 * dv])
+        step = np.broadcast_to(np.array([du, dv], float), half.shape)
+        w = np.where(
+            flat, level[row, column] + 0.5 * (slope_u * du + slope_v * dv)[row, column], inverse[row, column]
+        )  # fmt: skip
+        found.append((half, step, w, flat))
+    spot, out, w, flat = (np.concatenate(part) for part in zip(*found, strict=True))
+    return _edge_lines(image, spot, out, w.astype(float), flat, sigma)
+
+
+def _edge_lines(
+    image: RangeImage,
+    spot: np.ndarray,
+    out: np.ndarray,
+    w: np.ndarray,
+    flat: np.ndarray,
+    sigma: float,
+) -> Edges:
+    """Fit a short straight line through each edge place and its neighbours on the same edge."""
+    from scipy.spatial import cKDTree  # noqa: PLC0415  heavy to import, and only used here
+
+    none = np.empty((0, 3))
+    if len(spot) < _NEIGHBOURS:
+        return Edges(none, none, np.empty(0), none)
+    distance, index = cKDTree(spot).query(spot, k=_NEIGHBOURS)
+    reach = 6 * sigma * w * w + 3 * w / image.focal_px
+    same = (distance < _EDGE_REACH_PX) & (np.abs(w[index] - w[:, None]) < reach[:, None])
+    same &= np.einsum("ij,ikj->ik", out, out[index]) > -0.5
+    n = np.maximum(same.sum(axis=1), 1)
+    offset = (spot[index] - spot[:, None]) * same[..., None]
+    mean = offset.sum(axis=1) / n[:, None]
+    x, y = offset[..., 0], offset[..., 1]
+    xx = (x * x).sum(axis=1) / n - mean[:, 0] ** 2
+    yy = (y * y).sum(axis=1) / n - mean[:, 1] ** 2
+    xy = (x * y).sum(axis=1) / n - mean[:, 0] * mean[:, 1]
+    angle = 0.5 * np.arctan2(2 * xy, xx - yy)
+    along = np.column_stack([np.cos(angle), np.sin(angle)])
+    across = np.column_stack([-along[:, 1], along[:, 0]])
+    wide = (xx + yy) / 2 - np.hypot((xx - yy) / 2, xy)
+    long = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)
+    outward = (out[index] * same[..., None]).sum(axis=1)
+    turn = np.einsum("ij,ij->i", across, outward)
+    across *= np.sign(turn)[:, None]
+    good = (n >= 5) & (wide < 0.25) & (long > 1.0) & (np.abs(turn) > 0.3 * n)
+    # The place on the line, and inverse depth along it.
+    s = np.einsum("ikj,ij->ik", offset, along) * same
+    s_mean = s.sum(axis=1) / n
+    level = (w[index] * same).sum(axis=1) / n
+    slope = (((w[index] - level[:, None]) * (s - s_mean[:, None])) * same).sum(axis=1)
+    slope /= np.maximum(n * long, 1e-9)
+    on_line = spot + across * np.einsum("ij,ij->i", mean, across)[:, None]
+    smooth = np.where(flat, w, level - slope * s_mean)
+    good &= smooth > 0
+    index = np.flatnonzero(good)
+    tangent = image.origin + on_line[index] / image.focal_px
+    ray = np.column_stack([tangent, np.ones(len(index))])
+    smooth, slope, along, across = smooth[index], slope[index], along[index], across[index]
+    side = np.column_stack([across, -np.einsum("ij,ij->i", across, tangent)])
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    points = ray / smooth[:, None]
+    # d point / d s: the edge's direction in space.
+    direction = np.column_stack([along / image.focal_px, np.zeros(len(index))])
+    direction -= ray * (slope / smooth)[:, None]
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    front = np.cross(side, direction)
+    front *= -np.sign(np.einsum("ij,ij->i", front, ray))[:, None]
+    front[flat[index]] = np.nan
+    return Edges(points, side, _EDGE_PX / (smooth * image.focal_px), front)

@@ -1,0 +1,222 @@
+"""A time-of-flight camera looking at triangle meshes: point clouds with exact truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .shapes import TriangleMesh
+
+_PAIRS_AT_ONCE = 2_000_000
+
+
+@dataclass(frozen=True)
+class ToFDisturbances:
+    """What a real sensor adds to range noise.
+
+    outlier_fraction : of the target's pixels as many get a random range, half of them on the target,
+        half on empty pixels around it.
+    occluded_fraction : of the target's pixels as many, one round patch of them, return nothing.
+    mixed_pixels : a pixel at a depth edge returns the mean range of what it covers.
+    """
+
+    outlier_fraction: float = 0.0
+    occluded_fraction: float = 0.0
+    mixed_pixels: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("outlier_fraction", "occluded_fraction"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ValueError(f"{name} must be in [0, 1]; got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, eq=False)
+class ToFScan:
+    """One exposure.
+
+    points : (H, W, 3) float32, metres, optical frame (x right, y down, z forward); NaN: no return.
+    range_true_m : (H, W) exact ranges of the surface along the pixel rays, NaN where there is none.
+    pose_cam_from_target : (4, 4), the truth.
+    """
+
+    points: np.ndarray
+    range_true_m: np.ndarray
+    pose_cam_from_target: np.ndarray
+
+    def plain(self) -> np.ndarray:
+        """(N, 3) the returned points alone, as of an unorganised cloud."""
+        return self.points[np.isfinite(self.points[..., 2])]
+
+
+@dataclass(frozen=True)
+class ToFCamera:
+    """Pinhole range camera; the defaults are the paper's PMD CamCube 2.0.
+
+    The range of each pixel is measured along its ray, with Gaussian noise ``range_noise_m``; ranges outside
+    ``range_min_m .. range_max_m`` return nothing. Raises ValueError for values that make no camera.
+    """
+
+    width: int = 204
+    height: int = 204
+    pixel_pitch_m: float = 40e-6
+    focal_length_m: float = 12.8e-3
+    range_min_m: float = 0.3
+    range_max_m: float = 7.0
+    range_noise_m: float = 0.005
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height", "pixel_pitch_m", "focal_length_m"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive; got {getattr(self, name)}")
+        if not 0 <= self.range_min_m < self.range_max_m:
+            raise ValueError(
+                f"need 0 <= range_min_m < range_max_m; got {self.range_min_m}, {self.range_max_m}"
+            )
+        if not self.range_noise_m >= 0:
+            raise ValueError(f"range_noise_m must not be negative; got {self.range_noise_m}")
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length in pixels."""
+        return self.focal_length_m / self.pixel_pitch_m
+
+    def rays(self, oversampling: int = 1) -> np.ndarray:
+        """(H k, W k, 3) unit rays of the pixel centres, or of k x k places inside each pixel."""
+        k = oversampling
+        u = ((np.arange(self.width * k) + 0.5) / k - self.width / 2) / self.focal_px
+        v = ((np.arange(self.height * k) + 0.5) / k - self.height / 2) / self.focal_px
+        rays = np.ones((self.height * k, self.width * k, 3))
+        rays[..., 0], rays[..., 1] = u, v[:, None]
+        return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+
+    def ranges(
+        self, mesh: TriangleMesh, pose_cam_from_target: np.ndarray, oversampling: int = 1
+    ) -> np.ndarray:
+        """(H k, W k) exact range (m) of the nearest surface along each ray; NaN where there is none."""
+        pose = _checked_pose(pose_cam_from_target)
+        corners = (mesh.vertices @ pose[:3, :3].T + pose[:3, 3])[mesh.faces]
+        rays = self.rays(oversampling)
+        depth = _cast(corners, rays[..., :2] / rays[..., 2:], self.focal_px * oversampling)
+        return depth / rays[..., 2]
+
+    def scan(
+        self,
+        mesh: TriangleMesh,
+        pose_cam_from_target: np.ndarray,
+        rng: np.random.Generator | None = None,
+        disturbances: ToFDisturbances | None = None,
+    ) -> ToFScan:
+        """Expose once. Without ``rng`` there is no noise, and disturbances that need chance raise ValueError."""
+        extra = ToFDisturbances() if disturbances is None else disturbances
+        if rng is None and (extra.outlier_fraction or extra.occluded_fraction):
+            raise ValueError("outliers and occlusion need rng")
+        truth = self.ranges(mesh, pose_cam_from_target)
+        measured = self._mixed(mesh, pose_cam_from_target) if extra.mixed_pixels else truth.copy()
+        if rng is not None:
+            _occlude(measured, extra.occluded_fraction, rng)
+            measured += rng.normal(0.0, self.range_noise_m, measured.shape)
+            _add_outliers(measured, extra.outlier_fraction, rng)
+        measured[~((measured >= self.range_min_m) & (measured <= self.range_max_m))] = np.nan
+        points = (measured[..., None] * self.rays()).astype(np.float32)
+        return ToFScan(points, truth, _checked_pose(pose_cam_from_target))
+
+    def _mixed(self, mesh: TriangleMesh, pose: np.ndarray) -> np.ndarray:
+        k = 3
+        fine = self.ranges(mesh, pose, k).reshape(self.height, k, self.width, k)
+        fine = np.moveaxis(fine, 2, 1).reshape(self.height, self.width, k * k)
+        hit = np.isfinite(fine)
+        count = hit.sum(axis=-1)
+        total = np.where(hit, fine, 0.0).sum(axis=-1)
+        return np.where(2 * count > k * k, total / np.maximum(count, 1), np.nan)
+
+
+def _checked_pose(pose: np.ndarray) -> np.ndarray:
+    pose = np.asarray(pose, dtype=float)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise ValueError(f"pose_cam_from_target must be finite, (4, 4); got shape {pose.shape}")
+    return pose
+
+
+def _cast(corners: np.ndarray, tangents: np.ndarray, focal_px: float) -> np.ndarray:
+    """Depth z (H, W) of the nearest triangle along each ray (x/z, y/z, 1); NaN where there is none.
+
+    A ray d passes through triangle (a, b, c) where d.(a x b), d.(b x c) and d.(c x a) agree in sign, and meets
+    it at z = a.(b x c) / their sum; this holds for triangles that reach behind the camera as well.
+    """
+    height, width = tangents.shape[:2]
+    depth = np.full(height * width, np.inf)
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    sides = np.stack([np.cross(a, b), np.cross(b, c), np.cross(c, a)], axis=1)
+    volume = np.einsum("ij,ij->i", a, sides[:, 1])
+    low, high = _pixel_boxes(corners, tangents, focal_px)
+    wide = np.maximum(high - low, 0)
+    area = wide[:, 0] * wide[:, 1]
+    area[(corners[..., 2] <= 0).all(axis=1)] = 0
+    flat = tangents.reshape(-1, 2)
+    for chunk in _chunks(area):
+        triangle = np.repeat(chunk, area[chunk])
+        place = np.arange(len(triangle)) - np.repeat(
+            np.cumsum(area[chunk]) - area[chunk], area[chunk]
+        )
+        row = low[triangle, 1] + place // wide[triangle, 0]
+        pixel = row * width + low[triangle, 0] + place % wide[triangle, 0]
+        x, y = flat[pixel, 0], flat[pixel, 1]
+        edge = sides[triangle]
+        inside = edge[..., 0] * x[:, None] + edge[..., 1] * y[:, None] + edge[..., 2]
+        total = inside.sum(axis=1)
+        hit = ((inside >= 0).all(axis=1) | (inside <= 0).all(axis=1)) & (total != 0)
+        z = volume[triangle[hit]] / total[hit]
+        ahead = z > 0
+        np.minimum.at(depth, pixel[hit][ahead], z[ahead])
+    depth[np.isinf(depth)] = np.nan
+    return depth.reshape(height, width)
+
+
+def _pixel_boxes(
+    corners: np.ndarray, tangents: np.ndarray, focal_px: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The pixels (low inclusive, high exclusive; (F, 2) column, row) that each triangle may cover."""
+    size = np.array([tangents.shape[1], tangents.shape[0]])
+    z = corners[..., 2:]
+    ahead = (z > 1e-9).all(axis=(1, 2))
+    spot = corners[..., :2] / np.where(z > 1e-9, z, 1.0) * focal_px + (size - 1) / 2
+    spot = np.clip(spot, -2, size + 1)
+    low = np.floor(spot.min(axis=1)).astype(np.int64)
+    high = np.ceil(spot.max(axis=1)).astype(np.int64) + 1
+    low[~ahead], high[~ahead] = 0, size
+    return np.clip(low, 0, size), np.clip(high, 0, size)
+
+
+def _chunks(area: np.ndarray) -> list[np.ndarray]:
+    """Indices of the triangles with work to do, in groups of bounded total work."""
+    active = np.flatnonzero(area)
+    if not len(active):
+        return []
+    group = np.cumsum(area[active]) // _PAIRS_AT_ONCE
+    return np.split(active, np.flatnonzero(np.diff(group)) + 1)
+
+
+def _occlude(measured: np.ndarray, fraction: float, rng: np.random.Generator) -> None:
+    seen = np.argwhere(np.isfinite(measured))
+    count = round(fraction * len(seen))
+    if count:
+        centre = seen[rng.integers(len(seen))]
+        nearest = np.argsort(((seen - centre) ** 2).sum(axis=1), kind="stable")[:count]
+        measured[tuple(seen[nearest].T)] = np.nan
+
+
+def _add_outliers(measured: np.ndarray, fraction: float, rng: np.random.Generator) -> None:
+    seen = np.argwhere(np.isfinite(measured))
+    count = round(fraction * len(seen))
+    if not count:
+        return
+    low, high = seen.min(axis=0), seen.max(axis=0) + 1
+    near, far = np.nanmin(measured), np.nanmax(measured)
+    spread = (near - (far - near) / 2, far + (far - near) / 2)
+    on_target = seen[rng.permutation(len(seen))[: (count + 1) // 2]]
+    block = measured[low[0] : high[0], low[1] : high[1]]
+    empty = np.argwhere(np.isnan(block)) + low
+    around = empty[rng.permutation(len(empty))[: count // 2]]
+    pixels = np.concatenate([on_target, around])
+    measured[tuple(pixels.T)] = rng.uniform(*spread, len(pixels))
