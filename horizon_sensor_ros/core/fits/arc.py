@@ -23,11 +23,13 @@ from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import (
     MIN_POINTS,
     covariance_nadir_altitude,
+    difference_from_circle,
     inliers,
     refusal,
     too_few,
     too_uncertain,
 )
+from horizon_sensor_ros.core.fits.circle import robust_circle_on_sphere
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.planet import Planet
@@ -52,8 +54,9 @@ def fit_arc(
     axis and centre of curvature span a plane that holds nadir; it is the planes' common line, and
     rho the mean angle between it and the vertices (paper's two-camera vertical). Cameras whose
     planes coincide: the mean of the single answers.
-    The covariance is a jackknife over blocks of the arcs: noise and its correlation, but not the
-    approximation's own error.
+    The covariance is a jackknife over blocks of the arcs (noise and its correlation) and, for the
+    approximation's own error, the difference from the exact circle on the sphere. Only the former
+    decides whether there is an answer.
     """
     rays = gather(observations)
     refused = too_few(rays, _METHOD)
@@ -75,9 +78,11 @@ def fit_arc(
     if refused_here:
         return refuse(*refused_here)
     cov = _jackknife(rays, rotations, rho_known, nadir, basis)
-    refused_here = too_uncertain(cov)
+    refused_here = too_uncertain(cov, rho)
     if refused_here:
         return refuse(*refused_here)
+    bias = difference_from_circle(nadir, rho, basis, robust_circle_on_sphere(rays))
+    cov += np.outer(bias, bias)
     with np.errstate(divide="ignore"):
         residual = rays.residuals_px(nadir, rho)[0]
     inlying = inliers(residual)

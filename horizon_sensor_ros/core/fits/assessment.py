@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.fits.circle import circle_on_sphere, robust_sigma
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
@@ -14,13 +15,12 @@ MIN_POINTS = 4
 # Larger residuals than these are not a limb's.
 MAX_RMS_PX = 3.0
 # Beyond this the linearised covariance means nothing, nor does the nadir.
-MAX_NADIR_SIGMA_RAD = 0.1
+MAX_NADIR_SIGMA_RAD = 0.05
 MIN_INLIER_FRACTION = 0.4
 # Smallest eigenvalue of the mean squared design; an arc of a quarter of a degree.
 _LEAST_EIGENVALUE = 1e-13
-_MAD_TO_SIGMA = 1.4826
 _INLIER_SIGMAS = 4.0
-_LONGEST_CORRELATION = 40
+_LONGEST_WINDOW = 80
 
 
 def too_few(rays: LimbRays, method: str) -> HorizonFit | None:
@@ -31,19 +31,14 @@ def too_few(rays: LimbRays, method: str) -> HorizonFit | None:
     return HorizonFit.none(Status.TOO_FEW_POINTS, reason, method, rays.num_points)
 
 
-def robust_sigma(values: np.ndarray) -> float:
-    """Scale of residuals about zero from their median size."""
-    return float(_MAD_TO_SIGMA * np.median(np.abs(values)))
-
-
 def correlation_factor(values: np.ndarray, camera: np.ndarray) -> float:
     """How many times the variance of a sum of residuals exceeds that of independent ones.
 
     values, camera : (N,), in order along the limb. From the sums over a sliding window (Bartlett's
     estimate of the spectral density at frequency zero), corrected for what three fitted
-    unknowns take out of it. 1 for less than 60 points.
+    unknowns take out of it. 1 for less than 48 points.
     """
-    window = min(len(values) // 15, _LONGEST_CORRELATION)
+    window = min(len(values) // 12, _LONGEST_WINDOW)
     if window < 4:
         return 1.0
     power = 0.0
@@ -88,12 +83,21 @@ def refusal(
     return None
 
 
-def too_uncertain(cov: np.ndarray) -> tuple[Status, str] | None:
-    """Refusal when the covariance (tangent components first) leaves nadir open; else None."""
-    sigma = np.sqrt(np.linalg.eigvalsh(cov[:2, :2])[-1]) if np.all(np.isfinite(cov)) else np.nan
-    if sigma <= MAX_NADIR_SIGMA_RAD:
+def too_uncertain(cov: np.ndarray, rho_rad: float) -> tuple[Status, str] | None:
+    """Refusal when the covariance (tangent components first) leaves nadir open; else None.
+
+    On a short arc the errors that are nearly Gaussian are those of the limb's curvature, cot rho;
+    a small disc fitted by chance looks sharper than it is. So the limit is put on the disc
+    that the curvature less four sigma would mean.
+    """
+    reason = "the limb points do not determine nadir"
+    if not np.all(np.isfinite(cov)):
+        return Status.ILL_CONDITIONED, reason
+    sigma = float(np.sqrt(max(np.linalg.eigvalsh(cov[:2, :2])[-1], 0.0)))
+    curvature = 1.0 / np.tan(rho_rad) - 4.0 * sigma / np.sin(rho_rad) ** 2
+    if np.arctan2(1.0, curvature) - rho_rad <= 4.0 * MAX_NADIR_SIGMA_RAD:
         return None
-    return Status.ILL_CONDITIONED, f"nadir is uncertain by {np.degrees(sigma):.1f} deg"
+    return Status.ILL_CONDITIONED, f"{reason}: its sigma is {np.degrees(sigma):.2g} deg or more"
 
 
 def inliers(residual: np.ndarray) -> np.ndarray:
@@ -114,7 +118,8 @@ def assess_least_squares(
     """Result of a fit that minimised ``sum weight (angle - rho)^2``, to first order.
 
     weight : (N,). The covariance is that estimator's under the points' sigmas, enlarged where the
-    residuals are larger than those, or hang together along the limb.
+    residuals are larger than those, or hang together along the limb, and by the estimator's bias on
+    short arcs, taken as its distance from the nearly unbiased `circle_on_sphere`.
     """
     basis = tangent_basis(nadir_base) if np.all(np.isfinite(nadir_base)) else np.zeros((3, 2))
     design = rays.design(nadir_base, basis)
@@ -135,8 +140,9 @@ def assess_least_squares(
     chi = (residual / rays.sigma_px)[order]
     chi2 = float(chi @ chi) / max(len(chi) - 3, 1)
     factor = max(1.0, chi2 * correlation_factor(chi, rays.camera[order]))
-    cov = influence @ influence.T * factor
-    refused = too_uncertain(cov)
+    bias = difference_from_circle(nadir_base, rho_rad, basis, circle_on_sphere(rays))
+    cov = influence @ influence.T * factor + np.outer(bias, bias)
+    refused = too_uncertain(cov, rho_rad)
     if refused:
         return HorizonFit.none(*refused, method, rays.num_points)
     return HorizonFit(
@@ -153,3 +159,13 @@ def assess_least_squares(
         cameras=rays.cameras,
         history=np.empty((0, 4)) if history is None else history,
     )
+
+
+def difference_from_circle(
+    nadir_base: np.ndarray, rho_rad: float, basis: np.ndarray, circle: tuple[np.ndarray, float]
+) -> np.ndarray:
+    """Difference (3,) in (tangent components, rho) from a nearly unbiased circle (nadir, rho).
+
+    Its outer product is what an estimator's bias or an approximation adds to its covariance.
+    """
+    return np.append(circle[0] @ basis, circle[1] - rho_rad)

@@ -10,13 +10,13 @@ from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import (
     MIN_POINTS,
     covariance_nadir_altitude,
+    difference_from_circle,
     inliers,
     refusal,
-    robust_sigma,
     too_few,
     too_uncertain,
 )
-from horizon_sensor_ros.core.fits.cone import robust_circle_on_sphere
+from horizon_sensor_ros.core.fits.circle import robust_circle_on_sphere, robust_sigma
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.planet import Planet
@@ -35,7 +35,7 @@ def fit_chord(observations: Sequence[LimbObservation], planet: Planet) -> Horizo
     farthest apart are used (after outliers from that camera's circle are dropped); nothing is
     averaged. The altitude is that of all points' mean angle from nadir. Needs two cameras.
     """
-    return _fit(observations, planet, "chord", lambda ray: ray)
+    return _fit(observations, planet, "chord", lambda ray: ray, exact=True)
 
 
 def fit_chord_image(observations: Sequence[LimbObservation], planet: Planet) -> HorizonFit:
@@ -43,13 +43,15 @@ def fit_chord_image(observations: Sequence[LimbObservation], planet: Planet) -> 
 
     The chord is taken between the undistorted points (x, y, 1) of the image plane. That is exact
     only when both ends lie equally far from the principal point. Ends that lie 90 deg or more off
-    the axis have no image-plane point and give no chord.
+    the axis have no image-plane point and give no chord. The covariance includes the
+    approximation's error, as the difference from the exact circle on the sphere.
     """
     return _fit(
         observations,
         planet,
         "chord_image",
         lambda ray: ray / ray[2] if ray[2] > 0 else np.full(3, np.nan),
+        exact=False,
     )
 
 
@@ -58,6 +60,7 @@ def _fit(
     planet: Planet,
     method: str,
     point_of_ray: Callable[[np.ndarray], np.ndarray],
+    exact: bool,
 ) -> HorizonFit:
     rays = gather(observations)
     refused = too_few(rays, method)
@@ -95,13 +98,18 @@ def _fit(
     refused_here = refusal(rays, nadir, rho, design)
     if refused_here:
         return refuse(*refused_here)
-    cov = _covariance(rays, directions, chords, pairs, basis, design)
-    refused_here = too_uncertain(cov)
-    if refused_here:
-        return refuse(*refused_here)
     with np.errstate(divide="ignore"):
         residual = rays.residuals_px(nadir, rho)[0]
     inlying = inliers(residual)
+    circle = robust_circle_on_sphere(rays)
+    noise = max(robust_sigma((rays.angles(circle[0])[0] - circle[1]) / rays.sigma_rad), 1.0)
+    cov = noise**2 * _covariance(rays, directions, chords, pairs, basis, design)
+    refused_here = too_uncertain(cov, rho)
+    if refused_here:
+        return refuse(*refused_here)
+    if not exact:
+        bias = difference_from_circle(nadir, rho, basis, circle)
+        cov += np.outer(bias, bias)
     return HorizonFit(
         Status.OK,
         "",

@@ -14,11 +14,10 @@ from horizon_sensor_ros.core.fits.assessment import (
     correlation_factor,
     covariance_nadir_altitude,
     refusal,
-    robust_sigma,
     too_few,
     too_uncertain,
 )
-from horizon_sensor_ros.core.fits.cone import robust_circle_on_sphere
+from horizon_sensor_ros.core.fits.circle import robust_circle_on_sphere, robust_sigma
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.planet import Planet
@@ -232,7 +231,7 @@ def _assess(
     except np.linalg.LinAlgError:
         return refuse(Status.ILL_CONDITIONED, "the limb points do not determine a cone")
     cov /= np.outer(diagonal, diagonal)
-    refused = too_uncertain(cov)
+    refused = too_uncertain(cov, rho)
     if refused:
         return refuse(*refused)
     return HorizonFit(
