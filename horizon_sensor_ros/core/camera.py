@@ -32,6 +32,8 @@ _PERSPECTIVE_SIZE = 14
 _TABLE_SIZE = 1024
 # A perspective image of the half space is infinite; farther off axis than this no table is needed.
 _STEEPEST_RAD = np.radians(89.9)
+# Tangents beyond this are as good as infinite.
+_FARTHEST = 1e100
 _NEWTON_STEPS = 30
 _CONVERGED = 1e-13
 
@@ -308,12 +310,11 @@ class Camera:
         inverse_z = 1.0 / np.where(z > 0, z, np.nan)
         x = rays[:, 0] * inverse_z
         y = rays[:, 1] * inverse_z
-        limit = np.inf if self._undistorted else self._max_radius
-        if np.isfinite(limit):
-            outside = x * x + y * y > limit * limit
-            if outside.any():
-                x[outside] = np.nan
-                y[outside] = np.nan
+        limit = _FARTHEST if self._undistorted else min(self._max_radius, _FARTHEST)
+        outside = ~(x * x + y * y <= limit * limit)
+        if outside.any():
+            x[outside] = np.nan
+            y[outside] = np.nan
         return x, y
 
     def _radial(self, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
@@ -589,10 +590,9 @@ def _rows(values: np.ndarray, columns: int, name: str) -> np.ndarray:
 
 
 def _first_positive_root(polynomial: np.polynomial.Polynomial) -> float:
-    """Smallest positive real root; inf if there is none."""
-    coefficients = np.trim_zeros(polynomial.coef, "b")
-    if coefficients.size < 2:
-        return np.inf
-    roots = np.polynomial.polynomial.polyroots(coefficients)
-    real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0)]
-    return float(real.min()) if real.size else np.inf
+    """Smallest positive real root of a polynomial whose constant term is 1; inf without one."""
+    # Solved for the reciprocal, whose leading coefficient is that 1, however small the last is.
+    inverse = np.polynomial.polynomial.polyroots(polynomial.coef[::-1])
+    real = inverse.real[np.abs(inverse.imag) <= 1e-7 * np.abs(inverse)]
+    largest = float(real.max(initial=0.0))
+    return 1.0 / largest if largest > 1e-12 else np.inf

@@ -156,7 +156,7 @@ class Planet:
         """Unit rays (N, 3) of the ellipsoid's limb seen from a position (3,), m.
 
         azimuth_rad (N,) : about geocentric nadir, 0 towards the north pole, pi/2 towards the east
-        (on the poles' axis: from x towards y). NaN for a position inside the limb's ellipsoid.
+        (on the poles' axis: those of longitude 0). NaN for a position inside the limb's ellipsoid.
         """
         position = _position(position_ecef)
         cone = self.limb_cone_ecef(position)
