@@ -89,7 +89,8 @@ def _sample(tile: NDArray[np.float32], x: FloatArray, y: FloatArray) -> NDArray[
 
 def _plane_weights(points: FloatArray) -> NDArray[np.float32]:
     """Weights (3, N) of the three projections, largest for the plane most nearly tangent."""
-    weights = (points.astype(np.float32) ** 4).T
+    squares = np.square(points.T.astype(np.float32, order="C"))
+    weights = np.square(squares)
     # dividing by the root of the summed squares keeps the variance the same everywhere
     return weights / np.sqrt((weights**2).sum(axis=0))
 

@@ -1,0 +1,68 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from horizon_sensor_ros.sim.flight import Flight
+
+TIMES = np.linspace(0.0, 30.0, 16)
+
+
+@pytest.mark.parametrize("axes", ["frd", "flu"])
+def test_orbit_and_attitude(axes: str) -> None:
+    flight = Flight(base_axes=axes)
+    sign = np.array([1.0, 1.0, 1.0]) if axes == "frd" else np.array([1.0, -1.0, -1.0])
+    for time in TIMES:
+        rot, position = flight.pose(time)
+        np.testing.assert_allclose(rot @ rot.T, np.eye(3), atol=1e-12)
+        assert np.linalg.norm(position) == pytest.approx(6371e3 + 400e3)
+        roll, pitch = flight.roll.at(time), flight.pitch.at(time)
+        nadir = np.array(
+            [-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)]
+        )
+        np.testing.assert_allclose(
+            rot.T @ (-position / np.linalg.norm(position)), sign * nadir, atol=1e-12
+        )
+
+
+def test_orbit_has_its_period_and_inclination() -> None:
+    flight = Flight()
+    path = np.array([flight.pose(time)[1] for time in (0.0, 1.0)])
+    # 7.67 km/s inertial, less about 0.3 km/s that the ground moves along with it
+    assert 7.2e3 < np.linalg.norm(path[1] - path[0]) < 7.6e3
+    highest = max(abs(flight.pose(time)[1][2]) for time in np.linspace(0, 5600, 400))
+    assert np.arcsin(highest / 6771e3) == pytest.approx(np.radians(51.6), abs=1e-3)
+
+
+def test_gyro_integrates_to_the_attitude() -> None:
+    flight = Flight()
+    earth_rate = np.array([0.0, 0.0, 7.292115e-5])
+    step = 0.01
+    rot = flight.pose(0.0)[0]
+    for k in range(500):
+        rate = flight.angular_rate_base((k + 0.5) * step) - rot.T @ earth_rate
+        x, y, z = rate * step
+        skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        rot = rot @ (np.eye(3) + skew + 0.5 * skew @ skew)
+    np.testing.assert_allclose(rot, flight.pose(5.0)[0], atol=1e-5)
+
+
+def test_frames_depend_on_time_and_seed_only() -> None:
+    flight = Flight()
+    first = flight.frames(3.0)
+    flight.frames(4.0)
+    again = flight.frames(3.0)
+    for a, b in zip(first, again, strict=True):
+        assert np.array_equal(a.image, b.image)
+        assert a.truth.limb.visible_length_px(12.0) > 400.0
+    other = replace(flight, seed=1).frames(3.0)
+    assert not np.array_equal(first[0].image, other[0].image)
+    apart = first[0].image.astype(float) - other[0].image
+    assert apart.std() < 4.0  # noise alone: the world is the same
+
+
+def test_limb_stays_in_both_frames() -> None:
+    flight = Flight()
+    for time in TIMES[::3]:
+        for frame in flight.frames(time):
+            assert frame.truth.limb.visible_length_px(12.0) > 400.0
