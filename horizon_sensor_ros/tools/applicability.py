@@ -39,7 +39,8 @@ DESCRIPTION = """\
 Field of applicability: at which attitudes the horizon is in the frames of the cameras, and how
 much of it; with --error, also the nadir error to be expected there. The horizon is exact (sphere or
 ellipsoid), the frame is that of the real camera, distortion included. Attitudes are
-Rz(yaw) Ry(pitch) Rx(roll) from the zero attitude of the file. Source: papers A and B (see doc)."""
+Rz(yaw) Ry(pitch) Rx(roll) from the zero attitude of the file. After Lomaka & Ustyugov, and the
+vertical builder of Izv. vuzov. Priborostroenie 59(6), 2016."""
 
 EPILOG = """\
 examples:
@@ -252,7 +253,7 @@ def _draw_field(args: argparse.Namespace) -> str:
         grid,
         panels,
         f"Field of applicability at {altitude_m / 1e3:g} km: "
-        f"{100 * field.mean():.1f} % of these attitudes. Grey: nothing there",
+        f"{100 * field.mean():.1f} % of these attitudes. Grey: no horizon, or no answer",
     )
     _write_csv(table, columns)
     return f"{answer}; wrote {png} and {table}"

@@ -69,6 +69,8 @@ def draw_panel(axes: Axes, grid: AngleGrid, panel: Panel) -> None:
     elif panel.logarithmic and values.count() and values.min() > 0:
         most = np.percentile(values.compressed(), 99)
         norm = LogNorm(max(values.min(), 1e-4 * most), most)
+    elif not panel.logarithmic:
+        norm = Normalize(0.0, float(values.max()) if values.count() else 1.0)
     axes.set_facecolor(NOT_SEEN)
     image = axes.pcolormesh(
         grid.x_deg,
@@ -83,13 +85,18 @@ def draw_panel(axes: Axes, grid: AngleGrid, panel: Panel) -> None:
         image, ax=axes, shrink=0.85, extend="both" if isinstance(norm, LogNorm) else "neither"
     )
     bar.set_label(panel.unit)
+    # Marks and outlines may lie outside the map; its limits are its own cells'.
+    axes.set(xlim=_limits(grid.x_deg), ylim=_limits(grid.y_deg))
     for x, y in panel.marks_deg:
         for colour, width in (("white", 3.5), (CIRCLE_COLOUR, 1.8)):
             axes.plot(x, y, "+", color=colour, markersize=10, markeredgewidth=width)
     line = Line2D([], [], color=CIRCLE_COLOUR, marker="+", linestyle="", markeredgewidth=1.8)
     if panel.outline is not None:
         region = panel.outline.reshape(grid.shape).astype(float)
-        axes.contour(grid.x_deg, grid.y_deg, region, [0.5], colors=CIRCLE_COLOUR, linewidths=1.3)
+        if np.ptp(region) > 0:
+            axes.contour(
+                grid.x_deg, grid.y_deg, region, [0.5], colors=CIRCLE_COLOUR, linewidths=1.3
+            )
         line = Line2D([], [], color=CIRCLE_COLOUR, linewidth=1.3)
     if panel.label:
         axes.legend([line], [panel.label], loc="lower left", fontsize=8, framealpha=0.95)
@@ -102,6 +109,11 @@ def draw_panel(axes: Axes, grid: AngleGrid, panel: Panel) -> None:
         aspect="auto",
     )
     axes.title.set_fontsize(10)
+
+
+def _limits(angles_deg: np.ndarray) -> tuple[float, float]:
+    half = 0.5 * (angles_deg[1] - angles_deg[0]) if angles_deg.size > 1 else 0.5
+    return float(angles_deg[0] - half), float(angles_deg[-1] + half)
 
 
 def draw_maps(path: Path, grid: AngleGrid, panels: Sequence[Panel], title: str) -> None:

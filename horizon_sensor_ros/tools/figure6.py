@@ -81,11 +81,20 @@ class Figure6:
 
 
 def figure6(yaw_deg: np.ndarray, pitch_deg: np.ndarray, altitude_m: float) -> Figure6:
-    """Compute figure 6 over attitudes yaw_deg, pitch_deg (M,), with a progress bar."""
+    """Compute figure 6 over attitudes yaw_deg, pitch_deg (M,), with a progress bar.
+
+    Raises ValueError for an altitude so high that the planet's disc is smaller than the frame.
+    """
     rig = paper_rig()
     view, second_view = rig.views
     rays = horizon_rays(rig.planet, altitude_m)
     rho = rig.planet.rho_from_altitude(altitude_m)
+    best = diagonal_maximum_deg(view.camera, rho)
+    if np.isnan(best[0]):
+        raise ValueError(
+            f"figure 6 needs a horizon wider than the frame: at {altitude_m / 1e3:g} km the planet "
+            f"is a disc of {2 * np.degrees(rho):.0f} deg; take a lower altitude"
+        )
 
     def attitudes(yaw: np.ndarray | float, pitch: np.ndarray | float) -> np.ndarray:
         return rot_base_from_down(0.0, np.radians(pitch), np.radians(yaw), rig.nadir_at_zero)
@@ -108,7 +117,6 @@ def figure6(yaw_deg: np.ndarray, pitch_deg: np.ndarray, altitude_m: float) -> Fi
             samples=_CIRCLE_SAMPLES,
         )
         bar.update()
-    best = diagonal_maximum_deg(view.camera, rho)
     at_best = attitudes(*best)
     exact_px = limb_in_view(view, horizon_rays(rig.planet, altitude_m, 7200), at_best[0]).px
     return Figure6(

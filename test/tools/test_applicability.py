@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from matplotlib.figure import Figure
 
 from horizon_sensor_ros.tools.applicability import main
+from horizon_sensor_ros.tools.applicability_figures import AngleGrid, Panel, draw_panel
 from horizon_sensor_ros.tools.camera_file import CameraFileError, read_camera_file
 from horizon_sensor_ros.tools.figure6 import diagonal_maximum_deg, paper_rig
 
@@ -129,9 +131,33 @@ def test_figure_6(tmp_path, capsys):
     assert prefix.with_suffix(".png").stat().st_size > 50_000
 
 
-def test_there_may_be_no_diagonal():
-    camera = paper_rig().views[0].camera
-    assert np.isnan(diagonal_maximum_deg(camera, np.radians(20.0))[0])
+def test_figure_6_needs_a_wide_horizon(tmp_path, capsys):
+    assert np.isnan(diagonal_maximum_deg(paper_rig().views[0].camera, np.radians(20.0))[0])
+    arguments = ["--figure6", "--altitude", "20000", "-o", str(tmp_path / "figure6")]
+    assert main(arguments) == 2
+    assert "take a lower altitude" in capsys.readouterr().err
+
+
+def test_a_map_spans_its_cells_whatever_is_marked_on_it():
+    grid = AngleGrid("yaw", "pitch", np.arange(0.0, 11.0, 2.0), np.arange(-4.0, 5.0, 4.0))
+    values = np.arange(18.0)
+    panel = Panel("", values, "px", marks_deg=[(50.0, 50.0)], outline=values > 5, label="far")
+    axes = Figure().add_subplot()
+    draw_panel(axes, grid, panel)
+    assert axes.get_xlim() == (-1.0, 11.0)
+    assert axes.get_ylim() == (-6.0, 6.0)
+    drawn = axes.collections[0].get_array()
+    np.testing.assert_array_equal(np.ravel(drawn), values)
+    assert axes.collections[0].get_clim() == (0.0, 17.0)
+
+
+def test_maps_with_nothing_in_them(tmp_path, capsys, recwarn):
+    here = ["--range", "-90", "-80", "--y-range", "70", "80", "--step", "5"]
+    assert main([str(EXAMPLE), *here, "--error", "arc", "-o", str(tmp_path / "map")]) == 0
+    assert "at 0.0 % of 9 attitudes; no answer by arc anywhere" in capsys.readouterr().out
+    assert main(["--figure6", *here, "-o", str(tmp_path / "figure6")]) == 0
+    assert "no horizon in the frame" in capsys.readouterr().out
+    assert not recwarn.list
 
 
 @pytest.mark.parametrize(
