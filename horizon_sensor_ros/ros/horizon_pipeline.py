@@ -1,0 +1,210 @@
+"""From image and camera_info messages to horizon fixes: what the live nodes and the replay share.
+
+No node, no clock and no topic in here, so that the same messages in the same order give the same
+results, live or offline.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from horizon_sensor_ros.core.attitude import rotation_from_quaternion
+from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix, HorizonSensor
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.ros.messages import (
+    Refusal,
+    camera_from_info,
+    camera_info_key,
+    gray_from_image,
+    stamp_ns,
+)
+from horizon_sensor_ros.ros.pairing import Pairing
+from horizon_sensor_ros.ros.parameters import PipelineSettings
+
+# Rotation (3, 3), optical to base frame, of a camera: its name and its images' frame_id.
+Extrinsics = Callable[[str, str], "np.ndarray | Refusal"]
+
+
+@dataclass(frozen=True)
+class HorizonResult:
+    """A set of frames and what came of it.
+
+    stamp : nanoseconds, that of the first listed camera used in the fix; without a fix that of the
+    first camera. frames : as processed, in the cameras' order.
+    """
+
+    stamp: int
+    fix: HorizonFix
+    frames: tuple[Frame, ...]
+
+
+@dataclass(frozen=True)
+class Step:
+    """What became of one image: the results it completed, or why it was not used."""
+
+    camera: str
+    results: tuple[HorizonResult, ...] = ()
+    refusal: Refusal | None = None
+
+
+@dataclass
+class _CameraState:
+    """Latest calibration of a camera, and the view made from it."""
+
+    info_key: tuple[Any, ...] | None = None
+    camera: Camera | Refusal | None = None
+    view: CameraView | None = None
+
+
+class HorizonPipeline:
+    """Decodes, pairs and processes the frames of the cameras of `settings`.
+
+    counts : sets, fixes, time jumps. rejected : frames that gave no estimate, and sets without a
+    fix, by cause.
+    """
+
+    def __init__(self, settings: PipelineSettings, extrinsics: Extrinsics | None = None) -> None:
+        self.settings = settings
+        self.counts: Counter[str] = Counter()
+        self.rejected: Counter[str] = Counter()
+        self._extrinsics = extrinsics or _fixed_extrinsics(settings)
+        self._sensor = HorizonSensor(settings.sensor)
+        self._pairing: Pairing[Frame] = self._new_pairing()
+        self._cameras = {name: _CameraState() for name in settings.cameras}
+
+    def with_settings(self, settings: PipelineSettings) -> HorizonPipeline:
+        """Return a pipeline of the same cameras with other settings; calibrations and counts go
+        along.
+        """
+        other = HorizonPipeline(settings, self._extrinsics)
+        other._cameras = self._cameras
+        other.counts, other.rejected = self.counts.copy(), self.rejected.copy()
+        return other
+
+    def reset(self) -> None:
+        """Forget all frames and any track; calibrations and counts stay."""
+        self._sensor.reset()
+        self._pairing = self._new_pairing()
+
+    def on_camera_info(self, camera: str, msg: Any) -> None:
+        """Take a camera's calibration; it counts from the next image on."""
+        state = self._cameras[camera]
+        try:
+            key = camera_info_key(msg)
+        except (TypeError, ValueError) as error:
+            state.info_key = None
+            state.camera = Refusal("bad_camera_info", f"camera_info cannot be read: {error}")
+            return
+        if key != state.info_key:
+            state.info_key = key
+            state.camera = camera_from_info(msg)
+
+    def on_image(self, camera: str, msg: Any) -> Step:
+        """Take an image; say what came of it. Never raises for what is in a message."""
+        self.counts["frames"] += 1
+        try:
+            return self._take_image(camera, msg)
+        except Exception as error:
+            # The last defence of a flight process: a defect of ours costs a frame, not the node.
+            reason = f"internal error: {type(error).__name__}: {error}"
+            return self._refuse(camera, Refusal("internal_error", reason))
+
+    def _take_image(self, camera: str, msg: Any) -> Step:
+        stamp = stamp_ns(msg)
+        if isinstance(stamp, Refusal):
+            return self._refuse(camera, stamp)
+        frame = self._frame(camera, msg)
+        if isinstance(frame, Refusal):
+            return self._refuse(camera, frame)
+        paired = self._pairing.push(camera, stamp, frame)
+        if paired.unpaired:
+            self.rejected["unpaired"] += paired.unpaired
+        if paired.repeated:
+            return self._refuse(camera, Refusal("repeated_stamp", "stamp repeats the last one's"))
+        if paired.jumped:
+            self.counts["time_jumps"] += 1
+            self._sensor.reset()
+        return Step(camera, tuple(self._process(members) for members in paired.sets))
+
+    def warm_up(self) -> None:
+        """Run the whole way once on a drawn disc, so that the first real frame is not slow."""
+        sensor = HorizonSensor(self.settings.sensor)
+        for dtype in (np.uint8, np.uint16):
+            disc = np.zeros((240, 320), dtype)
+            cv2.circle(disc, (160, 330), 220, 200, -1, cv2.LINE_AA)
+            camera = Camera(320, 240, 250.0, 250.0, 159.5, 119.5)
+            sensor.process([Frame(CameraView("warm_up", camera, np.eye(3)), disc)])
+
+    def _new_pairing(self) -> Pairing[Frame]:
+        s = self.settings
+        return Pairing(s.cameras, s.slop_ns, s.queue_size)
+
+    def _refuse(self, camera: str, refusal: Refusal) -> Step:
+        self.rejected[refusal.cause] += 1
+        return Step(camera, refusal=refusal)
+
+    def _frame(self, name: str, msg: Any) -> Frame | Refusal:
+        gray = gray_from_image(msg)
+        if isinstance(gray, Refusal):
+            return gray
+        state = self._cameras[name]
+        camera = state.camera
+        if camera is None:
+            return Refusal("no_camera_info", f"no camera_info yet for {name}")
+        if isinstance(camera, Refusal):
+            return camera
+        height, width = gray.shape
+        if (camera.width, camera.height) != (width, height):
+            return Refusal(
+                "size_mismatch",
+                f"image is {width} x {height}, camera_info says {camera.width} x {camera.height}",
+            )
+        rot_base_from_cam = self._extrinsics(name, str(msg.header.frame_id))
+        if isinstance(rot_base_from_cam, Refusal):
+            return rot_base_from_cam
+        view = state.view
+        if (
+            view is None
+            or view.camera is not camera
+            or not np.array_equal(view.rot_base_from_cam, rot_base_from_cam)
+        ):
+            view = state.view = CameraView(name, camera, rot_base_from_cam)
+        return Frame(view, gray)
+
+    def _process(self, members: tuple[tuple[int, Frame], ...]) -> HorizonResult:
+        self.counts["sets"] += 1
+        frames = tuple(frame for _, frame in members)
+        fix = self._sensor.process(frames)
+        if fix.status is Status.OK and not _finite(fix.fit):
+            fix = HorizonFix(Status.UNCERTAIN, "the estimate is not finite", fix.fit, fix.limbs, ())
+        if fix.status is Status.OK:
+            self.counts["fixes"] += 1
+        else:
+            self.rejected[str(fix.status)] += 1
+        stamps = [stamp for stamp, frame in members if frame.view.name in fix.cameras_used]
+        return HorizonResult(stamps[0] if stamps else members[0][0], fix, frames)
+
+
+def _finite(fit: HorizonFit) -> bool:
+    parts = (fit.nadir_base, fit.altitude_m, fit.cov_nadir_altitude)
+    return all(np.all(np.isfinite(part)) for part in parts)
+
+
+def _fixed_extrinsics(settings: PipelineSettings) -> Extrinsics:
+    rotations = {
+        name: rotation_from_quaternion(np.array(quaternion))
+        for name, quaternion in zip(settings.cameras, settings.rotations, strict=True)
+        if quaternion is not None
+    }
+    missing = [name for name in settings.cameras if name not in rotations]
+    if missing:
+        raise ValueError(f"no rotation for {', '.join(missing)}")
+    return lambda name, _frame_id: rotations[name]

@@ -1,0 +1,14 @@
+"""Executable `local_vertical_node`: publishes nadir; see `horizon_node`."""
+
+import sys
+
+from horizon_sensor_ros.ros.executable import run
+
+
+def main() -> int:
+    """Run the node until a signal; return the exit code."""
+    return run(["local_vertical_node"])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,204 @@
+"""A lifecycle node that takes its parameters from the table and can bring itself up."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import ParameterException
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos_overriding_options import InvalidQosOverridesError
+
+from horizon_sensor_ros.ros.parameters import (
+    HorizonSettings,
+    Parameter,
+    ParameterError,
+    horizon_settings,
+    parameters_of,
+    unknown_parameters,
+)
+
+_KINDS = {
+    "string": RosParameter.Type.STRING,
+    "double": RosParameter.Type.DOUBLE,
+    "integer": RosParameter.Type.INTEGER,
+    "bool": RosParameter.Type.BOOL,
+    "string_array": RosParameter.Type.STRING_ARRAY,
+    "double_array": RosParameter.Type.DOUBLE_ARRAY,
+}
+
+
+class ManagedNode(LifecycleNode):
+    """Base of the nodes: parameters, lifecycle with clear failures, autostart.
+
+    A subclass makes its resources in `open`, uses them between `start` and `stop`, and gives them
+    back in `close`. Raises ParameterError when the node cannot run with its parameters.
+    """
+
+    def __init__(self, name: str, **node_arguments: Any) -> None:
+        super().__init__(
+            name, automatically_declare_parameters_from_overrides=True, **node_arguments
+        )
+        self._failure = ""
+        try:
+            self.settings = self._declare_parameters()
+        except BaseException:
+            self.destroy_node()
+            raise
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._take_parameters)
+
+    # What a subclass does.
+
+    def open(self) -> None:
+        """Make publishers and whatever takes time."""
+        raise NotImplementedError
+
+    def start(self) -> None:
+        """Begin to work."""
+        raise NotImplementedError
+
+    def stop(self) -> None:
+        """Cease to work; also called when not working."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Give back what `open` made; also called when there is nothing."""
+        raise NotImplementedError
+
+    def apply(self, settings: HorizonSettings) -> None:
+        """Take settings that changed while the node runs."""
+        raise NotImplementedError
+
+    # Lifecycle.
+
+    def bring_up(self) -> None:
+        """Configure and activate, if `autostart` says so; ParameterError says why it cannot."""
+        if not self.get_parameter("autostart").value:
+            return
+        for transition in (self.trigger_configure, self.trigger_activate):
+            if transition() != TransitionCallbackReturn.SUCCESS:
+                raise ParameterError(self._failure or "the node could not be activated")
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Make the node's resources."""
+        try:
+            self.open()
+        except (ParameterError, ParameterException, InvalidQosOverridesError) as error:
+            return self._failed(error)
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to work."""
+        activated = super().on_activate(state)
+        try:
+            self.start()
+        except (ParameterError, ParameterException, InvalidQosOverridesError) as error:
+            super().on_deactivate(state)
+            return self._failed(error)
+        return activated
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Cease to work."""
+        self.stop()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Give back the node's resources."""
+        self.close()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Cease to work and give back the node's resources."""
+        self.stop()
+        self.close()
+        return super().on_shutdown(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Start over, unconfigured, after a transition that broke."""
+        self.stop()
+        self.close()
+        return super().on_error(state)
+
+    def _failed(self, error: Exception) -> TransitionCallbackReturn:
+        self._failure = str(error)
+        if not self.get_parameter("autostart").value:
+            self.get_logger().error(self._failure)
+        self.stop()
+        self.close()
+        return TransitionCallbackReturn.FAILURE
+
+    # Parameters.
+
+    def _declare_parameters(self) -> HorizonSettings:
+        # What was given was declared just as it was given; now it is declared as the table has it.
+        declared: dict[str, Any] = self.get_parameters_by_prefix("")
+        given = {
+            name: parameter.value
+            for name, parameter in declared.items()
+            if name not in ("use_sim_time", "start_type_description_service")
+        }
+        for name in given:
+            self.undeclare_parameter(name)
+        for name in unknown_parameters(given):
+            self.get_logger().warning(f"unknown parameter {name} is ignored")
+        settings = horizon_settings(given)
+        for parameter in parameters_of(given):
+            value = given.get(parameter.name, parameter.default)
+            descriptor = _descriptor(parameter)
+            if value is None:
+                self.declare_parameter(parameter.name, _KINDS[parameter.kind], descriptor)
+            else:
+                accepted = parameter.accept(value)
+                self.declare_parameter(parameter.name, accepted, descriptor, ignore_override=True)
+        return settings
+
+    def _values(self, changes: list[RosParameter]) -> dict[str, Any]:
+        names = [parameter.name for parameter in parameters_of(self._cameras_only())]
+        values = {p.name: p.value for p in self.get_parameters(names)}
+        values.update({p.name: p.value for p in changes if p.name in values})
+        return values
+
+    def _cameras_only(self) -> dict[str, Any]:
+        return {"cameras": self.get_parameter("cameras").value}
+
+    def _check_parameters(self, changes: list[RosParameter]) -> SetParametersResult:
+        try:
+            horizon_settings(self._values(changes))
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _take_parameters(self, _changes: list[RosParameter]) -> None:
+        settings = horizon_settings(self._values([]))
+        if settings != self.settings:
+            self.settings = settings
+            self.apply(settings)
+
+
+def _descriptor(parameter: Parameter) -> ParameterDescriptor:
+    unit = f" [{parameter.unit}]" if parameter.unit else ""
+    descriptor = ParameterDescriptor(
+        description=parameter.description + unit,
+        additional_constraints=" | ".join(parameter.choices),
+        read_only=not parameter.live,
+        type=_KINDS[parameter.kind].value,
+    )
+    if parameter.minimum is not None and parameter.maximum is not None:
+        if parameter.kind == "integer":
+            limits = IntegerRange(
+                from_value=int(parameter.minimum), to_value=int(parameter.maximum)
+            )
+            descriptor.integer_range = [limits]
+        else:
+            floats = FloatingPointRange(
+                from_value=float(parameter.minimum), to_value=float(parameter.maximum)
+            )
+            descriptor.floating_point_range = [floats]
+    return descriptor

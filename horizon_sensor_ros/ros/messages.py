@@ -1,0 +1,196 @@
+"""The one translator between ROS messages and numpy.
+
+Decoding is duck-typed: it takes rclpy's messages and those that `rosbags` reads alike. What cannot
+be used comes back as a `Refusal`, never as an exception: a message is data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from sensor_msgs.msg import Image
+
+from horizon_sensor_ros.core.attitude import (
+    level_from_base,
+    nadir_sign,
+    pose_covariance,
+    quaternion_from_rotation,
+)
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.fits.result import HorizonFit
+
+LEVEL_FRAME = "local_level"
+NANOSECONDS = 1_000_000_000
+
+# Encoding: bytes a channel, channels, OpenCV's conversion to gray. OpenCV names a Bayer pattern by
+# its second row's second and third pixel, ROS by the first two of the first row.
+_ENCODINGS: dict[str, tuple[int, int, int | None]] = {
+    "mono8": (1, 1, None),
+    "mono16": (2, 1, None),
+    "rgb8": (1, 3, cv2.COLOR_RGB2GRAY),
+    "bgr8": (1, 3, cv2.COLOR_BGR2GRAY),
+    "rgba8": (1, 4, cv2.COLOR_RGBA2GRAY),
+    "bgra8": (1, 4, cv2.COLOR_BGRA2GRAY),
+    "bayer_rggb8": (1, 1, cv2.COLOR_BayerBG2GRAY),
+    "bayer_bggr8": (1, 1, cv2.COLOR_BayerRG2GRAY),
+    "bayer_gbrg8": (1, 1, cv2.COLOR_BayerGR2GRAY),
+    "bayer_grbg8": (1, 1, cv2.COLOR_BayerGB2GRAY),
+    "bayer_rggb16": (2, 1, cv2.COLOR_BayerBG2GRAY),
+    "bayer_bggr16": (2, 1, cv2.COLOR_BayerRG2GRAY),
+    "bayer_gbrg16": (2, 1, cv2.COLOR_BayerGR2GRAY),
+    "bayer_grbg16": (2, 1, cv2.COLOR_BayerGB2GRAY),
+}
+ENCODINGS = tuple(_ENCODINGS)
+
+# OpenCV's demosaicing needs a neighbour on each side; a smaller frame shows no limb anyway.
+_MIN_BAYER_SIZE = 4
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why a message is not used: `cause`, a word to count by, and `reason`, for a person."""
+
+    cause: str
+    reason: str
+
+
+# ---------------------------------------------------------------------------- messages to numpy
+
+
+def stamp_ns(msg: Any) -> int | Refusal:
+    """Nanoseconds of a message's header stamp."""
+    sec, nanosec = int(msg.header.stamp.sec), int(msg.header.stamp.nanosec)
+    if not 0 <= nanosec < NANOSECONDS:
+        return Refusal("bad_stamp", f"stamp has {nanosec} nanoseconds")
+    return sec * NANOSECONDS + nanosec
+
+
+def gray_from_image(msg: Any) -> np.ndarray | Refusal:
+    """Gray levels (height, width), uint8 or uint16, C-contiguous, of a `sensor_msgs/Image`.
+
+    Without row padding mono8 and native mono16 are views of the message's data, not copies.
+    Colour and Bayer patterns are converted to gray.
+    """
+    encoding = str(msg.encoding)
+    if encoding not in _ENCODINGS:
+        return Refusal("unknown_encoding", f"unknown encoding {_shown(encoding)}")
+    item_size, channels, to_gray = _ENCODINGS[encoding]
+    width, height, step = int(msg.width), int(msg.height), int(msg.step)
+    if width <= 0 or height <= 0:
+        return Refusal("zero_size", f"image of {width} x {height} pixels")
+    row_size = width * channels * item_size
+    if step < row_size:
+        return Refusal(
+            "wrong_step", f"step is {step} bytes, a row of {width} {encoding} pixels has {row_size}"
+        )
+    try:
+        data = np.frombuffer(msg.data, dtype=np.uint8)
+    except (TypeError, ValueError, BufferError) as error:
+        return Refusal("bad_data", f"image data is not bytes: {error}")
+    if data.size < step * height:
+        return Refusal(
+            "truncated_data",
+            f"image data has {data.size} bytes, step x height is {step * height}",
+        )
+    if data.size > step * height:
+        return Refusal(
+            "wrong_step", f"image data has {data.size} bytes, step x height is {step * height}"
+        )
+    rows = data.reshape(height, step)[:, :row_size]
+    if item_size == 2:
+        rows = np.ascontiguousarray(rows).view(">u2" if msg.is_bigendian else "<u2")
+        rows = np.require(rows, dtype=np.uint16, requirements="A")
+    if to_gray is None:
+        return np.ascontiguousarray(rows)
+    if channels == 1 and min(width, height) < _MIN_BAYER_SIZE:
+        return Refusal("too_small", f"Bayer image of {width} x {height} pixels")
+    shape = (height, width, channels) if channels > 1 else (height, width)
+    return cv2.cvtColor(np.ascontiguousarray(rows).reshape(shape), to_gray)
+
+
+def camera_info_key(msg: Any) -> tuple[Any, ...]:
+    """Return everything in a `sensor_msgs/CameraInfo` that the camera depends on, to compare by."""
+    roi = msg.roi
+    return (
+        *(msg.width, msg.height, str(msg.distortion_model), msg.binning_x, msg.binning_y),
+        *(roi.x_offset, roi.y_offset, roi.width, roi.height),
+        np.asarray(msg.k, dtype=float).tobytes(),
+        np.asarray(msg.d, dtype=float).tobytes(),
+    )
+
+
+def camera_from_info(msg: Any) -> Camera | Refusal:
+    """Camera of the delivered image (region of interest and binning applied) of a `CameraInfo`."""
+    k = np.asarray(msg.k, dtype=float).ravel()
+    d = np.asarray(msg.d, dtype=float).ravel()
+    if not (np.all(np.isfinite(k)) and np.all(np.isfinite(d))):
+        return Refusal("bad_camera_info", "camera_info is not finite")
+    if k.size and k[0] == 0:
+        return Refusal("uncalibrated", "camera_info is uncalibrated (K[0] == 0)")
+    roi = (msg.roi.x_offset, msg.roi.y_offset, msg.roi.width, msg.roi.height)
+    model = str(msg.distortion_model)
+    try:
+        return Camera.from_calibration(
+            msg.width, msg.height, k, model, d, msg.binning_x, msg.binning_y, roi
+        )
+    except ValueError as error:
+        return Refusal("bad_camera_info", f"camera_info: {error}")
+
+
+def _shown(text: str) -> str:
+    """Foreign text, short and printable."""
+    return repr(text if len(text) <= 40 else text[:40] + "...")
+
+
+# ---------------------------------------------------------------------------- numpy to messages
+
+
+def time_from_ns(stamp: int) -> Time:
+    """Message of nanoseconds."""
+    return Time(sec=stamp // NANOSECONDS, nanosec=stamp % NANOSECONDS)
+
+
+def local_vertical_message(fit: HorizonFit, stamp: int, base_frame: str) -> Vector3Stamped:
+    """Nadir: unit vector towards the planet in the base frame. `fit` has to be OK."""
+    msg = Vector3Stamped()
+    msg.header.stamp = time_from_ns(stamp)
+    msg.header.frame_id = base_frame
+    msg.vector.x, msg.vector.y, msg.vector.z = (float(v) for v in fit.nadir_base)
+    return msg
+
+
+def attitude_message(fit: HorizonFit, stamp: int, level_z: str) -> PoseWithCovarianceStamped:
+    """Return the base frame's pose in the level frame: orientation (yaw 0), altitude in position.z.
+
+    `fit` has to be OK. Covariance as in `core.attitude.pose_covariance`.
+    """
+    rot_level_from_base = level_from_base(fit.nadir_base, level_z)
+    msg = PoseWithCovarianceStamped()
+    msg.header.stamp = time_from_ns(stamp)
+    msg.header.frame_id = LEVEL_FRAME
+    pose = msg.pose.pose
+    pose.position.z = float(-nadir_sign(level_z) * fit.altitude_m)
+    q = quaternion_from_rotation(rot_level_from_base)
+    pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w = map(float, q)
+    msg.pose.covariance = pose_covariance(
+        fit.cov_nadir_altitude, rot_level_from_base, level_z
+    ).ravel()
+    return msg
+
+
+def image_message(bgr: np.ndarray, stamp: int, frame_id: str) -> Image:
+    """Image message, bgr8, of (height, width, 3) uint8."""
+    msg = Image()
+    msg.header.stamp = time_from_ns(stamp)
+    msg.header.frame_id = frame_id
+    msg.height, msg.width = bgr.shape[:2]
+    msg.encoding = "bgr8"
+    msg.step = 3 * bgr.shape[1]
+    # Bytes go into the message in one piece; anything else element by element.
+    msg.data.frombytes(np.ascontiguousarray(bgr).tobytes())
+    return msg

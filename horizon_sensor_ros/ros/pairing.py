@@ -1,0 +1,143 @@
+"""Frames of several cameras, put together by their stamps."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+Item = TypeVar("Item")
+
+# Of a camera's last intervals the shortest counts as its frame period.
+_INTERVALS = 8
+
+
+@dataclass(frozen=True)
+class Paired(Generic[Item]):
+    """What became of a pushed frame.
+
+    sets : complete sets, oldest first, each one item a camera in the cameras' order.
+    repeated : the frame had its predecessor's stamp and was dropped. jumped : its stamp lies before
+    its predecessor's; the camera has been reset, the frame is the first of the new timeline.
+    unpaired : how many frames left the buffers without a partner.
+    """
+
+    sets: tuple[tuple[tuple[int, Item], ...], ...] = ()
+    repeated: bool = False
+    jumped: bool = False
+    unpaired: int = 0
+
+
+@dataclass(frozen=True)
+class _Entry(Generic[Item]):
+    stamp: int
+    item: Item
+    # The camera's frame period as far as known at this frame, ns.
+    period: int | None
+
+
+@dataclass
+class _Stream(Generic[Item]):
+    entries: deque[_Entry[Item]] = field(default_factory=deque)
+    intervals: deque[int] = field(default_factory=lambda: deque(maxlen=_INTERVALS))
+    last: int | None = None
+    timeline: int = 0
+
+
+class Pairing(Generic[Item]):
+    """Pairs frames of N cameras whose stamps lie within `slop_ns` of each other.
+
+    Which frames make a set depends on the stamps within each stream alone, not on how the streams
+    interleave, as long as none runs ahead of another by more than `depth` frames. From the oldest
+    frames on, a set is taken as soon as no closer one can follow: at once when the stamps are equal
+    or less than half a frame period apart, else after the next frame of the camera that lags.
+    """
+
+    def __init__(self, cameras: Sequence[str], slop_ns: int, depth: int = 10) -> None:
+        if not cameras or len(set(cameras)) != len(cameras):
+            raise ValueError(f"cameras must be different names, got {list(cameras)}")
+        if slop_ns < 0 or depth < 2:
+            raise ValueError(f"need slop_ns >= 0 and depth >= 2, got {slop_ns} and {depth}")
+        self.slop_ns = slop_ns
+        self._depth = depth
+        self._streams: dict[str, _Stream[Item]] = {name: _Stream() for name in cameras}
+
+    def push(self, camera: str, stamp: int, item: Item) -> Paired[Item]:
+        """Add a frame; stamp in nanoseconds."""
+        stream = self._streams[camera]
+        if stamp == stream.last:
+            return Paired(repeated=True)
+        unpaired = 0
+        jumped = stream.last is not None and stamp < stream.last
+        if jumped:
+            unpaired += self._start_new_timeline(stream)
+        elif stream.last is not None:
+            stream.intervals.append(stamp - stream.last)
+        stream.last = stamp
+        period = min(stream.intervals) if stream.intervals else None
+        stream.entries.append(_Entry(stamp, item, period))
+        sets = []
+        while (indices := self._complete_set()) is not None:
+            picked = []
+            for other, index in zip(self._streams.values(), indices, strict=True):
+                unpaired += index
+                for _ in range(index):
+                    other.entries.popleft()
+                entry = other.entries.popleft()
+                picked.append((entry.stamp, entry.item))
+            sets.append(tuple(picked))
+            self._agree_on_timeline()
+        if len(stream.entries) > self._depth:
+            stream.entries.popleft()
+            unpaired += 1
+        return Paired(tuple(sets), jumped=jumped, unpaired=unpaired)
+
+    def buffered(self) -> int:
+        """Return how many frames wait for a partner."""
+        return sum(len(stream.entries) for stream in self._streams.values())
+
+    def _start_new_timeline(self, stream: _Stream[Item]) -> int:
+        """Forget the camera's past, and what cameras that have not jumped yet had buffered."""
+        dropped = len(stream.entries)
+        stream.entries.clear()
+        stream.intervals.clear()
+        stream.timeline += 1
+        for other in self._streams.values():
+            if other.timeline < stream.timeline:
+                dropped += len(other.entries)
+                other.entries.clear()
+        return dropped
+
+    def _agree_on_timeline(self) -> None:
+        # Frames that pair show that their cameras live in the same time.
+        latest = max(stream.timeline for stream in self._streams.values())
+        for stream in self._streams.values():
+            stream.timeline = latest
+
+    def _complete_set(self) -> list[int] | None:
+        """Index into each camera's buffer of the first set that is sure, or None.
+
+        Frames that are passed over stay in the buffer until a later one is taken: a camera that has
+        jumped back in time waits there for the others to follow.
+        """
+        streams = list(self._streams.values())
+        indices = [0] * len(streams)
+        while all(index < len(s.entries) for index, s in zip(indices, streams, strict=True)):
+            heads = [s.entries[index] for index, s in zip(indices, streams, strict=True)]
+            oldest = min(range(len(heads)), key=lambda i: heads[i].stamp)
+            newest_stamp = max(head.stamp for head in heads)
+            spread = newest_stamp - heads[oldest].stamp
+            if spread <= self.slop_ns:
+                period = heads[oldest].period
+                if spread == 0 or period is None or 2 * spread < period:
+                    return indices
+                following = indices[oldest] + 1
+                if following == len(streams[oldest].entries):
+                    return None
+                stamps = [head.stamp for head in heads]
+                stamps[oldest] = streams[oldest].entries[following].stamp
+                if max(stamps) - min(stamps) >= spread:
+                    return indices
+            indices[oldest] += 1
+        return None

@@ -1,0 +1,523 @@
+"""The one table of parameters, and their way from a node or a file into validated settings.
+
+Nodes declare from it, `horizon_replay` reads the same from a ROS parameter file, and the reference
+(`parameter_reference`) and `config/params.yaml` (`parameter_file`) are written from it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from horizon_sensor_ros.core.attitude import rotation_from_quaternion
+from horizon_sensor_ros.core.fits import METHODS
+from horizon_sensor_ros.core.horizon_sensor import HorizonConfig
+from horizon_sensor_ros.core.planet import Planet
+
+_MAX_FILE_BYTES = 1_000_000
+_CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+# Declared by rclpy itself, and the same in every node.
+_OF_RCLPY = re.compile(r"use_sim_time|start_type_description_service|qos_overrides\..*")
+
+Value = bool | int | float | str | list[float] | list[str]
+
+
+class ParameterError(ValueError):
+    """Parameters that no node can run with; the message says which and why, in one line."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter.
+
+    kind : string, double, integer, bool, double_array or string_array. default : None has none.
+    live : can be set while the node runs; the others are read-only.
+    """
+
+    name: str
+    kind: str
+    default: Value | None
+    description: str
+    unit: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] = ()
+    live: bool = False
+
+    @property
+    def range_text(self) -> str:
+        """Allowed values, for a person; empty when any will do."""
+        if self.choices:
+            return " | ".join(self.choices)
+        if self.minimum is not None:
+            return f"{self.minimum:g} to {self.maximum:g}"
+        return ""
+
+    def accept(self, value: Any) -> Value:
+        """Return value as this parameter's kind; ParameterError when it is another or out of range.
+
+        Whole numbers are taken for doubles: `rotation: [0, 0, 0, 1]` is what a person writes.
+        """
+        accepted = _as_kind(value, self.kind)
+        if accepted is None:
+            wanted = self.kind.replace("_", " of ", 1) if "array" in self.kind else self.kind
+            wanted = {"double_array": "list of numbers", "string_array": "list of strings"}.get(
+                self.kind, wanted
+            )
+            raise ParameterError(f"{self.name} must be a {wanted}, got {_shown(value)}")
+        if self.choices and accepted not in self.choices:
+            raise ParameterError(
+                f"{self.name} must be one of {', '.join(self.choices)}; got {_shown(accepted)}"
+            )
+        if self.minimum is not None and self.maximum is not None:
+            number = float(accepted)  # type: ignore[arg-type]
+            # Written so that NaN fails.
+            if not self.minimum <= number <= self.maximum:
+                unit = f" {self.unit}" if self.unit else ""
+                raise ParameterError(
+                    f"{self.name} must be {self.minimum:g} to {self.maximum:g}{unit}, "
+                    f"got {_shown(accepted)}"
+                )
+        return accepted
+
+
+HORIZON_PARAMETERS = (
+    Parameter(
+        "cameras",
+        "string_array",
+        ["camera_1", "camera_2"],
+        "Cameras to use, one or more; each has the topics <camera>/image_raw and "
+        "<camera>/camera_info.",
+    ),
+    Parameter(
+        "extrinsics_source",
+        "string",
+        "parameters",
+        "Where the cameras' rotations come from: the parameters <camera>.rotation, or TF.",
+        choices=("parameters", "tf"),
+    ),
+    Parameter("base_frame", "string", "base_link", "Frame of the craft's body."),
+    Parameter(
+        "level_z",
+        "string",
+        "up",
+        "Direction of the z axis of the frame local_level: up (away from the planet, REP 103) or "
+        "down.",
+        choices=("up", "down"),
+    ),
+    Parameter(
+        "planet",
+        "string",
+        "sphere",
+        "Figure of the planet. wgs84 needs a coarse pose; without one a sphere of the ellipsoid's "
+        "mean radius is used.",
+        choices=("sphere", "wgs84"),
+    ),
+    Parameter(
+        "planet_radius",
+        "double",
+        6371000.0,
+        "Radius of the planet where it is a sphere.",
+        unit="m",
+        minimum=1.0,
+        maximum=1e9,
+    ),
+    Parameter(
+        "limb_height",
+        "double",
+        0.0,
+        "Height of the visible limb (air, cloud) above the surface.",
+        unit="m",
+        minimum=-1e5,
+        maximum=1e6,
+    ),
+    Parameter(
+        "vertical",
+        "string",
+        "geocentric",
+        "Which vertical is published: towards the planet's centre, or normal to the ellipsoid "
+        "(needs a coarse pose; on a sphere the two are one).",
+        choices=("geocentric", "geodetic"),
+    ),
+    Parameter(
+        "coarse_pose_max_age",
+        "double",
+        60.0,
+        "A coarse pose older than this is not used.",
+        unit="s",
+        minimum=0.0,
+        maximum=1e6,
+    ),
+    Parameter(
+        "method",
+        "string",
+        HorizonConfig.method,
+        "How the horizon is fitted.",
+        choices=tuple(METHODS),
+    ),
+    Parameter(
+        "altitude_min",
+        "double",
+        HorizonConfig.altitude_min_m,
+        "A fit with a lower altitude is refused.",
+        unit="m",
+        minimum=0.0,
+        maximum=1e12,
+        live=True,
+    ),
+    Parameter(
+        "altitude_max",
+        "double",
+        HorizonConfig.altitude_max_m,
+        "A fit with a higher altitude is refused.",
+        unit="m",
+        minimum=0.0,
+        maximum=1e12,
+        live=True,
+    ),
+    Parameter(
+        "slop",
+        "double",
+        0.02,
+        "Frames whose stamps differ by at most this make a set.",
+        unit="s",
+        minimum=0.0,
+        maximum=10.0,
+        live=True,
+    ),
+    Parameter(
+        "queue_size",
+        "integer",
+        10,
+        "How many frames of a camera wait for the other cameras'.",
+        minimum=2,
+        maximum=100,
+    ),
+    Parameter(
+        "stale_after",
+        "double",
+        2.0,
+        "A camera silent for longer is reported on /diagnostics.",
+        unit="s",
+        minimum=0.1,
+        maximum=3600.0,
+        live=True,
+    ),
+    Parameter(
+        "diagnostics_period",
+        "double",
+        1.0,
+        "Time between two messages on /diagnostics; a change of state is sent at once.",
+        unit="s",
+        minimum=0.05,
+        maximum=3600.0,
+    ),
+)
+
+NODE_PARAMETERS = (
+    Parameter(
+        "autostart",
+        "bool",
+        True,
+        "The node configures and activates itself; false: a lifecycle manager does.",
+    ),
+)
+
+
+def rotation_parameter(camera: str) -> Parameter:
+    """Return the parameter that says how a camera sits in the base frame."""
+    return Parameter(
+        f"{camera}.rotation",
+        "double_array",
+        None,
+        "Quaternion x, y, z, w: takes a vector from the camera's optical frame (x right, y down, "
+        "z forward) to the base frame.",
+    )
+
+
+@dataclass(frozen=True)
+class PipelineSettings:
+    """Everything that the estimates depend on.
+
+    rotations : a quaternion (x, y, z, w) a camera, optical to base frame; None: from TF.
+    """
+
+    cameras: tuple[str, ...]
+    rotations: tuple[tuple[float, ...] | None, ...]
+    base_frame: str
+    sensor: HorizonConfig
+    slop_ns: int
+    queue_size: int
+
+
+@dataclass(frozen=True)
+class HorizonSettings:
+    """Settings of a node, or of its part in a replay."""
+
+    pipeline: PipelineSettings
+    level_z: str
+    stale_after_ns: int
+    diagnostics_period_s: float
+
+
+def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
+    """Return validated settings of parameter values; what is not given has its default.
+
+    Raises ParameterError with everything that is wrong, in one line.
+    """
+    problems: list[str] = []
+    accepted: dict[str, Any] = {}
+    for parameter in HORIZON_PARAMETERS:
+        value = values.get(parameter.name, parameter.default)
+        try:
+            accepted[parameter.name] = parameter.accept(value)
+        except ParameterError as error:
+            problems.append(str(error))
+    rotations: list[tuple[float, ...] | None] = []
+    cameras = accepted.get("cameras", [])
+    problems += _camera_name_problems(cameras) if "cameras" in accepted else []
+    for camera in dict.fromkeys(cameras):
+        if accepted.get("extrinsics_source") == "tf":
+            rotations.append(None)
+            continue
+        try:
+            rotations.append(_rotation(camera, values))
+        except ParameterError as error:
+            problems.append(str(error))
+    if problems:
+        raise ParameterError("; ".join(problems))
+    sensor = _sensor_config(accepted)
+    return HorizonSettings(
+        pipeline=PipelineSettings(
+            cameras=tuple(cameras),
+            rotations=tuple(rotations),
+            base_frame=accepted["base_frame"],
+            sensor=sensor,
+            slop_ns=round(accepted["slop"] * 1e9),
+            queue_size=accepted["queue_size"],
+        ),
+        level_z=accepted["level_z"],
+        stale_after_ns=round(accepted["stale_after"] * 1e9),
+        diagnostics_period_s=accepted["diagnostics_period"],
+    )
+
+
+def _sensor_config(values: Mapping[str, Any]) -> HorizonConfig:
+    limb_height = values["limb_height"]
+    try:
+        if values["planet"] == "wgs84":
+            planet = Planet.wgs84(limb_height)
+        else:
+            planet = Planet(values["planet_radius"], limb_height)
+        return HorizonConfig(
+            method=values["method"],
+            planet=planet,
+            altitude_min_m=values["altitude_min"],
+            altitude_max_m=values["altitude_max"],
+        )
+    except ValueError as error:
+        raise ParameterError(str(error)) from None
+
+
+def _camera_name_problems(cameras: Sequence[str]) -> list[str]:
+    problems = []
+    if not cameras:
+        problems.append("cameras is empty: a horizon sensor needs at least one")
+    if len(set(cameras)) != len(cameras):
+        problems.append(f"cameras names one twice: {', '.join(cameras)}")
+    problems += [
+        f"cameras has {_shown(name)}, which is no name for a topic"
+        for name in cameras
+        if not _CAMERA_NAME.fullmatch(name)
+    ]
+    return problems
+
+
+def _rotation(camera: str, values: Mapping[str, Any]) -> tuple[float, ...]:
+    parameter = rotation_parameter(camera)
+    value = values.get(parameter.name)
+    if value is None:
+        raise ParameterError(
+            f"{parameter.name} is not set: {camera} is used and needs its rotation, a quaternion "
+            "[x, y, z, w] from the optical to the base frame (there is no default)"
+        )
+    quaternion = parameter.accept(value)
+    try:
+        rotation_from_quaternion(np.array(quaternion))
+    except ValueError as error:
+        raise ParameterError(f"{parameter.name}: {error}") from None
+    return tuple(quaternion)  # type: ignore[arg-type]
+
+
+def parameters_of(values: Mapping[str, Any]) -> tuple[Parameter, ...]:
+    """Return all parameters of a node whose values are these: the rotations depend on `cameras`."""
+    cameras = _as_kind(values.get("cameras", HORIZON_PARAMETERS[0].default), "string_array")
+    names = dict.fromkeys(cameras) if isinstance(cameras, list) else ()
+    rotations = tuple(rotation_parameter(str(camera)) for camera in names)
+    return (*HORIZON_PARAMETERS[:1], *rotations, *HORIZON_PARAMETERS[1:], *NODE_PARAMETERS)
+
+
+def unknown_parameters(values: Mapping[str, Any]) -> list[str]:
+    """Names among these values that mean nothing here; a rotation of an unused camera is known."""
+    known = {parameter.name for parameter in parameters_of(values)}
+    return [
+        name
+        for name in values
+        if name not in known and not name.endswith(".rotation") and not _OF_RCLPY.fullmatch(name)
+    ]
+
+
+# ---------------------------------------------------------------------------- parameter files
+
+
+def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str, Any]:
+    """Return the values that a ROS parameter file has for a node: dotted names, as ROS reads it.
+
+    Later entries of the file that match the node override earlier ones. Raises ParameterError,
+    saying what is wrong with the file.
+    """
+    try:
+        with path.open("rb") as file:
+            raw = file.read(_MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise ParameterError(f"cannot read {path}: {error.strerror}") from None
+    if len(raw) > _MAX_FILE_BYTES:
+        raise ParameterError(f"{path} is larger than {_MAX_FILE_BYTES} bytes")
+    try:
+        text = raw.decode()
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
+            raise ParameterError(f"{path} has YAML aliases, which parameter files cannot have")
+        content = yaml.safe_load(text)
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        if isinstance(error, ParameterError):
+            raise
+        raise ParameterError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
+    if content is None:
+        return {}
+    full_name = f"{namespace.rstrip('/')}/{node}"
+    values: dict[str, Any] = {}
+    entries = list(_node_entries(content, ""))
+    if not entries:
+        raise ParameterError(f"{path} is no ROS parameter file: it has no ros__parameters")
+    for pattern, parameters in entries:
+        if _matches(pattern, full_name):
+            values.update(_flat(parameters, ""))
+    return values
+
+
+def _node_entries(content: Any, prefix: str) -> Iterator[tuple[str, Any]]:
+    """Node name patterns and their parameters; namespaces may be nested."""
+    if not isinstance(content, dict):
+        return
+    for key, value in content.items():
+        if key == "ros__parameters":
+            if isinstance(value, dict):
+                yield prefix, value
+        else:
+            yield from _node_entries(value, f"{prefix}/{str(key).strip('/')}")
+
+
+def _matches(pattern: str, full_name: str) -> bool:
+    # As rcl: a name without a slash in front is one in the root namespace.
+    expression = "".join(
+        r"(/\w+)*" if token == "**" else r"/\w+" if token == "*" else "/" + re.escape(token)
+        for token in pattern.strip("/").split("/")
+    )
+    return re.fullmatch(expression, full_name) is not None
+
+
+def _flat(parameters: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    for key, value in parameters.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict):
+            yield from _flat(value, f"{name}.")
+        else:
+            yield name, value
+
+
+def _as_kind(value: Any, kind: str) -> Any:
+    """Return value as a kind; None when it is another kind."""
+    if kind.endswith("_array"):
+        if isinstance(value, str | bytes) or not hasattr(value, "__iter__"):
+            return None
+        items = [_as_kind(item, kind.removesuffix("_array")) for item in value]
+        return None if any(item is None for item in items) else items
+    if kind == "bool":
+        return value if isinstance(value, bool) else None
+    if kind == "string":
+        return value if isinstance(value, str) else None
+    if kind == "integer":
+        return value if isinstance(value, int) and not isinstance(value, bool) else None
+    if isinstance(value, bool):
+        return None
+    try:
+        # Also 6.371e6, a double in ROS and a string in YAML 1.1.
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:60] + "..."
+
+
+# ---------------------------------------------------------------------------- reference
+
+
+def parameter_reference() -> str:
+    """Return the table of all parameters, Markdown, for the README."""
+    lines = ["| parameter | default | unit | values | live | |", "|---|---|---|---|---|---|"]
+    for parameter in (*HORIZON_PARAMETERS, rotation_parameter("camera_N"), *NODE_PARAMETERS):
+        default = "none" if parameter.default is None else _yaml_value(parameter.default)
+        values = parameter.range_text.replace("|", r"\|")
+        live = "yes" if parameter.live else ""
+        lines.append(
+            f"| `{parameter.name}` | `{default}` | {parameter.unit} | {values} | {live} | "
+            f"{parameter.description} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def parameter_file() -> str:
+    """Return a parameter file with every parameter at its default, unit and range in a comment."""
+    lines = [
+        "# Every parameter of the nodes; the same file serves horizon_replay --params.",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    for parameter in (*HORIZON_PARAMETERS, *NODE_PARAMETERS):
+        lines += _comment(parameter)
+        lines.append(f"    {parameter.name}: {_yaml_value(parameter.default)}")
+        if parameter.name == "cameras":
+            lines += _comment(rotation_parameter("camera_N"))
+            lines.append("    # No default: set it for every camera that is used.")
+            for camera in parameter.default:  # type: ignore[union-attr]
+                lines += [f"    # {camera}:", "    #   rotation: [0.0, 0.0, 0.0, 1.0]"]
+    return "\n".join(lines) + "\n"
+
+
+def _comment(parameter: Parameter) -> list[str]:
+    facts = [parameter.unit, parameter.range_text, "live" if parameter.live else "read-only"]
+    text = f"{parameter.description} [{'; '.join(fact for fact in facts if fact)}]"
+    lines, line = [""], "    #"
+    for word in text.split():
+        if len(line) + 1 + len(word) > 100:
+            lines.append(line)
+            line = "    #"
+        line += f" {word}"
+    return [*lines, line]
+
+
+def _yaml_value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, list):
+        return f"[{', '.join(_yaml_value(item) for item in value)}]"
+    return str(value)
