@@ -136,11 +136,11 @@ def cloud_brightness(
     fractal, smooth = cloud_noise(points, seed)
     # the logistic law's quantile is close enough to the normal one (within 0.02 in cover)
     threshold = np.float32(-np.log(cover / (1.0 - cover)) / 1.7)
-    softness = np.clip(0.7 + 0.5 * smooth, 0.1, 1.6)
+    softness = np.clip(0.6 + 0.45 * smooth, 0.1, 1.4)
     depth = np.clip((fractal - threshold) / softness, 0.0, None)
     veil = np.minimum(depth, 1.0)
     veil = veil * veil * (3.0 - 2.0 * veil)
-    body = np.float32(cloud_dn) * (0.55 + 0.45 * np.minimum((fractal - threshold) / 1.2, 1.0))
+    body = np.float32(cloud_dn) * (0.35 + 0.65 * np.minimum((fractal - threshold) / 1.7, 1.0))
     ground = np.float32(ground_dn) * (1.0 + 0.25 * np.tanh(4.0 * smooth))
     return ground + veil * (body - ground)
 
