@@ -26,6 +26,7 @@ from horizon_sensor_ros.core.fits.assessment import (
     difference_from_circle,
     inliers,
     refusal,
+    root_mean_square,
     too_few,
     too_uncertain,
 )
@@ -83,9 +84,10 @@ def fit_arc(
         return refuse(*refused_here)
     bias = difference_from_circle(nadir, rho, basis, robust_circle_on_sphere(rays))
     cov += np.outer(bias, bias)
-    with np.errstate(divide="ignore"):
-        residual = rays.residuals_px(nadir, rho)[0]
+    residual = rays.residuals_px(nadir, rho)
     inlying = inliers(residual)
+    if not inlying.any():
+        return refuse(Status.POOR_FIT, "the limb normals do not fit the cone")
     return HorizonFit(
         Status.OK,
         "",
@@ -94,7 +96,7 @@ def fit_arc(
         rho_rad=rho,
         altitude_m=planet.altitude_from_rho(rho),
         cov_nadir_altitude=covariance_nadir_altitude(cov, basis, rho, planet),
-        rms_residual_px=float(np.sqrt(np.mean(residual[inlying] ** 2))),
+        rms_residual_px=root_mean_square(residual[inlying]),
         num_points=rays.num_points,
         num_inliers=int(np.count_nonzero(inlying)),
         cameras=rays.cameras,

@@ -20,6 +20,8 @@ MIN_INLIER_FRACTION = 0.4
 # Smallest eigenvalue of the mean squared design; an arc of a quarter of a degree.
 _LEAST_EIGENVALUE = 1e-13
 _INLIER_SIGMAS = 4.0
+# Seen from a micrometre above the ground.
+_LARGEST_RHO_RAD = np.pi / 2 - 1e-6
 _LONGEST_WINDOW = 80
 
 
@@ -76,8 +78,8 @@ def refusal(
         return Status.ILL_CONDITIONED, "the limb points do not determine a cone"
     if rho_rad <= 0 or np.median(rays.angles(nadir_base)[1]) <= 0:
         return Status.WRONG_POLARITY, "the limb normals point into the fitted disc"
-    if rho_rad >= np.pi / 2:
-        return Status.WRONG_POLARITY, "the limb is curved the wrong way: the disc exceeds 180 deg"
+    if rho_rad > _LARGEST_RHO_RAD:
+        return Status.WRONG_POLARITY, "the limb is straight or curved the wrong way"
     if np.linalg.eigvalsh(design.T @ design)[0] < _LEAST_EIGENVALUE * len(design):
         return Status.ILL_CONDITIONED, "the limb points cover too little of the limb"
     return None
@@ -101,9 +103,16 @@ def too_uncertain(cov: np.ndarray, rho_rad: float) -> tuple[Status, str] | None:
 
 
 def inliers(residual: np.ndarray) -> np.ndarray:
-    """Mask (N,) of residuals within four robust sigma."""
-    with np.errstate(invalid="ignore"):
-        return np.abs(residual) <= max(_INLIER_SIGMAS * robust_sigma(residual), 1e-6)
+    """Mask (N,) of residuals within four robust sigma; none where most are infinite."""
+    sigma = robust_sigma(residual)
+    if not np.isfinite(sigma):
+        return np.zeros(len(residual), dtype=bool)
+    return np.abs(residual) <= max(_INLIER_SIGMAS * sigma, 1e-6)
+
+
+def root_mean_square(residual: np.ndarray) -> float:
+    """Root mean square; infinite of nothing."""
+    return float(np.sqrt(np.mean(residual**2))) if residual.size else np.inf
 
 
 def assess_least_squares(
@@ -126,11 +135,10 @@ def assess_least_squares(
     refused = refusal(rays, nadir_base, rho_rad, design)
     if refused:
         return HorizonFit.none(*refused, method, rays.num_points)
-    with np.errstate(divide="ignore"):
-        residual = rays.residuals_px(nadir_base, rho_rad)[0]
+    residual = rays.residuals_px(nadir_base, rho_rad)
     inlying = inliers(residual)
-    rms = float(np.sqrt(np.mean(residual[inlying] ** 2)))
-    if not rms <= MAX_RMS_PX:
+    rms = root_mean_square(residual[inlying])
+    if rms > MAX_RMS_PX:
         reason = f"residual {rms:.1f} px rms"
         return HorizonFit.none(Status.POOR_FIT, reason, method, rays.num_points)
     weighted = design * weight[:, None]

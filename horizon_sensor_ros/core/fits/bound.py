@@ -9,7 +9,7 @@ import numpy as np
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
-from horizon_sensor_ros.core.fits.limb_rays import ray_change
+from horizon_sensor_ros.core.fits.limb_rays import outward_per_px
 from horizon_sensor_ros.core.planet import Planet
 
 
@@ -40,8 +40,7 @@ def horizon_bound(
     around = np.array([np.cos(azimuth), np.sin(azimuth)]).T @ basis.T
     along = np.array([-np.sin(azimuth), np.cos(azimuth)]).T @ basis.T
     rays = np.cos(rho) * nadir + np.sin(rho) * around
-    # Direction of growing angle from nadir, and the derivative of the angle by nadir and rho.
-    outward = np.cos(rho) * around - np.sin(rho) * nadir
+    # Derivative of ``angle - rho`` by nadir's tangent components and rho.
     rows = np.column_stack((-np.cos(azimuth), -np.sin(azimuth), np.full(samples, -1.0)))
     information = np.zeros((3, 3))
     for view in views:
@@ -56,9 +55,7 @@ def horizon_bound(
         length_px = np.linalg.norm(step, axis=1) * np.sin(rho) * (2 * np.pi / samples)
         normal = np.column_stack((-step[:, 1], step[:, 0]))
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        growth = np.einsum(
-            "ij,ij->i", ray_change(jacobian, normal), (outward @ rot_cam_from_base.T)[seen]
-        )
+        growth = np.linalg.norm(outward_per_px(jacobian, normal), axis=1)
         weight = length_px / (sigma_px * growth) ** 2
         information += (rows[seen] * weight[:, None]).T @ rows[seen]
     scale = np.sqrt(np.diag(information))

@@ -13,6 +13,7 @@ from horizon_sensor_ros.core.fits.assessment import (
     difference_from_circle,
     inliers,
     refusal,
+    root_mean_square,
     too_few,
     too_uncertain,
 )
@@ -92,15 +93,17 @@ def _fit(
         nadir = -nadir
     theta = rays.angles(nadir)[0]
     rho = float(np.median(theta))
-    rho = float(np.mean(theta[inliers(theta - rho)]))
+    close = inliers(theta - rho)
+    rho = float(np.mean(theta[close])) if close.any() else rho
     basis = tangent_basis(nadir)
     design = rays.design(nadir, basis)
     refused_here = refusal(rays, nadir, rho, design)
     if refused_here:
         return refuse(*refused_here)
-    with np.errstate(divide="ignore"):
-        residual = rays.residuals_px(nadir, rho)[0]
+    residual = rays.residuals_px(nadir, rho)
     inlying = inliers(residual)
+    if not inlying.any():
+        return refuse(Status.POOR_FIT, "the limb normals do not fit the cone")
     circle = robust_circle_on_sphere(rays)
     noise = max(robust_sigma((rays.angles(circle[0])[0] - circle[1]) / rays.sigma_rad), 1.0)
     cov = noise**2 * _covariance(rays, directions, chords, pairs, basis, design)
@@ -118,7 +121,7 @@ def _fit(
         rho_rad=rho,
         altitude_m=planet.altitude_from_rho(rho),
         cov_nadir_altitude=covariance_nadir_altitude(cov, basis, rho, planet),
-        rms_residual_px=float(np.sqrt(np.mean(residual[inlying] ** 2))),
+        rms_residual_px=root_mean_square(residual[inlying]),
         num_points=rays.num_points,
         num_inliers=int(np.count_nonzero(inlying)),
         cameras=tuple(rays.cameras[int(rays.camera[pair[0]])] for pair in pairs),

@@ -18,10 +18,10 @@ _LEAST_NORMAL_COSINE = 0.2
 class LimbRays:
     """Usable limb points of one or more cameras.
 
-    rays_base : (N, 3) unit. outward_base : (N, 3) change of the ray per pixel along the point's
-    limb normal, radians per pixel, towards space, perpendicular to the ray. sigma_px : (N,) along
-    that normal. camera : (N,) index into cameras, the names. num_points : before unusable ones (not
-    finite, or without a ray) were dropped.
+    rays_base : (N, 3) unit. outward_base : (N, 3) step of the ray, towards space and straight away
+    from the limb, that moves its image one pixel along the limb normal; radians per pixel.
+    sigma_px : (N,) along that normal. camera : (N,) index into cameras, the names. num_points :
+    before unusable ones (not finite, or without a ray) were dropped.
     """
 
     rays_base: np.ndarray
@@ -49,7 +49,7 @@ class LimbRays:
         sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 1e-300))
         return np.arccos(cosine), (self.outward_base @ nadir_base) / -sine
 
-    def residuals_px(self, nadir_base: np.ndarray, rho_rad: float) -> tuple[np.ndarray, np.ndarray]:
+    def residuals_px(self, nadir_base: np.ndarray, rho_rad: float) -> np.ndarray:
         """Return each point's distance (N,) from the cone along its normal, px, and a mask (N,).
 
         Positive: the point lies outside the predicted disc. To first order in the distance, with
@@ -58,7 +58,9 @@ class LimbRays:
         """
         theta, growth = self.angles(nadir_base)
         usable = growth > _LEAST_NORMAL_COSINE * self.sigma_rad / self.sigma_px
-        return (theta - rho_rad) / np.where(usable, growth, 0.0), usable
+        distance = np.full(len(self), np.inf)
+        np.divide(theta - rho_rad, growth, out=distance, where=usable)
+        return distance
 
     def design(self, nadir_base: np.ndarray, basis: np.ndarray) -> np.ndarray:
         """Derivative (N, 3) of ``angle - rho`` by nadir's two tangent components and rho.
@@ -99,7 +101,7 @@ def gather(observations: Sequence[LimbObservation]) -> LimbRays:
             continue
         if not keep.all():
             rays, normal, sigma = rays[keep], normal[keep], sigma[keep]
-        outward = ray_change(view.camera.pixel_jacobian(rays), normal)
+        outward = outward_per_px(view.camera.pixel_jacobian(rays), normal)
         rot = view.rot_base_from_cam.T
         index = np.full(len(rays), len(names))
         names.append(view.name)
@@ -111,11 +113,12 @@ def gather(observations: Sequence[LimbObservation]) -> LimbRays:
     return LimbRays(rays, outward, sigma, index, tuple(names), num_points)
 
 
-def ray_change(jacobian: np.ndarray, step_px: np.ndarray) -> np.ndarray:
-    """Change (N, 3) of unit rays for steps (N, 2) in the image: the pseudo-inverse of (N, 2, 3)."""
-    gram = jacobian @ jacobian.transpose(0, 2, 1)
-    a, b, d = gram[:, 0, 0], gram[:, 0, 1], gram[:, 1, 1]
-    scale = 1.0 / (a * d - b * b)
-    first = (d * step_px[:, 0] - b * step_px[:, 1]) * scale
-    second = (a * step_px[:, 1] - b * step_px[:, 0]) * scale
-    return first[:, None] * jacobian[:, 0] + second[:, None] * jacobian[:, 1]
+def outward_per_px(jacobian: np.ndarray, normal_px: np.ndarray) -> np.ndarray:
+    """Step (N, 3) of a ray straight away from the limb whose image moves one pixel across it.
+
+    jacobian : (N, 2, 3) of pixel by ray. normal_px : (N, 2) unit normals of the limb's image. The
+    limb's direction in the image has no component along the normal, so ``J^T normal`` is
+    perpendicular to the limb among the rays, pixels per radian.
+    """
+    gradient = np.einsum("ijk,ij->ik", jacobian, normal_px)
+    return gradient / np.einsum("ij,ij->i", gradient, gradient)[:, None]

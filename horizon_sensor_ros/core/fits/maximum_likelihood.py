@@ -31,8 +31,10 @@ _LEAST_SCALE = 0.1
 _MAX_STEPS = 40
 _MAX_HALVINGS = 8
 _MAX_STEP_RAD = 0.3
-# A step of this many (sigma)^2 is the last.
-_CONVERGED = 1e-8
+_SCALE_STEPS = 4  # then the residuals' scale is kept
+# A step of this many (sigma)^2 is the last; one of `_NEAR_ENOUGH` will do when the steps run out.
+_CONVERGED = 1e-6
+_NEAR_ENOUGH = 1e-3
 
 
 @dataclass(frozen=True)
@@ -88,9 +90,7 @@ def refine(
 
 def _chi(rays: LimbRays, nadir: np.ndarray, rho: float) -> np.ndarray:
     """Residuals in sigmas; infinite where the limb normal contradicts the cone."""
-    residual, usable = rays.residuals_px(nadir, rho)
-    residual[~usable] = np.inf
-    return residual / rays.sigma_px
+    return rays.residuals_px(nadir, rho) / rays.sigma_px
 
 
 def _scale(chi: np.ndarray) -> float:
@@ -126,8 +126,10 @@ def _iterate(
     """Gauss-Newton on two tangent components and rho, reweighted, with step halving."""
     history = [np.append(nadir, rho)]
     chi = _chi(rays, nadir, rho)
-    for _ in range(_MAX_STEPS):
-        scale = _scale(chi)
+    scale = length2 = np.inf
+    for count in range(_MAX_STEPS):
+        # A scale that kept following the residuals would make every step chase the last one.
+        scale = _scale(chi) if count < _SCALE_STEPS else scale
         if not np.isfinite(scale):
             break
         basis = tangent_basis(nadir)
@@ -165,7 +167,8 @@ def _iterate(
         history.append(np.append(nadir, rho))
         if length2 < _CONVERGED * max(1.0, scale * scale):
             return nadir, rho, True, np.array(history)
-    return nadir, rho, False, np.array(history)
+    near = np.isfinite(scale) and length2 < _NEAR_ENOUGH * max(1.0, scale * scale)
+    return nadir, rho, bool(near), np.array(history)
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
