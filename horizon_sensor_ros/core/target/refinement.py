@@ -8,7 +8,7 @@ import numpy as np
 
 from .consistency import project
 from .rigid import orthonormal, rotation_from_vector
-from .surfels import SurfaceView
+from .surfels import SurfaceView, Surfels, normal_noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,7 +16,8 @@ class Pairs:
     """N correspondences: a's points moved into b's frame and b's points, with both normals, (N, 3) each.
 
     sigma_m : (N,) of the distance along the normal, for one raw measurement in each view.
-    weight : (N,) raw measurements that the pair stands for.  kind : (N,) 0 face, 1 edge, 2 thin part.
+    weight : (N,) raw measurements that the pair stands for.  tilt2 : (N,) covariance (rad^2) of both normals' errors.
+    kind : (N,) 0 face, 1 edge, 2 thin part.
     """
 
     point_a: np.ndarray
@@ -25,6 +26,7 @@ class Pairs:
     normal_b: np.ndarray
     sigma_m: np.ndarray
     weight: np.ndarray
+    tilt2: np.ndarray
     kind: np.ndarray
 
     def residual(self) -> np.ndarray:
@@ -63,34 +65,20 @@ class Matcher:
     ) -> Pairs:
         """Pairs whose distance along the normal is below ``gate_m``."""
         a, b = self.a, self.b
-        sets = [self._faces(a, b, rotation, translation, gate_m)]
-        back = rotation.T
-        reverse = self._faces(b, a, back, -back @ translation, gate_m)
-        pa, pb, na, nb, sigma, weight = reverse
-        sets.append((pb @ rotation.T + translation, pa @ rotation.T + translation,
-                     nb @ rotation.T, na @ rotation.T, sigma, weight))  # fmt: skip
+        back, shift = rotation.T, -rotation.T @ translation
+        sets = [
+            _to_planes(a, a.faces, b, rotation, translation, gate_m),
+            _to_planes(a, a.bare, b, rotation, translation, gate_m),
+        ]
+        for surfels in (b.faces, b.bare):
+            pb, pa, nb, na, *rest = _to_planes(b, surfels, a, back, shift, gate_m)
+            sets.append((pa @ back + translation, pb @ back + translation, na @ back, nb @ back, *rest))
         kinds = [np.zeros(len(s[0]), np.int8) for s in sets]
         if edges and self.tree is not None and len(a.edges):
             for kind, pairs in enumerate(self._edges(rotation, translation, gate_m), start=1):
                 sets.append(pairs)
                 kinds.append(np.full(len(pairs[0]), kind, np.int8))
         return Pairs(*(np.concatenate(part) for part in zip(*sets, strict=True)), np.concatenate(kinds))
-
-    def _faces(
-        self, a: SurfaceView, b: SurfaceView, rotation: np.ndarray, translation: np.ndarray, gate_m: float
-    ) -> tuple[np.ndarray, ...]:
-        """a's planes against those that b sees in the same direction."""
-        point = a.faces.points @ rotation.T + translation
-        normal = a.faces.normals @ rotation.T
-        index = project(b, point[:, 0], point[:, 1], point[:, 2])
-        other, n = b.point_map[index].astype(float), b.normal_map[index].astype(float)
-        off = np.einsum("ij,ij->i", point - other, n)
-        keep = b.plane[index] & (np.abs(off) < gate_m) & (np.einsum("ij,ij->i", normal, n) > 0.85)
-        cosine = -np.einsum("ij,ij->i", n, other) / np.maximum(np.linalg.norm(other, axis=1), 1e-9)
-        sigma = np.hypot(a.faces.sigma_m, np.hypot(b.sigma_m * cosine, 0.05 * b.footprint_m))
-        # Each raw measurement counts once, though both directions are matched.
-        weight = a.faces.weight / 2
-        return point[keep], other[keep], normal[keep], n[keep], sigma[keep], weight[keep]
 
     def _edges(
         self, rotation: np.ndarray, translation: np.ndarray, gate_m: float
@@ -112,12 +100,43 @@ class Matcher:
         keep &= np.abs(off) < max(gate_m, self.b.footprint_m)
         sigma = np.hypot(a.sigma_m[near], b.sigma_m[index])
         one = np.ones(len(near))
-        sides = (point[keep], other[keep], side[keep], n[keep], sigma[keep], one[keep])
+        sides = (point[keep], other[keep], side[keep], n[keep], sigma[keep], one[keep], 0 * one[keep])
         keep &= thin
         keep[keep] = np.einsum("ij,ij->i", front_a[keep], front_b[keep]) > 0.7
         noise = np.hypot(np.hypot(self.a.sigma_m, self.b.sigma_m), 0.1 * self.b.footprint_m)
-        fronts = (point[keep], other[keep], front_a[keep], front_b[keep], noise * one[keep], one[keep])
+        fronts = (point[keep], other[keep], front_a[keep], front_b[keep], noise * one[keep], one[keep],
+                  0 * one[keep])  # fmt: skip
         return [sides, fronts]
+
+
+def _to_planes(
+    a: SurfaceView, surfels: Surfels, b: SurfaceView, rotation: np.ndarray, translation: np.ndarray, gate_m: float
+) -> tuple[np.ndarray, ...]:
+    """a's surfels, moved into b's frame, against the planes that b sees in the same direction."""
+    point = surfels.points @ rotation.T + translation
+    index = project(b, point[:, 0], point[:, 1], point[:, 2])
+    other, n = b.point_map[index].astype(float), b.normal_map[index].astype(float)
+    off = np.einsum("ij,ij->i", point - other, n)
+    keep = b.plane[index] & (np.abs(off) < gate_m)
+    weight = surfels.weight
+    if surfels is a.bare:
+        normal = n
+        # A thin plate's far side is another surface.
+        ray = surfels.points / np.linalg.norm(surfels.points, axis=1, keepdims=True)
+        keep &= np.einsum("ij,ij->i", n @ rotation, ray) < -0.06
+    else:
+        normal = surfels.normals @ rotation.T
+        keep &= np.einsum("ij,ij->i", normal, n) > 0.85
+        # Each raw measurement counts once, though both directions are matched.
+        weight = weight / 2
+    other, n = other[keep], n[keep]
+    cosine = -np.einsum("ij,ij->i", n, other) / np.linalg.norm(other, axis=1)
+    noise_b = normal_noise(b.sigma_m, b.footprint_m, cosine)
+    noise_a = noise_b if surfels is a.bare else surfels.sigma_m[keep]
+    tilt2 = surfels.tilt_rad[keep] * (
+        b.normal_noise_rad if surfels is a.bare else b.tilt_rad[index[keep]]
+    )
+    return point[keep], other, normal[keep], n, np.hypot(noise_a, noise_b), weight[keep], tilt2
 
 
 def robust_weights(pairs: Pairs) -> np.ndarray:
@@ -136,7 +155,7 @@ def refine(
     rotation: np.ndarray,
     translation_m: np.ndarray,
     gates_m: tuple[float, ...],
-    max_iterations: int = 10,
+    max_iterations: int = 8,
 ) -> Refined:
     """Gauss-Newton from a start within the gates; the last gate is used until nothing moves any more."""
     rotation, translation = np.array(rotation, float), np.array(translation_m, float)
@@ -156,7 +175,9 @@ def refine(
         turn = rotation_from_vector(step[:3])
         rotation = turn @ rotation
         translation = turn @ (translation - centre) + centre + step[3:]
-        if iteration >= len(gates_m) and -step @ gradient < 0.02:
-            converged = True
+        # The step in units of its own standard deviation, squared.
+        moved = -step @ gradient
+        converged = iteration >= len(gates_m) and moved < 0.5
+        if converged and moved < 0.05:
             break
     return Refined(orthonormal(rotation), translation, pairs, robust, converged, iteration)

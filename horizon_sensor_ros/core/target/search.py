@@ -24,10 +24,8 @@ def align_batch(
     rotations (C, 3, 3), translations (C, 3).  A sample of a's planes is matched to what b sees in the same direction:
     point to plane, or to the nearest silhouette's point where b sees nothing there.
     """
-    faces = a.faces
-    pick = np.linspace(0, len(faces) - 1, min(samples, len(faces))).astype(int)
-    points = faces.points[pick].T.astype(np.float32)
-    normals = faces.normals[pick].T.astype(np.float32)
+    points, normals = (part.T.copy() for part in a.sample(samples))
+    bare = ~normals.any(axis=0)
     # About the target, so that single precision and small angles do.
     centre = a.image.centroid_m.astype(np.float32)
     points -= centre[:, None]
@@ -46,13 +44,13 @@ def align_batch(
         to = b.point_map[nearest].transpose(0, 2, 1)
         nb = b.normal_map[nearest].transpose(0, 2, 1)
         gap = p - to
-        agree = np.einsum("cis,cis->cs", n, nb)
+        agree = np.where(bare, np.float32(0.5), np.einsum("cis,cis->cs", n, nb))
         direction = np.where(on_plane[:, None], n + nb, gap)
         direction /= np.sqrt(np.einsum("cis,cis->cs", direction, direction))[:, None] + np.float32(1e-6)
         e = np.einsum("cis,cis->cs", gap, direction)
         ratio = e / np.float32(gate)
         weight = np.where(on_plane, np.clip(agree, 0, 1), np.float32(0.3)) / (1 + ratio * ratio) ** 2
-        weight *= np.einsum("cis,cis->cs", n, p) < 0
+        weight *= np.einsum("cis,cis->cs", n, p) <= 0
         step = _solve(arm, direction, e, weight)
         turn = rotation_from_vector(step[:, :3])
         rotation = turn @ rotation

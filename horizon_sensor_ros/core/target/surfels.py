@@ -19,11 +19,22 @@ _MIN_COSINE = 0.1
 _BEND_PX = 0.12
 # Mean square residual of a window over the expected one, up to which it holds one plane.
 _FLAT = 2.0
+# What a plane borrowed from the next window may lean by on a curved surface, alike in both views.
+_BORROWED_TILT_RAD = 0.08
 # Standard deviation of an edge half way between two pixels.
-_EDGE_PX = 0.29
+_EDGE_PX = 0.35
 _THIN_PX = 7
-_NEIGHBOURS = 10
-_EDGE_REACH_PX = 4.6
+_NEIGHBOURS = 18
+_EDGE_REACH_PX = 5.1
+
+
+def normal_noise(sigma_m: float, footprint_m: float, cosine: np.ndarray) -> np.ndarray:
+    """Standard deviation (m) along the normal of one measurement on a plane seen at ``cosine`` to its normal.
+
+    Range noise shrinks with the cosine; that the surface bends between pixels, wider apart at a slant, does not.
+    """
+    cosine = np.maximum(cosine, _MIN_COSINE)
+    return np.hypot(sigma_m * cosine, footprint_m * (0.05 + 0.008 / cosine**2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +42,14 @@ class Surfels:
     """N observations "this point lies on this plane": ``normal . (x - point) = 0`` within ``sigma_m``.
 
     points, normals : (N, 3).  sigma_m : (N,) of one raw measurement.  weight : (N,) raw measurements that each stands for.
+    tilt_rad : (N,) error of the normal that is not independent from view to view.
     """
 
     points: np.ndarray
     normals: np.ndarray
     sigma_m: np.ndarray
     weight: np.ndarray
+    tilt_rad: np.ndarray
 
     def __len__(self) -> int:
         return len(self.points)
@@ -66,7 +79,9 @@ class SurfaceView:
 
     sigma_m : range noise.  footprint_m : a pixel's width at the target.  size_m : the target's rms radius.
     point_map, normal_map : (H W, 3) point and normal (towards the sensor) of the local plane at each pixel.
-    plane : (H W) bool, where there is one.  nearest : (H W) index of the nearest pixel with a plane.
+    plane : (H W) bool, where there is one.  tilt_rad : (H W) of its normal, see Surfels; normal_noise_rad : of all.  nearest : (H W) index of the nearest pixel with a plane.
+    faces : surfels of the planes.  bare : returns where there is no plane (their normals are 0): thin parts, slants too
+        steep for the window, corners.  edges : see Edges.
     depth_map : (H W) depth of the return, 0 where there is none.
     gap_px : (H W) distance to the nearest return or unknown pixel.
     """
@@ -78,10 +93,13 @@ class SurfaceView:
     point_map: np.ndarray
     normal_map: np.ndarray
     plane: np.ndarray
+    tilt_rad: np.ndarray
+    normal_noise_rad: float
     nearest: np.ndarray
     depth_map: np.ndarray
     gap_px: np.ndarray
     faces: Surfels
+    bare: Surfels
     edges: Edges
 
     def sample(self, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -112,6 +130,7 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     fit = _plane_fit(inverse, seen, middle, radius)
     noise = sigma * inverse * inverse + _BEND_PX * inverse / image.focal_px
     flat = fit.flat(noise)
+    own = flat.copy()
     slope_u, slope_v, level = _borrow_planes(fit, flat, seen, inverse, noise, radius)
     tan_u, tan_v = image.tangents()
     a, b = slope_u * image.focal_px, slope_v * image.focal_px
@@ -124,6 +143,8 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     plane = flat & (cosine > _MIN_COSINE)
     point = np.stack([depth * tan_u, depth * tan_v[:, None], depth], axis=-1)
     point[~plane], normal[~plane], cosine[~plane] = 0, 0, 0
+    tilt = np.where(own, np.float32(0), np.float32(_BORROWED_TILT_RAD)).ravel()
+    normal_noise_rad = sigma / footprint / _slope_gain(radius)
     returns = inverse[seen]
     rows, columns = np.nonzero(seen)
     size = np.sqrt(
@@ -132,10 +153,11 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     point_map = point.reshape(-1, 3).astype(np.float32)
     normal_map = normal.reshape(-1, 3).astype(np.float32)
     return SurfaceView(
-        image, sigma, footprint, float(size), point_map, normal_map, plane.ravel(),
+        image, sigma, footprint, float(size), point_map, normal_map, plane.ravel(), tilt, normal_noise_rad,
         _nearest(plane), np.divide(1, inverse, out=np.zeros_like(inverse), where=seen).ravel(),
         cv2.distanceTransform((~(seen | image.unknown)).astype(np.uint8), cv2.DIST_L2, 3).ravel(),
-        _faces(plane, point_map, normal_map, cosine, sigma, footprint),
+        _faces(plane, point_map, normal_map, cosine, tilt, sigma, footprint),
+        _bare(image, seen & ~plane, sigma, normal_noise_rad),
         _edges(image, plane, slope_u, slope_v, level, cosine, sigma, noise),
     )  # fmt: skip
 
@@ -146,15 +168,21 @@ def _range_noise(inverse: np.ndarray, seen: np.ndarray) -> float:
     bend = np.abs(inverse[:, :-2] - 2 * inverse[:, 1:-1] + inverse[:, 2:])[three]
     if not bend.size:
         return 0.0
-    return float(np.median(bend / inverse[:, 1:-1][three] ** 2)) / (0.6745 * np.sqrt(6))
+    # The lower quarter, as edges and thin parts bend as well: 0.319 standard deviations of a normal distribution.
+    return float(np.quantile(bend / inverse[:, 1:-1][three] ** 2, 0.25)) / (0.3186 * np.sqrt(6))
 
 
 def _window_radius(noise_px: float) -> int:
     """Smallest window (2 r + 1 wide) whose normals are good to some 3 deg; noise in pixel widths."""
     for radius in (2, 3, 4, 5):
-        if noise_px < 0.05 * (2 * radius + 1) * np.sqrt(radius * (radius + 1) / 3):
+        if noise_px < 0.05 * _slope_gain(radius):
             return radius
     return 6
+
+
+def _slope_gain(radius: int) -> float:
+    """By how much a window's slope (depth a pixel) is better known than one depth."""
+    return float((2 * radius + 1) * np.sqrt(radius * (radius + 1) / 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,6 +289,7 @@ def _faces(
     point_map: np.ndarray,
     normal_map: np.ndarray,
     cosine: np.ndarray,
+    tilt: np.ndarray,
     sigma: float,
     footprint: float,
 ) -> Surfels:
@@ -276,13 +305,25 @@ def _faces(
             share = step * step
         row, column = row[keep], column[keep]
     index = row * plane.shape[1] + column
-    across = sigma * cosine[row, column]
     return Surfels(
         point_map[index].astype(float),
         normal_map[index].astype(float),
-        np.hypot(across, 0.05 * footprint),
+        normal_noise(sigma, footprint, cosine[row, column]).astype(float),
         np.full(len(index), float(share)),
+        tilt[index].astype(float),
     )
+
+
+def _bare(image: RangeImage, where: np.ndarray, sigma: float, tilt: float) -> Surfels:
+    """Bare returns, which will be held against the other view's planes and take over their normals with their noise."""
+    row, column = np.nonzero(where)
+    step = 1 + len(row) // 800
+    row, column = row[::step], column[::step]
+    tan_u, tan_v = image.tangents()
+    ray = np.column_stack([tan_u[column], tan_v[row], np.ones(len(row))])
+    points = ray / image.inverse_depth[row, column, None]
+    one = np.ones(len(row))
+    return Surfels(points, np.zeros_like(points), sigma * one, step * one, tilt * one)
 
 
 def _edges(

@@ -1,0 +1,78 @@
+"""How well a motion between two views is known: covariance, and the directions that the views do not show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .refinement import Refined, jacobian
+from .rigid import skew
+from .surfels import SurfaceView
+
+# Surfaces err alike over some such distance (windows overlap, edges are made of pixels).
+_BLOCK_PX = 12.0
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """Error of a motion p_b = R p_a + t.
+
+    covariance : (6, 6) of (rotation vector, shift at ``centre_m``) in b's frame, rad and m: the true motion is
+        the found one followed by that small motion about ``centre_m``.
+    information : (6, 6) of sensor noise alone, without what the noise of the normals feigns.
+    rms_residual_m : of the pairs used.
+    """
+
+    covariance: np.ndarray
+    information: np.ndarray
+    centre_m: np.ndarray
+    rms_residual_m: float
+
+
+def uncertainty(refined: Refined, b: SurfaceView) -> Uncertainty:
+    """Covariance of a refined motion from its pairs.
+
+    The normals of both views carry independent noise, so the products of one view's Jacobian with the other's have the
+    true information as their mean; the usual J^T J adds the noise of the normals, and lets a body of revolution look
+    observable about its axis. To the inverse of that comes a sandwich of the residuals, summed over
+    blocks of surface within which they err alike; it carries what no noise model knows.
+    """
+    pairs = refined.pairs
+    centre = b.image.centroid_m
+    weight = refined.robust * pairs.weight / pairs.sigma_m**2
+    j_a = jacobian(pairs.point_a, pairs.normal_a, centre)
+    j_b = jacobian(pairs.point_a, pairs.normal_b, centre)
+    product = (j_a * weight[:, None]).T @ j_b
+    information = (product + product.T) / 2 - _feigned(pairs.point_a - centre, weight * pairs.tilt2)
+    residual = pairs.residual()
+    rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else np.nan
+    block = np.floor(pairs.point_b / (_BLOCK_PX * b.footprint_m)).astype(np.int64)
+    key = ((block[:, 0] * 4099 + block[:, 1]) * 4099 + block[:, 2]) * 4 + pairs.kind
+    label = np.unique(key, return_inverse=True)[1].ravel()
+    score = (j_a + j_b) * (0.5 * weight * residual)[:, None]
+    sums = np.stack([np.bincount(label, column) for column in score.T], axis=1)
+    # In units of turns at the target's rms radius, in which all six directions compare.
+    scale = np.array([1 / b.size_m] * 3 + [1.0] * 3)
+    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
+    values = np.maximum(values, 1.0)
+    inverse = (vectors / values) @ vectors.T * np.outer(scale, scale)
+    covariance = inverse + inverse @ (sums.T @ sums) @ inverse
+    return Uncertainty((covariance + covariance.T) / 2, information, centre, rms)
+
+
+def _feigned(arm: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(6, 6) sum of ``weight`` times the squared motion of each point, whatever its direction."""
+    moved = weight[:, None] * arm
+    turn = np.eye(3) * (moved * arm).sum() - moved.T @ arm
+    cross = skew(moved.sum(axis=0))
+    return np.block([[turn, cross], [-cross, np.eye(3) * weight.sum()]])
+
+
+def weak_directions(
+    covariance: np.ndarray, max_rotation_rad: float, max_shift_m: float
+) -> np.ndarray:
+    """(K, 6) unit directions, in units of both limits, whose standard deviation exceeds them; worst first."""
+    scale = np.array([max_rotation_rad] * 3 + [max_shift_m] * 3)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return vectors.T[values > 1][::-1]

@@ -1,0 +1,225 @@
+"""Motion of a target of unknown shape between two point clouds: search, refinement, judgement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..status import Status
+from .consistency import view_consistency
+from .judgement import uncertainty, weak_directions
+from .range_image import RangeImage, range_image
+from .refinement import Matcher, Refined, refine
+from .rigid import pose_matrix, skew
+from .search import align_batch, rotation_starts
+from .surfels import SurfaceView, surface_view
+
+_SURE = 0.95
+
+
+@dataclass(frozen=True)
+class RegistrationConfig:
+    """Parameters of the registration; ValueError where one makes no sense.
+
+    focal_px : the sensor's focal length in pixels; None: from the cloud.  range_noise_m : None: from the cloud.
+    min_points : fewest points of a cloud.  min_score, min_overlap : least view consistency (see Consistency).
+    max_rotation_std_rad, max_shift_std_m : a motion known worse than this in any direction is refused.
+    search_rad : largest turn that the search starts cover.
+    """
+
+    focal_px: float | None = None
+    range_noise_m: float | None = None
+    min_points: int = 100
+    min_score: float = 0.85
+    min_overlap: float = 0.3
+    max_rotation_std_rad: float = np.radians(0.45)
+    max_shift_std_m: float = 0.008
+    search_rad: float = np.radians(33.0)
+
+    def __post_init__(self) -> None:
+        for name in ("focal_px", "range_noise_m"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be positive or None; got {value}")
+        for name in ("min_points", "max_rotation_std_rad", "max_shift_std_m", "search_rad"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive; got {getattr(self, name)}")
+        for name in ("min_score", "min_overlap"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must be in [0, 1]; got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, eq=False)
+class TargetView:
+    """A cloud made ready for registration; ``surface`` is None where ``status`` is not OK."""
+
+    status: Status
+    reason: str
+    image: RangeImage
+    surface: SurfaceView | None
+
+
+def _nan(*shape: int) -> np.ndarray:
+    return np.full(shape, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """Motion of the target from cloud a to cloud b, in the sensor's frame: p_b = pose_b_from_a p_a.
+
+    covariance : (6, 6) of (rotation vector, shift of the target's point at ``centre_m``), rad and m, about the sensor's
+        fixed axes: the true motion is the found one followed by that small one.
+    score, overlap : view consistency.  weak : (K, 6) directions worse known than allowed, in the order of ``covariance``.
+    num_points : pairs used.  searched : whether the search was needed.
+    Everything numeric is NaN where there was nothing to tell; pose and covariance are NaN unless the status is OK.
+    """
+
+    status: Status
+    reason: str
+    pose_b_from_a: np.ndarray = field(default_factory=lambda: _nan(4, 4))
+    covariance: np.ndarray = field(default_factory=lambda: _nan(6, 6))
+    centre_m: np.ndarray = field(default_factory=lambda: _nan(3))
+    score: float = float("nan")
+    overlap: float = float("nan")
+    rms_residual_m: float = float("nan")
+    num_points: int = 0
+    weak: np.ndarray = field(default_factory=lambda: np.empty((0, 6)))
+    searched: bool = False
+
+    def covariance_at(self, point_m: np.ndarray) -> np.ndarray:
+        """(6, 6) covariance with the shift taken at another point of the sensor's frame."""
+        move = np.eye(6)
+        move[3:, :3] = -skew(np.asarray(point_m, float) - self.centre_m)
+        return move @ self.covariance @ move.T
+
+
+def target_view(points: np.ndarray, config: RegistrationConfig | None = None) -> TargetView:
+    """Prepare a cloud, (H, W, 3) organised or (N, 3) plain, metres; bad data comes back as a status."""
+    config = RegistrationConfig() if config is None else config
+    image = range_image(points, config.focal_px, config.min_points)
+    if image.status is not Status.OK:
+        return TargetView(image.status, image.reason, image, None)
+    surface = surface_view(image, config.range_noise_m)
+    if len(surface.faces) < config.min_points // 4:
+        reason = f"{len(surface.faces)} surface elements, {config.min_points // 4} needed"
+        return TargetView(Status.TOO_FEW_POINTS, reason, image, None)
+    return TargetView(Status.OK, "", image, surface)
+
+
+def register(
+    a: TargetView,
+    b: TargetView,
+    config: RegistrationConfig | None = None,
+    prior_b_from_a: np.ndarray | None = None,
+) -> Registration:
+    """Find the target's motion between two views.
+
+    prior_b_from_a : (4, 4) expected motion, good to a few degrees and centimetres; the search follows only where it does
+        not hold. Without one, a start from no turn is tried before the search.
+    Bad data never raises: status and reason tell (TOO_FEW_POINTS, NOT_CONVERGED, UNCERTAIN where a direction cannot be
+    observed, POOR_FIT where the views contradict each other). Raises ValueError for a prior of another shape.
+    """
+    config = RegistrationConfig() if config is None else config
+    if prior_b_from_a is not None and np.shape(prior_b_from_a) != (4, 4):
+        raise ValueError(f"prior_b_from_a must be (4, 4); got {np.shape(prior_b_from_a)}")
+    for view in (a, b):
+        if view.surface is None:
+            return Registration(view.status, view.reason)
+    assert a.surface is not None
+    assert b.surface is not None
+    prior = None
+    if prior_b_from_a is not None:
+        turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
+        prior = (turn_b.T @ prior_b_from_a[:3, :3] @ turn_a, turn_b.T @ prior_b_from_a[:3, 3])
+    found = _find(a.surface, b.surface, prior, config)
+    return _judge(found, a, b, config)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    refined: Refined
+    score: float
+    overlap: float
+    searched: bool
+
+    @property
+    def merit(self) -> float:
+        return self.score * np.sqrt(self.overlap)
+
+
+def _find(
+    a: SurfaceView,
+    b: SurfaceView,
+    prior: tuple[np.ndarray, np.ndarray] | None,
+    config: RegistrationConfig,
+) -> _Found:
+    matcher = Matcher(a, b)
+    unit = 2 * b.footprint_m + 4 * np.hypot(a.sigma_m, b.sigma_m)
+    gates = (unit, 0.6 * unit, 0.4 * unit)
+
+    def finish(rotation: np.ndarray, translation: np.ndarray, searched: bool) -> _Found:
+        refined = refine(matcher, rotation, translation, gates)
+        seen = view_consistency(a, b, refined.rotation[None], refined.translation_m[None], 600)
+        return _Found(refined, float(seen.score[0]), float(seen.overlap[0]), searched)
+
+    tried = []
+    if prior is not None:
+        tried.append(finish(*prior, False))
+        if tried[-1].score >= _SURE:
+            return tried[-1]
+    shift = b.image.centroid_m - a.image.centroid_m
+    size = b.size_m
+    wide = tuple(size * np.array([0.3, 0.3, 0.22, 0.22, 0.15, 0.15, 0.1, 0.08]))
+    first = align_batch(a, b, np.eye(3)[None], shift[None], wide, 250)
+    tried.append(finish(first[0][0], first[1][0], False))
+    if tried[-1].score >= _SURE:
+        return tried[-1]
+    starts = rotation_starts(config.search_rad, np.radians(18.0))
+    shifts = b.image.centroid_m - starts @ a.image.centroid_m
+    rotations, translations = align_batch(
+        a, b, starts, shifts, tuple(size * np.array([0.3, 0.3, 0.22])), 100
+    )
+    seen = view_consistency(a, b, rotations, translations, 150, 1.0)
+    best = np.argsort(-seen.score * np.sqrt(seen.overlap), kind="stable")[:8]
+    rotations, translations = align_batch(
+        a, b, rotations[best], translations[best], tuple(size * np.array([0.18, 0.15, 0.12, 0.08])), 250
+    )  # fmt: skip
+    seen = view_consistency(a, b, rotations, translations, 300, 1.0)
+    best = np.argsort(-seen.score * np.sqrt(seen.overlap), kind="stable")[:2]
+    for k in best:
+        tried.append(finish(rotations[k], translations[k], True))
+        if tried[-1].score >= _SURE:
+            break
+    return max(tried, key=lambda found: found.merit)
+
+
+def _judge(found: _Found, a: TargetView, b: TargetView, config: RegistrationConfig) -> Registration:
+    assert b.surface is not None
+    refined = found.refined
+    known = {
+        "score": found.score, "overlap": found.overlap,
+        "num_points": len(refined.pairs.point_a), "searched": found.searched,
+    }  # fmt: skip
+    if found.score < config.min_score or found.overlap < config.min_overlap:
+        reason = f"views agree to {found.score:.3f} over {found.overlap:.2f} of the points"
+        return Registration(Status.POOR_FIT, reason, **known)
+    turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
+    both = np.kron(np.eye(2), turn_b)
+    judged = uncertainty(refined, b.surface)
+    covariance = both @ judged.covariance @ both.T
+    known["rms_residual_m"] = judged.rms_residual_m
+    weak = weak_directions(covariance, config.max_rotation_std_rad, config.max_shift_std_m)
+    if len(weak):
+        std = np.sqrt(np.diag(covariance))
+        reason = (
+            f"{len(weak)} of 6 directions not observed: std up to {np.degrees(std[:3].max()):.2f} deg, "
+            f"{1e3 * std[3:].max():.1f} mm"
+        )
+        return Registration(Status.UNCERTAIN, reason, weak=weak, **known)
+    if not refined.converged:
+        return Registration(Status.NOT_CONVERGED, f"{refined.iterations} iterations", **known)
+    pose = pose_matrix(turn_b @ refined.rotation @ turn_a.T, turn_b @ refined.translation_m)
+    return Registration(
+        Status.OK, "", pose, covariance, turn_b @ judged.centre_m, weak=weak, **known
+    )
