@@ -7,8 +7,13 @@ import numpy as np
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 
 _ROBUST_ROUNDS = 6
-# Without residuals beyond this there is nothing to reweight.
+# Without residuals beyond this, at a scale not far above the claimed one, there are no outliers.
 _CLEAN_SIGMAS = 5.0
+_TRIPLES = 200
+_TESTED_POINTS = 300
+_QUANTILE = 0.4
+# 40 % of a Gaussian's values lie within this many sigma.
+_QUANTILE_SIGMAS = 0.5244
 _MAD_TO_SIGMA = 1.4826
 
 
@@ -45,15 +50,53 @@ def circle_on_sphere(rays: LimbRays, weight: np.ndarray | None = None) -> tuple[
 
 
 def robust_circle_on_sphere(rays: LimbRays) -> tuple[np.ndarray, float]:
-    """`circle_on_sphere` reweighted by Geman and McClure's function of the residuals."""
+    """`circle_on_sphere` of the points that agree, found by consensus where not all do.
+
+    The circle through three points whose residuals' 40 % quantile is least (of a fixed number of
+    triples, the same ones for the same points) starts a reweighting by Geman and McClure's
+    function. Holds up to about half of the points being elsewhere.
+    """
     weight = rays.sigma_rad**-2
     nadir, rho = circle_on_sphere(rays, weight)
+    if not np.isfinite(rho):
+        return nadir, rho
+    residual = (rays.angles(nadir)[0] - rho) / rays.sigma_rad
+    if np.abs(residual).max() < _CLEAN_SIGMAS * np.clip(_quantile_sigma(residual), 1.0, 5.0):
+        return nadir, rho
+    nadir, rho = _best_triple(rays, nadir, rho)
     for _ in range(_ROBUST_ROUNDS):
+        residual = (rays.angles(nadir)[0] - rho) / rays.sigma_rad
+        ratio = 0.5 * residual / max(_quantile_sigma(residual), 1.0)
+        nadir, rho = circle_on_sphere(rays, weight / (1.0 + ratio * ratio) ** 2)
         if not np.isfinite(rho):
             break
-        residual = (rays.angles(nadir)[0] - rho) / rays.sigma_rad
-        ratio = residual / max(robust_sigma(residual), 1.0)
-        if np.abs(ratio).max() < _CLEAN_SIGMAS:
-            break
-        nadir, rho = circle_on_sphere(rays, weight / (1.0 + 0.25 * ratio * ratio) ** 2)
     return nadir, rho
+
+
+def _quantile_sigma(residual: np.ndarray) -> float:
+    """Scale of the best 40 % of the residuals, were they Gaussian."""
+    rank = int(_QUANTILE * (len(residual) - 1))
+    return float(np.partition(np.abs(residual), rank)[rank]) / _QUANTILE_SIGMAS
+
+
+def _best_triple(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[np.ndarray, float]:
+    """The circle with the least residual quantile, out of the given one and those of triples."""
+    rng = np.random.default_rng(0)
+    triples = rays.rays_base[rng.integers(0, len(rays), (_TRIPLES, 3))]
+    normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    proper = length > 1e-12
+    normals = normals[proper] / length[proper, None]
+    cosines = np.einsum("ij,ij->i", normals, triples[proper, 0])
+    normals = np.vstack((nadir, normals))
+    cosines = np.append(np.cos(rho), cosines)
+    some = rng.permutation(len(rays))[:_TESTED_POINTS]
+    theta = np.arccos(np.clip(rays.rays_base[some] @ normals.T, -1.0, 1.0))
+    distance = np.abs(theta - np.arccos(np.clip(cosines, -1.0, 1.0))) / rays.sigma_rad[some, None]
+    # The limb normals say which of the two sides is the planet's.
+    backward = np.mean(rays.outward_base[some] @ normals.T > 0, axis=0) > 0.5
+    rank = int(_QUANTILE * (len(some) - 1))
+    best = int(np.argmin(np.partition(distance, rank, axis=0)[rank]))
+    if backward[best]:
+        return -normals[best], float(np.arccos(np.clip(-cosines[best], -1.0, 1.0)))
+    return normals[best], float(np.arccos(np.clip(cosines[best], -1.0, 1.0)))
