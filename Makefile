@@ -58,8 +58,8 @@ define make_venv
 			&& $(2) -m pip -q --python $(1)/bin/python install pip; }
 	@echo "Installing the libraries into $(1) (about 700 MB; a minute or two)"
 	@$(1)/bin/python -m pip install -q --disable-pip-version-check $(3)
-	@$(1)/bin/python -m pip install -q --disable-pip-version-check --no-deps \
-		--no-build-isolation --use-pep517 --editable .
+	@PYTHONWARNINGS=ignore $(1)/bin/python -m pip install -q --disable-pip-version-check \
+		--no-deps --no-build-isolation --use-pep517 --editable .
 	@touch $(1)/.ready
 endef
 

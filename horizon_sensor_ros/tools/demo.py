@@ -7,7 +7,8 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from concurrent.futures import Future
 from pathlib import Path
 from types import FrameType
 
@@ -85,9 +86,14 @@ def _positive(text: str) -> float:
 
 def _demo(options: argparse.Namespace) -> None:
     options.output.mkdir(parents=True, exist_ok=True)
-    flight = Flight(duration_s=options.seconds, seed=options.seed)
+    flight = Flight(seed=options.seed)
     times_s = np.arange(0.0, options.seconds, 1.0 / options.rate).tolist()
-    print(f"{flight.description}\n{len(times_s)} image pairs past {' and '.join(NODES)}")
+    summary = (
+        f"{options.seconds:g} s of an orbit at {flight.altitude_m / 1e3:.0f} km: {len(times_s)} "
+        f"image pairs of {flight.camera.width} x {flight.camera.height} pixels "
+        f"past {' and '.join(NODES)}."
+    )
+    print(summary)
     with private_domain() as domain:
         environment = isolated_environment(domain)
         environment["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(
@@ -103,11 +109,11 @@ def _demo(options: argparse.Namespace) -> None:
             DemoLink(domain, flight.views) as link,
         ):
             link.wait_for_nodes(NODES, lambda: require_alive(nodes))
-            truths, sent_ns = _fly(link, moments, times_s, nodes)
+            truths, sent_ns = _fly(link, moments, options.rate, nodes)
             answers = link.answers
             if not (answers.attitudes and answers.verticals):
                 raise NoAnswerError(_why_nothing(answers, nodes))
-    _report(options.output / "report.html", flight, truths, sent_ns, answers)
+    _report(options.output / "report.html", summary, truths, sent_ns, answers)
 
 
 def _node_arguments(views: Sequence[CameraView]) -> list[str]:
@@ -121,25 +127,32 @@ def _node_arguments(views: Sequence[CameraView]) -> list[str]:
 
 
 def _fly(
-    link: DemoLink, moments: Iterable[Moment], times_s: list[float], nodes: Sequence[NodeProcess]
+    link: DemoLink, moments: Sequence[Future[Moment]], rate_hz: float, nodes: Sequence[NodeProcess]
 ) -> tuple[list[Truth], dict[int, int]]:
-    """Publish the flight in real time; returns its truth and when each pair went out."""
+    """Publish the flight at its rate, or slower if the drawing is; return truth and sending times.
+
+    Stamps keep the flight's own time even then.
+    """
     truths: list[Truth] = []
     sent_ns: dict[int, int] = {}
-    pictured = set(np.linspace(0, len(times_s) - 1, _SAMPLES).round().astype(int).tolist())
+    pictured = set(np.linspace(0, len(moments) - 1, _SAMPLES).round().astype(int).tolist())
     start = time.time_ns()
-    for i, moment in enumerate(tqdm(moments, total=len(times_s), unit="pair", desc="flight")):
+    due = time.monotonic()
+    for i, future in enumerate(tqdm(moments, unit="pair", desc="flight")):
+        while not future.done():
+            link.spin(0.02)
+        link.spin(due - time.monotonic())
+        due = max(due, time.monotonic()) + 1.0 / rate_hz
+        require_alive(nodes)
+        moment = future.result()
         stamp = start + round(moment.time_s * NANOSECONDS)
         if i in pictured:
             link.wanted_pictures.add(stamp)
-        link.spin((stamp - time.time_ns()) / NANOSECONDS)
-        require_alive(nodes)
         sent_ns[stamp] = time.time_ns()
         link.publish(stamp, moment.images)
         truths.append(Truth(stamp, moment.time_s, moment.nadir_base, moment.altitude_m))
     deadline = time.monotonic() + _QUIET_S
-    last = truths[-1].stamp
-    while time.monotonic() < deadline and last not in link.answers.pictures:
+    while time.monotonic() < deadline and truths[-1].stamp not in link.answers.pictures:
         link.spin(0.1)
     return truths, sent_ns
 
@@ -157,7 +170,7 @@ def _why_nothing(answers: Answers, nodes: Sequence[NodeProcess]) -> str:
 
 
 def _report(
-    path: Path, flight: Flight, truths: list[Truth], sent_ns: dict[int, int], answers: Answers
+    path: Path, summary: str, truths: list[Truth], sent_ns: dict[int, int], answers: Answers
 ) -> None:
     errors = flight_errors(truths, answers.verticals, answers.attitudes, LEVEL_Z)
     latency_s = np.array(
@@ -169,5 +182,5 @@ def _report(
         for truth in truths
         if truth.stamp in answers.pictures
     ]
-    write_report(path, flight.description, table, errors, samples)
+    write_report(path, summary, table, errors, samples)
     print(f"\n{table}\n\nreport with pictures: {path.resolve()}")

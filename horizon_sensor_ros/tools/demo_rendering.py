@@ -5,11 +5,10 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -29,8 +28,8 @@ class Moment:
 
 
 @contextmanager
-def rendered(flight: Flight, times_s: list[float]) -> Iterator[Iterator[Moment]]:
-    """Draw the flight at the given times; the iterator waits for moments not drawn yet."""
+def rendered(flight: Flight, times_s: Sequence[float]) -> Iterator[tuple[Future[Moment], ...]]:
+    """Draw the flight at the given times, in their order, until the block ends."""
     pool = ProcessPoolExecutor(
         _WORKERS,
         # Spawned, not forked: a copy of a process with DDS threads in it may hang.
@@ -38,15 +37,17 @@ def rendered(flight: Flight, times_s: list[float]) -> Iterator[Iterator[Moment]]
         initializer=_in_the_background,
     )
     try:
-        yield pool.map(partial(_moment, flight), times_s)
+        yield tuple(pool.submit(_moment, flight, time_s) for time_s in times_s)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _in_the_background() -> None:
-    # The nodes come first on a small machine; Ctrl-C is for the demo itself.
-    os.nice(10)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # The nodes come first on a small machine. Signals to the whole group, Ctrl-C and the like, are
+    # for the demo itself, which then ends its workers.
+    os.nice(5)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _moment(flight: Flight, time_s: float) -> Moment:

@@ -74,12 +74,12 @@ def write_report(
 
 
 def _figure(sample: Sample) -> str:
-    encoded, png = cv2.imencode(".png", sample.picture)
+    encoded, jpeg = cv2.imencode(".jpg", sample.picture, [cv2.IMWRITE_JPEG_QUALITY, 92])
     if not encoded:
-        raise RuntimeError("OpenCV could not encode a frame as PNG")
+        raise RuntimeError("OpenCV could not encode a picture as JPEG")
     caption = f"{sample.time_s:.1f} s"
     return (
-        f'<figure><img alt="Frames at {caption}" src="{_data_url(png.tobytes(), "png")}">'
+        f'<figure><img alt="Frames at {caption}" src="{_data_url(jpeg.tobytes(), "jpeg")}">'
         f"<figcaption>{caption}</figcaption></figure>"
     )
 
