@@ -50,11 +50,11 @@ class LimbRays:
         return np.arccos(cosine), (self.outward_base @ nadir_base) / -sine
 
     def residuals_px(self, nadir_base: np.ndarray, rho_rad: float) -> np.ndarray:
-        """Return each point's distance (N,) from the cone along its normal, px, and a mask (N,).
+        """Return each point's distance (N,) from the cone along its normal, px.
 
         Positive: the point lies outside the predicted disc. To first order in the distance, with
-        the camera's exact scale at the point. The mask is False where the normal lies across the
-        cone's, or against it; the distance there is infinite.
+        the camera's exact scale at the point. Infinite where the normal lies across the cone's, or
+        against it.
         """
         theta, growth = self.angles(nadir_base)
         usable = growth > _LEAST_NORMAL_COSINE * self.sigma_rad / self.sigma_px

@@ -1,0 +1,154 @@
+"""Step one: where in the image the limb might be.
+
+Two kinds of candidate. `canny_candidates` is the edge map the four papers start from: on a clouded
+planet most of its edges are clouds. `space_boundary_candidates` keeps only the edges whose dark
+side *is space*: dark along the whole way outwards. That is what tells a limb from a cloud.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+# The search works on an image of about this many pixels on its longer side: the limb is a large
+# thing, and the cost of the search stays nearly the same for any sensor.
+WORKING_SIZE_PX = 320
+_OUTWARD_STEPS_PX = np.array([3.0, 4.5, 6.5, 9.0, 13.0, 19.0, 28.0, 40.0])  # working pixels
+_INWARD_STEPS_PX = np.array([-2.0, -4.5])
+
+
+@dataclass(frozen=True)
+class LimbCandidates:
+    """Edge points that may lie on the limb.
+
+    px : (N, 2) float64 raw pixels of the full image. normal_px : (N, 2) unit vectors towards the
+    dark side.
+    contrast : (N,) gray-level step across the edge. pitch_px : spacing of the candidates' grid,
+    full-image pixels.
+    space_level, noise : gray level of empty space and its one-sigma noise, as seen in the working
+    image.
+    """
+
+    px: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
+    normal_px: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
+    contrast: np.ndarray = field(default_factory=lambda: np.empty(0))
+    pitch_px: float = 1.0
+    space_level: float = np.nan
+    noise: float = np.nan
+
+    def __len__(self) -> int:
+        return len(self.px)
+
+
+def reduce_image(gray: np.ndarray) -> tuple[np.ndarray, int]:
+    """Block-average an image to the working size: (float32 image, integer reduction factor)."""
+    factor = max(1, int(np.ceil(max(gray.shape) / WORKING_SIZE_PX - 0.25)))
+    if factor == 1:
+        return gray.astype(np.float32), 1
+    height, width = gray.shape[0] // factor, gray.shape[1] // factor
+    trimmed = gray[: height * factor, : width * factor]
+    return cv2.resize(trimmed, (width, height), interpolation=cv2.INTER_AREA).astype(
+        np.float32
+    ), factor
+
+
+def space_level_and_noise(small: np.ndarray) -> tuple[float, float]:
+    """Gray level of empty space and its noise: the median and spread of the darkest of 64 tiles."""
+    tile_h, tile_w = max(4, small.shape[0] // 8), max(4, small.shape[1] // 8)
+    rows, cols = small.shape[0] // tile_h, small.shape[1] // tile_w
+    tiles = small[: rows * tile_h, : cols * tile_w].reshape(rows, tile_h, cols, tile_w)
+    tiles = np.sort(tiles.transpose(0, 2, 1, 3).reshape(rows * cols, -1)[:, ::3], axis=1)
+    count = tiles.shape[1]
+    median = tiles[:, count // 2]
+    darkest = int(np.argmin(median))
+    low, high = tiles[darkest, int(0.16 * count)], tiles[darkest, int(0.84 * count)]
+    # A saturated or quantised frame may show no noise at all; a third of a gray level is what
+    # rounding alone adds.
+    return float(median[darkest]), max(float(high - low) / 2.0, 0.3)
+
+
+def canny_candidates(gray: np.ndarray, low: float = 50.0, high: float = 150.0) -> LimbCandidates:
+    """All Canny edges of the full image, as the papers take them (8-bit; 16-bit images are scaled
+    to 8).
+
+    gray : (H, W) uint8 or uint16. The normals point down the gradient. No edges: an empty result.
+    """
+    image = gray if gray.dtype == np.uint8 else cv2.convertScaleAbs(gray, alpha=1.0 / 257.0)
+    smooth = cv2.GaussianBlur(image, (5, 5), 1.0)
+    dx = cv2.Sobel(smooth, cv2.CV_16S, 1, 0)
+    dy = cv2.Sobel(smooth, cv2.CV_16S, 0, 1)
+    v, u = np.nonzero(cv2.Canny(dx, dy, low, high, L2gradient=True))
+    gradient = np.stack([dx[v, u], dy[v, u]], axis=1).astype(np.float64)
+    magnitude = np.linalg.norm(gradient, axis=1)
+    px = np.stack([u, v], axis=1).astype(np.float64)
+    return LimbCandidates(px, -gradient / magnitude[:, None], magnitude / 4.0)
+
+
+def space_boundary_candidates(gray: np.ndarray, *, max_candidates: int = 600) -> LimbCandidates:
+    """Edges that separate something bright from empty space.
+
+    gray : (H, W) uint8 or uint16. An edge point is kept when the image falls across it, and stays
+    at the level of space along its outward normal for as far as the frame reaches (40 working
+    pixels at most; one sample in five may be a star, the Moon or a streak, and air glow may fade
+    over the first few). No such edge: an empty result. At most `max_candidates`, evenly thinned.
+    """
+    small, factor = reduce_image(gray)
+    level, noise = space_level_and_noise(small)
+    smooth = cv2.GaussianBlur(small, (0, 0), 1.0)
+    bright = float(
+        np.partition(smooth.ravel()[::7], -max(1, smooth.size // 700))[-max(1, smooth.size // 700)]
+    )
+    # Smoothing with sigma 1 leaves 0.28 of white noise; a step is believed from five sigma of that.
+    step_min = max(5.0 * 0.28 * noise, 0.01 * (bright - level), 0.5)
+    empty = LimbCandidates(pitch_px=float(factor), space_level=level, noise=noise)
+    if bright - level < 3.0 * step_min:
+        return empty
+
+    # Canny wants 16-bit gradients; scale so that the brightest frame still fits.
+    scale = min(64.0, 8000.0 / max(bright - level, 1.0))
+    dx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=0.125 * scale)
+    dy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=0.125 * scale)
+    # A step of height s blurred by sigma ~1.2 px has a slope of about s/3 a pixel.
+    slope = step_min / 3.0 * scale
+    edges = cv2.Canny(dx.astype(np.int16), dy.astype(np.int16), slope, 2.0 * slope, L2gradient=True)
+    edges[:2], edges[-2:], edges[:, :2], edges[:, -2:] = 0, 0, 0, 0
+    v, u = np.nonzero(edges)
+    if len(u) == 0:
+        return empty
+    gx, gy = dx[v, u], dy[v, u]
+    magnitude = np.sqrt(gx * gx + gy * gy)
+    out_x, out_y = -gx / magnitude, -gy / magnitude
+
+    # Inside stays bright for a few pixels: stars and thin streaks do not.
+    height, width = smooth.shape
+    x = np.rint(u[:, None] + out_x[:, None] * _INWARD_STEPS_PX).astype(np.intp)
+    y = np.rint(v[:, None] + out_y[:, None] * _INWARD_STEPS_PX).astype(np.intp)
+    inside = smooth[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)] - level
+    step = inside[:, 0]
+    keep = (step > step_min) & (inside[:, 1] > 0.5 * step_min)
+    u, v, out_x, out_y, step = u[keep], v[keep], out_x[keep], out_y[keep], step[keep]
+    # Outside is space along the whole way; beyond the frame nothing is known.
+    x = np.rint(u[:, None] + out_x[:, None] * _OUTWARD_STEPS_PX).astype(np.intp)
+    y = np.rint(v[:, None] + out_y[:, None] * _OUTWARD_STEPS_PX).astype(np.intp)
+    in_frame = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    outside = smooth[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)] - level
+    # Near the edge air glow may hold half of the step; farther out it must have faded.
+    allowed = np.array([0.65, 0.5, 0.4, 0.3, 0.25, 0.2, 0.2, 0.2], dtype=np.float32)
+    dark = outside < np.maximum(allowed * step[:, None], step_min)
+    known = in_frame.sum(axis=1)
+    keep = (known >= 3) & ((dark & in_frame).sum(axis=1) >= 0.8 * known)
+    u, v, out_x, out_y, step = u[keep], v[keep], out_x[keep], out_y[keep], step[keep]
+    if len(u) > max_candidates:
+        pick = np.linspace(0, len(u) - 1, max_candidates).astype(np.intp)
+        u, v, out_x, out_y, step = u[pick], v[pick], out_x[pick], out_y[pick], step[pick]
+    px = (np.stack([u, v], axis=1) + 0.5) * factor - 0.5
+    return LimbCandidates(
+        px.astype(np.float64),
+        np.stack([out_x, out_y], axis=1).astype(np.float64),
+        step.astype(np.float64),
+        float(factor),
+        level,
+        noise,
+    )

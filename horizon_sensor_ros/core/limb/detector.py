@@ -1,0 +1,128 @@
+"""The limb in the frames of all cameras: candidates, one consensus, refinement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.fits import fit_horizon
+from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.limb.candidates import (
+    LimbCandidates,
+    canny_candidates,
+    space_boundary_candidates,
+)
+from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.limb.refinement import EdgeLook, RefinePass, refine_limb
+from horizon_sensor_ros.core.limb.selection import (
+    MIN_INLIERS,
+    Consensus,
+    limb_consensus,
+    rays_of_candidates,
+)
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.status import Status
+
+# From the consensus, good to a grid step or two, to the last tenths of a pixel.
+_SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0)
+_APPROACH = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0)
+_FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0)
+_CANNY_REACH_PX = 2.0
+
+
+@dataclass(frozen=True)
+class Detection:
+    """The limb in each frame, and the fit that the last pass of refinement rested on.
+
+    limbs : one per frame, in order. candidates : step one's, for drawing. consensus : step two's.
+    predicted : the fit whose limb the last pass refined; its status says why there is none.
+    """
+
+    limbs: tuple[LimbPoints, ...]
+    predicted: HorizonFit
+    candidates: tuple[LimbCandidates, ...] = ()
+    consensus: Consensus = field(default_factory=lambda: Consensus(Status.NO_LIMB))
+
+
+def detect_limb(
+    views: Sequence[CameraView],
+    images: Sequence[np.ndarray],
+    planet: Planet,
+    *,
+    rho_min_rad: float,
+    rho_max_rad: float,
+) -> Detection:
+    """Find the limb in simultaneous frames of any number of cameras.
+
+    images : (H, W) uint8 or uint16, one a view. A camera that sees no limb comes back with its own
+    status; if no consensus is found all do.
+    """
+    candidates = tuple(space_boundary_candidates(image) for image in images)
+    found = rays_of_candidates(views, candidates)
+    consensus = limb_consensus(found, rho_min_rad=rho_min_rad, rho_max_rad=rho_max_rad)
+    if consensus.status is not Status.OK:
+        none = LimbPoints.none(consensus.status, consensus.reason)
+        predicted = HorizonFit.none(consensus.status, consensus.reason, "ml")
+        return Detection((none,) * len(views), predicted, candidates, consensus)
+    nadir, rho = consensus.nadir_base, consensus.rho_rad
+    looks: list[EdgeLook | None] = [None] * len(views)
+    predicted = HorizonFit.none(Status.NO_LIMB, "", "ml")
+    limbs: list[LimbPoints] = []
+    for step in (_SEARCH, _APPROACH, _FINAL):
+        limbs = []
+        for i, (view, image) in enumerate(zip(views, images, strict=True)):
+            here, part = step, image
+            if step is _SEARCH:
+                factor = max(1, int(candidates[i].pitch_px) // 2)
+                here = RefinePass(step.reach_px, step.grid_px, step.spacing_px, factor)
+                part = _reduced(image, factor)
+            limb, looks[i] = refine_limb(part, view, nadir, rho, here, looks[i])
+            limbs.append(limb)
+        if step is _FINAL:
+            break
+        predicted = fit_horizon(
+            [LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)], planet
+        )
+        if not predicted.ok:
+            break
+        nadir, rho = predicted.nadir_base, predicted.rho_rad
+    return Detection(tuple(limbs), predicted, candidates, consensus)
+
+
+def _reduced(image: np.ndarray, factor: int) -> np.ndarray:
+    """Block-average by an integer factor."""
+    if factor == 1:
+        return image
+    height, width = image.shape[0] // factor, image.shape[1] // factor
+    trimmed = image[: height * factor, : width * factor]
+    return cv2.resize(trimmed, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def canny_limbs(
+    views: Sequence[CameraView], images: Sequence[np.ndarray], predicted: HorizonFit
+) -> tuple[LimbPoints, ...]:
+    """Whole-pixel limb points as in the papers: the Canny edges within two pixels of the predicted
+    limb.
+    """
+    limbs = []
+    for view, image in zip(views, images, strict=True):
+        edges = canny_candidates(image)
+        nadir = view.rot_base_from_cam.T @ predicted.nadir_base
+        rays = view.camera.rays(edges.px)
+        ahead = view.camera.rays(edges.px + edges.normal_px)
+        with np.errstate(invalid="ignore"):
+            angle = np.arccos(np.clip(rays @ nadir, -1.0, 1.0))
+            per_px = np.arccos(np.clip(ahead @ nadir, -1.0, 1.0)) - angle
+            keep = (per_px > 0) & (np.abs(angle - predicted.rho_rad) < _CANNY_REACH_PX * per_px)
+        if keep.sum() < MIN_INLIERS:
+            reason = f"{int(keep.sum())} Canny edges near the limb"
+            limbs.append(LimbPoints.none(Status.NO_LIMB, reason))
+            continue
+        # Rounding to whole pixels: a uniform error of one pixel's width.
+        sigma = np.full(int(keep.sum()), 1.0 / np.sqrt(12.0))
+        limbs.append(LimbPoints(Status.OK, "", edges.px[keep], edges.normal_px[keep], sigma))
+    return tuple(limbs)

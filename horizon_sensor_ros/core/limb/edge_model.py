@@ -1,0 +1,174 @@
+"""What the brightness across a sharp limb looks like, and where such an edge most likely lies.
+
+Along the normal, position d (pixels, outwards), the model of one profile with the edge at e is
+
+    I(d) = background + step * F(e - d) + texture(d) + noise
+
+F is a step blurred by the point-spread function (normal law, sigma `psf_px`); texture is whatever
+cloud and ground do inside: a Gaussian process with the covariance of surface detail seen at
+grazing incidence, blurred alike. Background and step are free for every profile. For each e on a
+grid the profile likelihood (restricted, so that the free amplitudes cost what they should) is one
+matrix product; the table of matrices depends on the shape alone and is kept. Texture beside the
+limb thereby widens the answer instead of moving it: the weight shifts to the outer flank of the
+edge. Where air glows above the limb the model does not hold; see `steepest`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid
+
+TEXTURES = (
+    0.0,
+    0.08,
+    0.25,
+    0.8,
+)  # strength of texture over the step, the kinds that are considered
+_TEXTURE_ROOT_LENGTH = 1.5  # correlation length of texture, in the root of the depth in pixels
+_FINE_PX = 0.1  # grid on which the texture's covariance is blurred
+_SHAPE_ERROR = 0.01  # what interpolation and a not quite normal blur add, over the step
+
+
+@dataclass(frozen=True)
+class EdgeTable:
+    """Precomputed likelihood of the edge's place, for profiles in units of their noise.
+
+    residual (E, J, J): whitened residual projectors, the cost of place e is ``|residual[e] @ I|^2
+    + log_det[e]``. step (E, J): the step's estimate is ``step[e] @ I``.
+    """
+
+    e_px: np.ndarray
+    residual: np.ndarray
+    log_det: np.ndarray
+    step: np.ndarray
+
+
+def normal_cdf(x: np.ndarray) -> np.ndarray:
+    """Standard normal distribution function."""
+    from scipy.special import ndtr  # noqa: PLC0415 - scipy is loaded when first needed
+
+    return np.asarray(ndtr(x))
+
+
+def texture_covariance(x_px: np.ndarray, psf_px: float) -> np.ndarray:
+    """Covariance of unit surface texture at signed distances x_px from the limb (planet: x < 0),
+    blurred; (K, K).
+
+    Ground distance grows with the square root of the depth below the limb, so detail of one size
+    is squeezed together towards the edge: an exponential covariance in the root of the depth.
+    """
+    fine = np.arange(min(x_px[0], 0.0) - 3.0 * psf_px, 0.0, _FINE_PX) + 0.5 * _FINE_PX
+    fine = fine[fine < 0]
+    root = np.sqrt(-fine)
+    covariance = np.exp(-np.abs(np.subtract.outer(root, root)) / _TEXTURE_ROOT_LENGTH)
+    blur = np.exp(-0.5 * ((x_px[:, None] - fine) / psf_px) ** 2)
+    blur *= _FINE_PX / (np.sqrt(2.0 * np.pi) * psf_px)
+    return blur @ covariance @ blur.T
+
+
+@lru_cache(maxsize=1024)
+def edge_table(
+    psf_px: float, step_over_noise: float, texture: float, grid: ProfileGrid
+) -> EdgeTable:
+    """Likelihood table for one kind of profile.
+
+    step_over_noise : how strong the edge is. texture : strength of the surface's texture over the
+    step.
+    """
+    d_px, e_px, num = grid.d_px, grid.e_px, grid.num
+    # All that depends on d - e alone is computed once over the differences that occur.
+    stride = round(1.0 / grid.grid_px)
+    x_px = d_px[0] - e_px[-1] + grid.grid_px * np.arange(stride * (num - 1) + len(e_px))
+    relative = texture**2 * texture_covariance(x_px, psf_px) if texture > 0 else 0.0
+    relative = relative + np.diag((_SHAPE_ERROR * normal_cdf(-x_px / psf_px)) ** 2)
+    relative = step_over_noise**2 * relative
+    basis = np.stack([np.ones_like(x_px), normal_cdf(-x_px / psf_px)], axis=1)
+    taken = (len(e_px) - 1 - np.arange(len(e_px)))[:, None] + stride * np.arange(num)
+    lower = np.linalg.cholesky(relative[taken[:, :, None], taken[:, None, :]] + np.eye(num))
+    whiten = np.linalg.inv(lower)
+    q, r = np.linalg.qr(whiten @ basis[taken])
+    projected = np.swapaxes(q, 1, 2) @ whiten
+    step = np.linalg.solve(r, projected)[:, 1]
+    diagonals = np.diagonal(lower, axis1=1, axis2=2), np.diagonal(r, axis1=1, axis2=2)
+    log_det = sum(2.0 * np.log(np.abs(diagonal)).sum(axis=1) for diagonal in diagonals)
+    return EdgeTable(
+        e_px,
+        (whiten - q @ projected).astype(np.float32),
+        np.asarray(log_det),
+        step.astype(np.float32),
+    )
+
+
+def place_edges(profiles: np.ndarray, noise: float, psf_px: float, grid: ProfileGrid) -> EdgePlaces:
+    """Maximum-likelihood place of the edge in each profile.
+
+    profiles : (N, J) gray levels sampled at ``grid.d_px``. noise : one-sigma pixel noise, gray
+    levels. How strong the texture is differs from profile to profile and is not known: the
+    likelihood is averaged over `TEXTURES`, so that a clean profile speaks loudly and one beside a
+    cloud's border softly.
+    """
+    scaled = (profiles * (1.0 / noise)).astype(np.float32)
+    height = scaled.max(axis=1) - np.median(scaled[:, -3:], axis=1)
+    octave = np.rint(np.log2(np.clip(height, 4.0, 256.0)))
+    places = np.empty((len(TEXTURES), 6, len(profiles)))
+    for value in np.unique(octave):
+        rows = np.flatnonzero(octave == value)
+        for kind, texture in enumerate(TEXTURES):
+            table = edge_table(psf_px, float(2.0**value), texture, grid)
+            places[kind][:, rows] = _place(scaled[rows], table)
+    offset, sigma, step, chi2, cost, at_border = places.transpose(1, 0, 2)
+    # How common each kind of profile is in this image, from the image itself
+    # (expectation-maximisation).
+    evidence = sigma * np.exp(-0.5 * (cost - cost.min(axis=0)))
+    share = np.full(len(TEXTURES), 1.0 / len(TEXTURES))
+    for _ in range(4):
+        weight = share[:, None] * evidence
+        weight /= weight.sum(axis=0)
+        share = weight.mean(axis=1)
+    mean = (weight * offset).sum(axis=0)
+    variance = (weight * (sigma**2 + (offset - mean) ** 2)).sum(axis=0)
+    height = (weight * step).sum(axis=0)
+    return EdgePlaces(
+        mean,
+        np.sqrt(variance),
+        height * noise,
+        height,
+        (weight * chi2).sum(axis=0) / (profiles.shape[1] - 3),
+        (weight * at_border).sum(axis=0) > 0.5,
+    )
+
+
+def _place(scaled: np.ndarray, table: EdgeTable) -> np.ndarray:
+    """Place, sigma, step over noise, chi-square, cost and at-border of each profile, for one kind
+    of texture.
+    """
+    num_places, num_samples = len(table.e_px), scaled.shape[1]
+    stacked = scaled @ table.residual.reshape(-1, num_samples).T
+    stacked = stacked.reshape(len(scaled), num_places, num_samples)
+    chi2 = np.einsum("nej,nej->ne", stacked, stacked).astype(np.float64)
+    steps = scaled @ table.step.T
+    # The planet is the bright side: an edge that rises outwards is no limb.
+    cost = np.where(steps > 0, chi2 + table.log_det, 1e9)
+    best = np.argmin(cost, axis=1)
+    inner = np.clip(best, 1, num_places - 2)
+    rows = np.arange(len(scaled))
+    before, centre, after = cost[rows, inner - 1], cost[rows, inner], cost[rows, inner + 1]
+    grid = table.e_px[1] - table.e_px[0]
+    curvature = np.maximum(before - 2.0 * centre + after, 1e-9)
+    slope = 0.5 * (after - before)
+    shift = np.clip(-slope / curvature, -1.0, 1.0)
+    drop = slope * shift + 0.5 * curvature * shift**2
+    return np.stack(
+        [
+            table.e_px[inner] + shift * grid,
+            grid * np.sqrt(2.0 / curvature),
+            steps[rows, inner].astype(np.float64),
+            chi2[rows, inner] + drop,
+            centre + drop,
+            (best == 0) | (best == num_places - 1),
+        ]
+    )

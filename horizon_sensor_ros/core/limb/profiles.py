@@ -1,0 +1,118 @@
+"""Gray-level profiles across the predicted limb, and what is measured in them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from horizon_sensor_ros.core.limb.curve import LimbCurve
+
+# Second differences along interpolated profiles show less than the pixels' own noise, and a real
+# edge is never quite the model's: on frames of known noise this factor makes the residuals of a
+# clean limb as large as their sigmas.
+_NOISE_FACTOR = 1.3
+_LEAST_NOISE = 0.25  # gray levels; what rounding alone adds
+
+
+@dataclass(frozen=True)
+class ProfileGrid:
+    """Where profiles are sampled, ``first_px + arange(num)``, and where edges are sought,
+    +-reach_px by grid_px.
+    """
+
+    first_px: float
+    num: int
+    reach_px: float
+    grid_px: float
+
+    @property
+    def d_px(self) -> np.ndarray:
+        """Sample positions (J,) along the normal."""
+        return self.first_px + np.arange(self.num)
+
+    @property
+    def e_px(self) -> np.ndarray:
+        """Candidate places (E,) of the edge."""
+        count = round(self.reach_px / self.grid_px)
+        return np.arange(-count, count + 1) * self.grid_px
+
+
+@dataclass(frozen=True)
+class EdgePlaces:
+    """The most likely edge of each profile.
+
+    offset_px (N,) along the normal; sigma_px (N,) from the likelihood's curvature; step (N,) gray
+    levels; significance (N,): step over the pixel noise; misfit (N,): cost over the degrees of
+    freedom, about 1 when the model holds; at_border (N,): the best place is the end of the search
+    range.
+    """
+
+    offset_px: np.ndarray
+    sigma_px: np.ndarray
+    step: np.ndarray
+    significance: np.ndarray
+    misfit: np.ndarray
+    at_border: np.ndarray
+
+    def take(self, keep: np.ndarray) -> EdgePlaces:
+        """Those of the profiles that a mask (N,) keeps."""
+        return EdgePlaces(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
+
+
+def sample_profiles(
+    gray: np.ndarray, curve: LimbCurve, d_px: np.ndarray, factor: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gray levels along the normals of the curve: (N, J) float32, and a mask (N,) of profiles
+    inside the frame.
+
+    gray : (H, W), already reduced by `factor`; d_px : (J,) in its pixels.
+    """
+    centre = (curve.px + 0.5) / factor - 0.5
+    ends = centre[:, None, :] + d_px[[0, -1]][None, :, None] * curve.normal_px[:, None, :]
+    height, width = gray.shape
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    valid = (low >= 1.0).all(axis=1) & (high[:, 0] <= width - 2) & (high[:, 1] <= height - 2)
+    x = (centre[:, :1] + d_px * curve.normal_px[:, :1]).astype(np.float32)
+    y = (centre[:, 1:] + d_px * curve.normal_px[:, 1:]).astype(np.float32)
+    # Only the part of the image that is looked at is turned into floats (8-bit interpolation would
+    # round).
+    left, top = max(0, int(low[:, 0].min()) - 4), max(0, int(low[:, 1].min()) - 4)
+    right, bottom = int(high[:, 0].max()) + 6, int(high[:, 1].max()) + 6
+    part = gray[top:bottom, left:right].astype(np.float32)
+    profiles = cv2.remap(
+        part, x - left, y - top, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE
+    )
+    return profiles, valid
+
+
+def pixel_noise(profiles: np.ndarray) -> float:
+    """One-sigma pixel noise in gray levels, from the outermost six samples (space) of each profile
+    (N, J).
+    """
+    second = np.diff(profiles[:, -6:], n=2, axis=1)
+    spread = 1.4826 * float(np.median(np.abs(second)))
+    return max(_NOISE_FACTOR * spread / np.sqrt(6.0), _LEAST_NOISE)
+
+
+def mean_profile(
+    profiles: np.ndarray, d_px: np.ndarray, places: EdgePlaces
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of the profiles, each aligned at its own edge and scaled to unit step, in bins of a
+    quarter pixel.
+
+    Returns distances from the edge (K,) and the mean (K,); bins that few profiles reach are left
+    out.
+    """
+    bins = np.rint((d_px - places.offset_px[:, None]) * 4.0).astype(np.intp)
+    low = int(bins.min())
+    background = np.median(profiles[:, -3:], axis=1, keepdims=True)
+    step = np.maximum(places.step, 1e-6)[:, None]
+    # A bright profile says more, up to a point: one mirror-bright cloud is not the limb.
+    weight = np.broadcast_to(np.minimum(step, np.median(step)), bins.shape).ravel()
+    scaled = ((profiles - background) / step).ravel()
+    count = np.bincount((bins - low).ravel(), weights=weight)
+    total = np.bincount((bins - low).ravel(), weights=weight * scaled)
+    use = count > 0.2 * count.max()
+    return (np.flatnonzero(use) + low) / 4.0, total[use] / count[use]
