@@ -55,7 +55,8 @@ def uncertainty(refined: Refined, b: SurfaceView) -> Uncertainty:
     # In units of turns at the target's rms radius, in which all six directions compare.
     scale = np.array([1 / b.size_m] * 3 + [1.0] * 3)
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    values = np.maximum(values, 1.0)
+    # Nothing is less known than to the target's size.
+    values = np.maximum(values, 1 / b.size_m**2)
     inverse = (vectors / values) @ vectors.T * np.outer(scale, scale)
     covariance = inverse + inverse @ (sums.T @ sums) @ inverse
     return Uncertainty((covariance + covariance.T) / 2, information, centre, rms)

@@ -162,7 +162,7 @@ def refine(
     centre = matcher.b.image.centroid_m
     converged = False
     iteration = 0
-    for iteration in range(1, max_iterations + 1):  # noqa: B007
+    for iteration in range(1, max_iterations + 1):
         pairs = matcher.pairs(rotation, translation, gates_m[min(iteration, len(gates_m)) - 1])
         robust = robust_weights(pairs)
         j = jacobian(pairs.point_a, pairs.normal(), centre)

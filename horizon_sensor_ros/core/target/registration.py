@@ -15,7 +15,14 @@ from .rigid import pose_matrix, skew
 from .search import align_batch, rotation_starts
 from .surfels import SurfaceView, surface_view
 
+# View consistency from which a motion is taken without looking for a better one.
 _SURE = 0.95
+# Starts of the search lie so far apart.
+_START_SPACING_RAD = np.radians(18.0)
+# Reach of the coarse alignments, step by step, in rms radii of the target.
+_SINGLE_GATES = np.array([0.3, 0.3, 0.22, 0.22, 0.15, 0.15, 0.1, 0.08])
+_FIRST_GATES = np.array([0.16, 0.16, 0.12, 0.1])
+_SECOND_GATES = np.array([0.16, 0.12, 0.1, 0.08])
 
 
 @dataclass(frozen=True)
@@ -169,29 +176,35 @@ def _find(
         if tried[-1].score >= _SURE:
             return tried[-1]
     shift = b.image.centroid_m - a.image.centroid_m
-    size = b.size_m
-    wide = tuple(size * np.array([0.3, 0.3, 0.22, 0.22, 0.15, 0.15, 0.1, 0.08]))
-    first = align_batch(a, b, np.eye(3)[None], shift[None], wide, 250)
+    first = align_batch(a, b, np.eye(3)[None], shift[None], b.size_m * _SINGLE_GATES, 250)
     tried.append(finish(first[0][0], first[1][0], False))
     if tried[-1].score >= _SURE:
         return tried[-1]
-    starts = rotation_starts(config.search_rad, np.radians(18.0))
-    shifts = b.image.centroid_m - starts @ a.image.centroid_m
-    rotations, translations = align_batch(
-        a, b, starts, shifts, tuple(size * np.array([0.3, 0.3, 0.22])), 100
-    )
-    seen = view_consistency(a, b, rotations, translations, 150, 1.0)
-    best = np.argsort(-seen.score * np.sqrt(seen.overlap), kind="stable")[:8]
-    rotations, translations = align_batch(
-        a, b, rotations[best], translations[best], tuple(size * np.array([0.18, 0.15, 0.12, 0.08])), 250
-    )  # fmt: skip
-    seen = view_consistency(a, b, rotations, translations, 300, 1.0)
-    best = np.argsort(-seen.score * np.sqrt(seen.overlap), kind="stable")[:2]
-    for k in best:
-        tried.append(finish(rotations[k], translations[k], True))
-        if tried[-1].score >= _SURE:
+    for k, (rotation, translation) in enumerate(_search(a, b, config.search_rad)):
+        # A second candidate only where the first is no answer.
+        if k and tried[-1].score >= config.min_score:
             break
+        tried.append(finish(rotation, translation, True))
     return max(tried, key=lambda found: found.merit)
+
+
+def _search(
+    a: SurfaceView, b: SurfaceView, search_rad: float
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The most consistent motions found from starts all over a ball of rotations, best first."""
+    rotations = rotation_starts(search_rad, _START_SPACING_RAD)
+    translations = b.image.centroid_m - rotations @ a.image.centroid_m
+    for gates, align_samples, view_samples, kept in (
+        (_FIRST_GATES, 150, 200, 8),
+        (_SECOND_GATES, 250, 400, 2),
+    ):
+        rotations, translations = align_batch(
+            a, b, rotations, translations, b.size_m * gates, align_samples
+        )
+        seen = view_consistency(a, b, rotations, translations, view_samples, 1.0)
+        best = np.argsort(-seen.score * np.sqrt(seen.overlap), kind="stable")[:kept]
+        rotations, translations = rotations[best], translations[best]
+    return list(zip(rotations, translations, strict=True))
 
 
 def _judge(found: _Found, a: TargetView, b: TargetView, config: RegistrationConfig) -> Registration:

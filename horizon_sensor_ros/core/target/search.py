@@ -16,46 +16,61 @@ def align_batch(
     b: SurfaceView,
     rotations: np.ndarray,
     translations: np.ndarray,
-    gates_m: tuple[float, ...],
+    gates_m: np.ndarray,
     samples: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Move C starts p_b = R p_a + t towards their nearest optima; one Gauss-Newton step for each gate.
 
-    rotations (C, 3, 3), translations (C, 3).  A sample of a's planes is matched to what b sees in the same direction:
-    point to plane, or to the nearest silhouette's point where b sees nothing there.
+    rotations (C, 3, 3), translations (C, 3).  A sample of each view is matched to the planes that the other one sees in the
+    same direction, or to the nearest point of its silhouette where it sees nothing there.
     """
-    points, normals = (part.T.copy() for part in a.sample(samples))
-    bare = ~normals.any(axis=0)
-    # About the target, so that single precision and small angles do.
-    centre = a.image.centroid_m.astype(np.float32)
-    points -= centre[:, None]
+    points_a, normals_a = (part.T.copy() for part in a.sample(samples // 2))
+    points_b, normals_b = (part.T.copy() for part in b.sample(samples // 2))
+    # Turns are about the target's centre, so that single precision and small angles do.
+    centre = a.image.centroid_m
     rotation = np.asarray(rotations, float)
     shift = np.einsum("cij,j->ci", rotation, centre) + translations
-    count = len(rotation)
     for gate in gates_m:
-        r = rotation.astype(np.float32).reshape(-1, 3)
-        arm = (r @ points).reshape(count, 3, -1)
-        n = (r @ normals).reshape(count, 3, -1)
-        p = arm + shift.astype(np.float32)[:, :, None]
-        x, y, z = p[:, 0], p[:, 1], p[:, 2]
-        index = project(b, x, y, z)
-        nearest = b.nearest[index]
-        on_plane = nearest == index
-        to = b.point_map[nearest].transpose(0, 2, 1)
-        nb = b.normal_map[nearest].transpose(0, 2, 1)
-        gap = p - to
-        agree = np.where(bare, np.float32(0.5), np.einsum("cis,cis->cs", n, nb))
-        direction = np.where(on_plane[:, None], n + nb, gap)
-        direction /= np.sqrt(np.einsum("cis,cis->cs", direction, direction))[:, None] + np.float32(1e-6)
-        e = np.einsum("cis,cis->cs", gap, direction)
-        ratio = e / np.float32(gate)
-        weight = np.where(on_plane, np.clip(agree, 0, 1), np.float32(0.3)) / (1 + ratio * ratio) ** 2
-        weight *= np.einsum("cis,cis->cs", n, p) <= 0
-        step = _solve(arm, direction, e, weight)
+        r = rotation.astype(np.float32)
+        at = shift.astype(np.float32)[:, :, None]
+        arm = np.matmul(r, points_a - centre.astype(np.float32)[:, None])
+        there = _pull(arm + at, np.matmul(r, normals_a), b, gate, ~normals_a.any(axis=0))
+        back = r.transpose(0, 2, 1)
+        away = points_b - at
+        here = _pull(
+            np.matmul(back, away) + centre.astype(np.float32)[:, None],
+            np.matmul(back, normals_b), a, gate, ~normals_b.any(axis=0),
+        )  # fmt: skip
+        step = _solve(
+            np.concatenate([arm, away], axis=2),
+            np.concatenate([there[0], np.matmul(-r, here[0])], axis=2),
+            np.concatenate([there[1], here[1]], axis=1),
+            np.concatenate([there[2], here[2]], axis=1),
+        )
         turn = rotation_from_vector(step[:, :3])
         rotation = turn @ rotation
         shift = shift + step[:, 3:]
     return rotation, shift - np.einsum("cij,j->ci", rotation, centre)
+
+
+def _pull(
+    p: np.ndarray, n: np.ndarray, view: SurfaceView, gate: float, bare: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of moved points and normals (C, 3, S): direction of the pull (C, 3, S), distance along it and weight (C, S)."""
+    index = project(view, p[:, 0], p[:, 1], p[:, 2])
+    nearest = view.nearest[index]
+    on_plane = nearest == index
+    gap = p - view.point_map[nearest].transpose(0, 2, 1)
+    other = view.normal_map[nearest].transpose(0, 2, 1)
+    agree = np.where(bare, np.float32(0.5), np.einsum("cis,cis->cs", n, other))
+    direction = np.where(on_plane[:, None], n + other, gap)
+    length = np.sqrt(np.einsum("cis,cis->cs", direction, direction))
+    direction /= (length + np.float32(1e-6))[:, None]
+    e = np.einsum("cis,cis->cs", gap, direction)
+    ratio = e / np.float32(gate)
+    weight = np.where(on_plane, np.clip(agree, 0, 1), np.float32(0.3)) / (1 + ratio * ratio) ** 2
+    weight *= np.einsum("cis,cis->cs", n, p) <= 0
+    return direction, e, weight
 
 
 def _solve(arm: np.ndarray, n: np.ndarray, e: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -128,6 +128,8 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     sigma = max(_range_noise(inverse, seen) if sigma_m is None else sigma_m, 1e-3 * footprint)
     radius = _window_radius(sigma / footprint)
     fit = _plane_fit(inverse, seen, middle, radius)
+    if sigma_m is None:
+        sigma = max(fit.noise_m(sigma, radius), 1e-3 * footprint)
     noise = sigma * inverse * inverse + _BEND_PX * inverse / image.focal_px
     flat = fit.flat(noise)
     own = flat.copy()
@@ -175,7 +177,7 @@ def _range_noise(inverse: np.ndarray, seen: np.ndarray) -> float:
 def _window_radius(noise_px: float) -> int:
     """Smallest window (2 r + 1 wide) whose normals are good to some 3 deg; noise in pixel widths."""
     for radius in (2, 3, 4, 5):
-        if noise_px < 0.05 * _slope_gain(radius):
+        if noise_px < 0.065 * _slope_gain(radius):
             return radius
     return 6
 
@@ -187,13 +189,25 @@ def _slope_gain(radius: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _PlaneFit:
-    """Windowed least squares at every pixel: level, slopes a pixel, mean square residual, where defined."""
+    """Windowed least squares at every pixel: level, slopes a pixel, mean square residual, returns used, where defined."""
 
     level: np.ndarray
     slope_u: np.ndarray
     slope_v: np.ndarray
     mean_square: np.ndarray
+    count: np.ndarray
     defined: np.ndarray
+
+    def noise_m(self, guess_m: float, radius: int) -> float:
+        """Range noise from the flattest windows; ``guess_m`` where they are few or it is the lower."""
+        dof = (2 * radius + 1) ** 2 - 3
+        full = self.defined & (self.count > dof)
+        if np.count_nonzero(full) < 50:
+            return guess_m
+        # Of chi squared per degree of freedom a tenth lies below this (Wilson and Hilferty).
+        tenth = (1 - 2 / (9 * dof) - 1.2816 * np.sqrt(2 / (9 * dof))) ** 3
+        square = self.mean_square[full] / self.level[full] ** 4
+        return min(guess_m, float(np.sqrt(np.quantile(square, 0.1) / tenth)))
 
     def flat(self, noise: np.ndarray) -> np.ndarray:
         return self.defined & (self.mean_square < _FLAT * noise * noise)
@@ -228,7 +242,7 @@ def _plane_fit(inverse: np.ndarray, seen: np.ndarray, middle: float, radius: int
     rest = np.maximum(ww - slope_u * uw - slope_v * vw, 0)
     level = mean_w - slope_u * mean_u - slope_v * mean_v + np.float32(middle)
     defined &= level > 0.2 * middle
-    return _PlaneFit(level, slope_u, slope_v, rest / np.maximum(n - 3, 1), defined)
+    return _PlaneFit(level, slope_u, slope_v, rest / np.maximum(n - 3, 1), n, defined)
 
 
 def _borrow_planes(
