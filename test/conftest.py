@@ -24,8 +24,13 @@ def shared_data() -> Path:
 
 @pytest.fixture(scope="session")
 def ros_domain() -> Iterator[int]:
-    """ROS_DOMAIN_ID that no other test run on this machine uses at the same time."""
-    with private_domain() as domain:
+    """ROS_DOMAIN_ID that no other test run on this machine uses; set for this process as well."""
+    with private_domain() as domain, pytest.MonkeyPatch.context() as patch:
+        environment = isolated_environment(domain)
+        for name in set(os.environ) - set(environment):
+            patch.delenv(name)
+        for name, value in environment.items():
+            patch.setenv(name, value)
         yield domain
 
 

@@ -111,9 +111,10 @@ def lifecycle_state(node_name: str, domain: int, patience_s: float = 20.0) -> st
     try:
         node = rclpy.create_node("package_test", context=context)
         executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
         client = node.create_client(GetState, f"/{node_name}/get_state")
         deadline = time.monotonic() + patience_s
-        state = "not there"
+        state = "no answer"
         while state != "active" and time.monotonic() < deadline:
             if not client.wait_for_service(timeout_sec=1.0):
                 continue
