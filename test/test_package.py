@@ -187,6 +187,15 @@ def test_launch_files_describe_nodes() -> None:
         assert runpy.run_path(str(path))["generate_launch_description"]().entities
 
 
+def test_params_file_is_written_from_the_table_of_parameters() -> None:
+    from horizon_sensor_ros.ros.parameters import parameter_file
+
+    assert (ROOT / "config" / "params.yaml").read_text() == parameter_file(), (
+        "write it anew: python -c 'from horizon_sensor_ros.ros.parameters import parameter_file;"
+        ' print(parameter_file(), end="")' > config/params.yaml'
+    )
+
+
 def test_config_files_parse() -> None:
     for path in (ROOT / "config").glob("*.yaml"):
         assert yaml.safe_load(path.read_text()), path
