@@ -21,7 +21,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 INPUTS := setup.py setup.cfg pyproject.toml $(wildcard requirements/*.txt)
 
-.PHONY: help venv demo test test-slow test-noble bench lint clean
+.PHONY: help venv demo test test-slow test-noble bench lint params clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -41,6 +41,9 @@ bench: venv ## the benchmark tables
 lint: venv ## ruff and mypy
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/mypy
+params: venv ## write config/params.yaml anew from the table of parameters
+	$(VENV)/bin/python -c "from horizon_sensor_ros.ros.parameters import parameter_file; \
+	open('config/params.yaml', 'w').write(parameter_file())"
 clean: ## remove what the other targets made
 	rm -rf $(VENV) $(NOBLE) build install log demo_output bench_output *.egg-info
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -190,10 +190,8 @@ def test_launch_files_describe_nodes() -> None:
 def test_params_file_is_written_from_the_table_of_parameters() -> None:
     from horizon_sensor_ros.ros.parameters import parameter_file
 
-    assert (ROOT / "config" / "params.yaml").read_text() == parameter_file(), (
-        "write it anew: python -c 'from horizon_sensor_ros.ros.parameters import parameter_file;"
-        ' print(parameter_file(), end="")' > config/params.yaml'
-    )
+    written = (ROOT / "config" / "params.yaml").read_text()
+    assert written == parameter_file(), "`make params` writes it anew"
 
 
 def test_config_files_parse() -> None:
