@@ -131,7 +131,7 @@ def _to_planes(
         weight = weight / 2
     other, n = other[keep], n[keep]
     cosine = -np.einsum("ij,ij->i", n, other) / np.linalg.norm(other, axis=1)
-    noise_b = normal_noise(b.sigma_m, b.footprint_m, cosine)
+    noise_b = normal_noise(b.sigma_m, b.footprint_m, cosine, b.tilt_rad[index[keep]])
     noise_a = noise_b if surfels is a.bare else surfels.sigma_m[keep]
     tilt2 = surfels.tilt_rad[keep] * (
         b.normal_noise_rad if surfels is a.bare else b.tilt_rad[index[keep]]

@@ -13,8 +13,9 @@ import numpy as np
 
 from .range_image import RangeImage
 
-# A plane is trusted down to this cosine between ray and normal.
-_MIN_COSINE = 0.1
+# A plane is trusted down to this cosine between ray and normal; a borrowed one down to the second.
+_MIN_COSINE = 0.03
+_MIN_BORROWED_COSINE = 0.1
 # So much of a pixel's width a surface may bend within a window and still count as flat.
 _BEND_PX = 0.12
 # Mean square residual of a window over the expected one, up to which it holds one plane.
@@ -28,13 +29,16 @@ _NEIGHBOURS = 18
 _EDGE_REACH_PX = 5.1
 
 
-def normal_noise(sigma_m: float, footprint_m: float, cosine: np.ndarray) -> np.ndarray:
+def normal_noise(
+    sigma_m: float, footprint_m: float, cosine: np.ndarray, tilt_rad: np.ndarray
+) -> np.ndarray:
     """Standard deviation (m) along the normal of one measurement on a plane seen at ``cosine`` to its normal.
 
-    Range noise shrinks with the cosine; that the surface bends between pixels, wider apart at a slant, does not.
+    Range noise shrinks with the cosine. A window that passed as flat bends little between its pixels; a borrowed plane
+    (``tilt_rad`` not 0) may, the more so at a slant, where pixels lie wide apart.
     """
-    cosine = np.maximum(cosine, _MIN_COSINE)
-    return np.hypot(sigma_m * cosine, footprint_m * (0.05 + 0.008 / cosine**2))
+    bend = 0.05 + np.where(tilt_rad > 0, 0.008 / np.maximum(cosine, _MIN_BORROWED_COSINE) ** 2, 0.0)
+    return np.hypot(sigma_m * cosine, footprint_m * bend)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +146,7 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
         depth = 1 / level
         cosine = level / (length * np.sqrt(1 + tan_u**2 + tan_v[:, None] ** 2))
         normal = np.stack([a, b, c], axis=-1) / -length[..., None]
-    plane = flat & (cosine > _MIN_COSINE)
+    plane = flat & (cosine > np.where(own, _MIN_COSINE, _MIN_BORROWED_COSINE))
     point = np.stack([depth * tan_u, depth * tan_v[:, None], depth], axis=-1)
     point[~plane], normal[~plane], cosine[~plane] = 0, 0, 0
     tilt = np.where(own, np.float32(0), np.float32(_BORROWED_TILT_RAD)).ravel()
@@ -322,7 +326,7 @@ def _faces(
     return Surfels(
         point_map[index].astype(float),
         normal_map[index].astype(float),
-        normal_noise(sigma, footprint, cosine[row, column]).astype(float),
+        normal_noise(sigma, footprint, cosine[row, column], tilt[index]).astype(float),
         np.full(len(index), float(share)),
         tilt[index].astype(float),
     )
