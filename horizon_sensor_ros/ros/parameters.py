@@ -7,6 +7,7 @@ Nodes declare from it, `horizon_replay` reads the same from a ROS parameter file
 from __future__ import annotations
 
 import re
+from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ import yaml
 
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.fits import METHODS
-from horizon_sensor_ros.core.horizon_sensor import HorizonConfig
+from horizon_sensor_ros.core.horizon_sensor import LIMB_SOURCES, HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 
 _MAX_FILE_BYTES = 1_000_000
@@ -162,12 +163,19 @@ HORIZON_PARAMETERS = (
         choices=tuple(METHODS),
     ),
     Parameter(
+        "limb",
+        "string",
+        HorizonConfig.limb,
+        "How precisely the limb is located: along its normal, or at Canny's whole pixels.",
+        choices=LIMB_SOURCES,
+    ),
+    Parameter(
         "altitude_min",
         "double",
         HorizonConfig.altitude_min_m,
         "A fit with a lower altitude is refused.",
         unit="m",
-        minimum=0.0,
+        minimum=1.0,
         maximum=1e12,
         live=True,
     ),
@@ -177,8 +185,74 @@ HORIZON_PARAMETERS = (
         HorizonConfig.altitude_max_m,
         "A fit with a higher altitude is refused.",
         unit="m",
-        minimum=0.0,
+        minimum=1.0,
         maximum=1e12,
+        live=True,
+    ),
+    Parameter(
+        "max_nadir_sigma",
+        "double",
+        HorizonConfig.max_nadir_sigma_rad,
+        "An estimate less certain than this is withheld.",
+        unit="rad",
+        minimum=1e-06,
+        maximum=3.2,
+        live=True,
+    ),
+    Parameter(
+        "max_residual",
+        "double",
+        HorizonConfig.max_residual_px,
+        "A limb that scatters more than this about the fit, per 640 pixels of image "
+        "width, is refused.",
+        unit="px",
+        minimum=0.001,
+        maximum=1000.0,
+        live=True,
+    ),
+    Parameter(
+        "min_limb_share",
+        "double",
+        HorizonConfig.min_limb_share,
+        "Least share of the lit limb in a frame that must be found.",
+        minimum=0.0,
+        maximum=1.0,
+        live=True,
+    ),
+    Parameter(
+        "max_bright_sky",
+        "double",
+        HorizonConfig.max_bright_sky,
+        "Largest share of the limb beside which the sky may be bright.",
+        minimum=0.0,
+        maximum=1.0,
+        live=True,
+    ),
+    Parameter(
+        "min_clear_sky",
+        "double",
+        HorizonConfig.min_clear_sky,
+        "Least share of the sky that must be at the level of space.",
+        minimum=0.0,
+        maximum=1.0,
+        live=True,
+    ),
+    Parameter(
+        "min_contrast",
+        "double",
+        HorizonConfig.min_contrast,
+        "Least step from planet to space beside the limb, in sigmas of the image's noise.",
+        minimum=0.001,
+        maximum=10000.0,
+        live=True,
+    ),
+    Parameter(
+        "max_space_level",
+        "double",
+        HorizonConfig.max_space_level,
+        "Highest gray level of empty space, over the largest gray level.",
+        minimum=0.0,
+        maximum=1.0,
         live=True,
     ),
     Parameter(
@@ -241,6 +315,22 @@ def rotation_parameter(camera: str) -> Parameter:
     )
 
 
+# Parameters that go into the core's configuration as they are.
+_SENSOR_FIELDS = {
+    "method": "method",
+    "limb": "limb",
+    "altitude_min": "altitude_min_m",
+    "altitude_max": "altitude_max_m",
+    "max_nadir_sigma": "max_nadir_sigma_rad",
+    "max_residual": "max_residual_px",
+    "min_limb_share": "min_limb_share",
+    "max_bright_sky": "max_bright_sky",
+    "min_clear_sky": "min_clear_sky",
+    "min_contrast": "min_contrast",
+    "max_space_level": "max_space_level",
+}
+
+
 @dataclass(frozen=True)
 class PipelineSettings:
     """Everything that the estimates depend on.
@@ -282,7 +372,7 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
     rotations: list[tuple[float, ...] | None] = []
     cameras = accepted.get("cameras", [])
     problems += _camera_name_problems(cameras) if "cameras" in accepted else []
-    for camera in dict.fromkeys(cameras):
+    for camera in filter(_CAMERA_NAME.fullmatch, dict.fromkeys(cameras)):
         if accepted.get("extrinsics_source") == "tf":
             rotations.append(None)
             continue
@@ -316,10 +406,8 @@ def _sensor_config(values: Mapping[str, Any]) -> HorizonConfig:
         else:
             planet = Planet(values["planet_radius"], limb_height)
         return HorizonConfig(
-            method=values["method"],
             planet=planet,
-            altitude_min_m=values["altitude_min"],
-            altitude_max_m=values["altitude_max"],
+            **{field: values[name] for name, field in _SENSOR_FIELDS.items()},
         )
     except ValueError as error:
         raise ParameterError(str(error)) from None
@@ -400,7 +488,7 @@ def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str
         raise ParameterError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
     if content is None:
         return {}
-    full_name = f"{namespace.rstrip('/')}/{node}"
+    full_name = "/".join(["", *namespace.strip("/").split("/"), node]).replace("//", "/")
     values: dict[str, Any] = {}
     entries = list(_node_entries(content, ""))
     if not entries:
@@ -444,7 +532,8 @@ def _flat(parameters: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any
 def _as_kind(value: Any, kind: str) -> Any:
     """Return value as a kind; None when it is another kind."""
     if kind.endswith("_array"):
-        if isinstance(value, str | bytes) or not hasattr(value, "__iter__"):
+        # rclpy hands number arrays over as array.array.
+        if not isinstance(value, list | tuple | array):
             return None
         items = [_as_kind(item, kind.removesuffix("_array")) for item in value]
         return None if any(item is None for item in items) else items

@@ -1,0 +1,155 @@
+"""Diagnostics: the state, and the words for it, in every situation a pipeline can be in."""
+
+from __future__ import annotations
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from horizon_messages import CAMERAS, PARAMETERS
+
+from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.horizon_sensor import HorizonFix
+from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.ros.diagnostics import HorizonMonitor
+from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
+from horizon_sensor_ros.ros.messages import Refusal
+from horizon_sensor_ros.ros.parameters import horizon_settings
+
+S = 1_000_000_000
+
+
+def monitor_of(*, live: bool = True) -> HorizonMonitor:
+    return HorizonMonitor("node: horizon", CAMERAS, 2 * S, live=live)
+
+
+def fix_of(status: Status = Status.OK, used: tuple[str, ...] = CAMERAS) -> HorizonFix:
+    limbs = tuple(
+        LimbPoints(Status.OK) if c in used else LimbPoints.none(Status.NO_LIMB, "all dark")
+        for c in CAMERAS
+    )
+    nadir = np.array([0.0, 0.0, -1.0])
+    fit = HorizonFit(status, "", "ml", nadir, 1.1, 5e5, np.eye(4), 0.12, 210, 200, used)
+    return HorizonFix(status, "because", fit, limbs, used)
+
+
+def deliver(monitor: HorizonMonitor, now: int, fix: HorizonFix | None = None) -> None:
+    monitor.on_step(Step("camera_1"), now)
+    results = (HorizonResult(now, fix, ()),) if fix is not None else ()
+    monitor.on_step(Step("camera_2", results), now)
+
+
+def test_before_any_frame() -> None:
+    health = monitor_of().health(0)
+    assert (health.level, health.state) == (DiagnosticStatus.STALE, "waiting")
+    assert health.reason == "no frames from camera_1 yet; no frames from camera_2 yet"
+
+
+def test_one_camera_not_there_yet() -> None:
+    monitor = monitor_of()
+    monitor.on_step(Step("camera_1"), S)
+    health = monitor.health(S)
+    assert (health.level, health.state) == (DiagnosticStatus.WARN, "waiting")
+    assert health.reason == "no frames from camera_2 yet"
+
+
+def test_all_well() -> None:
+    monitor = monitor_of()
+    deliver(monitor, S, fix_of())
+    health = monitor.health(S)
+    assert (health.level, health.state) == (DiagnosticStatus.OK, "ok")
+
+
+def test_one_camera_blind_is_named() -> None:
+    monitor = monitor_of()
+    deliver(monitor, S, fix_of(used=("camera_1",)))
+    health = monitor.health(S)
+    assert (health.level, health.state) == (DiagnosticStatus.WARN, "degraded")
+    assert health.reason == "camera_2 left out: all dark"
+
+
+def test_no_fix_says_why() -> None:
+    monitor = monitor_of()
+    deliver(monitor, S, fix_of(Status.SHORT_ARC, ()))
+    health = monitor.health(S)
+    assert (health.level, health.state) == (DiagnosticStatus.WARN, "no_fix")
+    assert health.reason == "short_arc: because"
+
+
+def test_a_refusal_lasts_until_the_cameras_next_good_frame() -> None:
+    monitor = monitor_of()
+    deliver(monitor, S, fix_of())
+    monitor.on_step(Step("camera_2", refusal=Refusal("zero_size", "image of 0 x 0")), S)
+    monitor.on_step(Step("camera_1"), S)
+    health = monitor.health(S)
+    assert (health.level, health.state) == (DiagnosticStatus.ERROR, "refused")
+    assert health.reason == "camera_2: image of 0 x 0"
+    deliver(monitor, S, fix_of())
+    assert monitor.health(S).state == "ok"
+
+
+def test_silence() -> None:
+    monitor = monitor_of()
+    deliver(monitor, 0, fix_of())
+    monitor.on_step(Step("camera_1"), 3 * S)
+    health = monitor.health(3 * S)
+    assert (health.level, health.state) == (DiagnosticStatus.ERROR, "silent")
+    assert health.reason == "no frames from camera_2 for 3.0 s"
+    assert monitor.health(9 * S).level == DiagnosticStatus.STALE
+
+
+def test_frames_that_never_pair() -> None:
+    monitor = monitor_of()
+    for second in range(4):
+        deliver(monitor, second * S)
+    health = monitor.health(3 * S)
+    assert (health.level, health.state) == (DiagnosticStatus.ERROR, "unpaired")
+
+
+def test_a_clock_set_back_does_not_hide_silence() -> None:
+    monitor = monitor_of()
+    deliver(monitor, 1000 * S, fix_of())
+    assert monitor.health(10 * S).state == "ok"
+    assert monitor.health(13 * S).state == "stale"
+
+
+def test_changes_of_state_are_noticed_once() -> None:
+    pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
+    monitor = monitor_of()
+    assert monitor.changed(0)
+    monitor.message(0, pipeline)
+    assert not monitor.changed(0)
+    deliver(monitor, S, fix_of())
+    assert monitor.changed(S)
+    monitor.message(S, pipeline)
+    deliver(monitor, 2 * S, fix_of())
+    assert not monitor.changed(2 * S)
+    deliver(monitor, 3 * S, fix_of(Status.NO_LIMB, ()))
+    assert monitor.changed(3 * S)
+
+
+def test_the_message() -> None:
+    pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
+    pipeline.rejected["zero_size"] = 3
+    monitor = monitor_of()
+    for i in range(11):
+        deliver(monitor, i * S // 10, fix_of())
+        monitor.on_published(i * S // 10 - 4_000_000, i * S // 10)
+    message = monitor.message(S, pipeline)
+    (status,) = message.status
+    values = {pair.key: pair.value for pair in status.values}
+    assert status.name == "node: horizon"
+    assert message.header.stamp.sec == 1
+    assert values["state"] == "ok"
+    assert values["points"] == "200"
+    assert values["residual_px"] == "0.1200"
+    assert values["rejected"] == values["rejected_zero_size"] == "3"
+    assert float(values["latency_ms"]) == 4.0
+    assert float(values["rate_hz"]) == 10.0
+
+
+def test_a_replay_says_nothing_of_the_machine() -> None:
+    pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
+    monitor = monitor_of(live=False)
+    deliver(monitor, S, fix_of())
+    (status,) = monitor.message(S, pipeline).status
+    assert not {"latency_ms", "latency_max_ms", "rate_hz"} & {p.key for p in status.values}

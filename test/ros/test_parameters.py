@@ -1,0 +1,229 @@
+"""Parameters: what is accepted, what is refused in which words, and files as ROS reads them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from horizon_messages import PARAMETERS
+from hypothesis import given
+from hypothesis import strategies as st
+
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.ros.parameters import (
+    HORIZON_PARAMETERS,
+    NODE_PARAMETERS,
+    ParameterError,
+    horizon_settings,
+    parameter_file,
+    parameter_reference,
+    read_parameter_file,
+    unknown_parameters,
+)
+
+
+def test_defaults_are_the_contracts() -> None:
+    settings = horizon_settings(PARAMETERS)
+    assert settings.pipeline.cameras == ("camera_1", "camera_2")
+    assert settings.pipeline.sensor.planet == Planet(6371000.0, 0.0)
+    assert settings.pipeline.sensor.method == "ml"
+    assert settings.pipeline.base_frame == "base_link"
+    assert settings.level_z == "up"
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"camera_2.rotation": None}, ["camera_2.rotation is not set"]),
+        ({"camera_1.rotation": [0, 0, 0, 1.01]}, ["camera_1.rotation", "length 1"]),
+        ({"camera_1.rotation": [0, 0, 1]}, ["camera_1.rotation", "four"]),
+        ({"camera_1.rotation": [0, 0, 0, float("nan")]}, ["camera_1.rotation", "finite"]),
+        ({"camera_1.rotation": "identity"}, ["camera_1.rotation", "list of numbers"]),
+        ({"planet_radius": -6371000.0}, ["planet_radius", "-6371000"]),
+        ({"planet_radius": float("nan")}, ["planet_radius"]),
+        ({"planet_radius": "large"}, ["planet_radius must be a double", "large"]),
+        ({"planet": "cube"}, ["planet must be one of sphere, wgs84", "cube"]),
+        ({"vertical": "plumb"}, ["vertical must be one of", "plumb"]),
+        ({"level_z": "UP"}, ["level_z must be one of up, down"]),
+        ({"method": "magic"}, ["method must be one of", "magic"]),
+        ({"extrinsics_source": "guess"}, ["extrinsics_source", "guess"]),
+        ({"altitude_min": 9e5, "altitude_max": 1e5}, ["altitude"]),
+        ({"slop": -0.1}, ["slop", "-0.1"]),
+        ({"cameras": []}, ["cameras is empty"]),
+        ({"cameras": ["camera_1", "camera_1"]}, ["cameras names one twice"]),
+        ({"cameras": ["camera 1"]}, ["camera 1"]),
+        ({"cameras": "camera_1"}, ["cameras must be a list"]),
+        ({"queue_size": 2.5}, ["queue_size must be a integer"]),
+    ],
+)
+def test_refused_with_name_and_reason_in_one_line(values: dict, words: list[str]) -> None:
+    with pytest.raises(ParameterError) as caught:
+        horizon_settings({**PARAMETERS, **values})
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def test_whole_numbers_are_numbers() -> None:
+    settings = horizon_settings({**PARAMETERS, "planet_radius": 1737400, "slop": 0})
+    assert settings.pipeline.sensor.planet.radius_m == 1737400.0
+    settings = horizon_settings({"cameras": ["a"], "a.rotation": [0, 0, 0, 1]})
+    assert settings.pipeline.rotations == ((0.0, 0.0, 0.0, 1.0),)
+
+
+def test_a_quaternion_slightly_off_unit_length_is_taken() -> None:
+    horizon_settings({"cameras": ["a"], "a.rotation": [0, 0, 0, 1.0009]})
+
+
+def test_unused_cameras_need_no_rotation() -> None:
+    values = {"cameras": ["camera_1"], "camera_1.rotation": [0, 0, 0, 1]}
+    assert horizon_settings(values).pipeline.cameras == ("camera_1",)
+
+
+def test_with_tf_no_rotation_is_needed() -> None:
+    assert horizon_settings({"extrinsics_source": "tf"}).pipeline.rotations == (None, None)
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from([p.name for p in HORIZON_PARAMETERS] + list(PARAMETERS)),
+        st.none()
+        | st.booleans()
+        | st.integers()
+        | st.floats()
+        | st.text()
+        | st.lists(st.floats() | st.text() | st.integers(), max_size=5)
+        | st.dictionaries(st.text(), st.integers()),
+    )
+)
+def test_values_of_any_kind_give_settings_or_one_line(values: dict[str, Any]) -> None:
+    try:
+        outcome = str(horizon_settings(values))
+    except ParameterError as error:
+        outcome = str(error)
+    assert len(outcome.splitlines()) == 1
+
+
+FILE = """
+/**:
+  ros__parameters:
+    planet_radius: 1000000.0
+    slop: 0.1
+attitude_node:
+  ros__parameters:
+    camera_1:
+      rotation: [0, 0, 0, 1]
+    limb_height: 6000.0
+/flight/attitude_node:
+  ros__parameters:
+    slop: 0.2
+flight:
+  local_vertical_node:
+    ros__parameters:
+      camera_1.rotation: [1, 0, 0, 0]
+/*/local_vertical_node:
+  ros__parameters:
+    slop: 0.3
+/**/local_vertical_node:
+  ros__parameters:
+    level_z: down
+other_node:
+  ros__parameters:
+    slop: 9.9
+"""
+
+
+@pytest.mark.parametrize(
+    ("node", "namespace", "expected"),
+    [
+        (
+            "attitude_node",
+            "/",
+            {"slop": 0.1, "camera_1.rotation": [0, 0, 0, 1], "limb_height": 6000.0},
+        ),
+        ("attitude_node", "/flight", {"slop": 0.2}),
+        ("attitude_node", "flight/", {"slop": 0.2}),
+        ("local_vertical_node", "/", {"slop": 0.1, "level_z": "down"}),
+        (
+            "local_vertical_node",
+            "/flight",
+            {"slop": 0.3, "camera_1.rotation": [1, 0, 0, 0], "level_z": "down"},
+        ),
+        ("local_vertical_node", "/a/b", {"slop": 0.1, "level_z": "down"}),
+    ],
+)
+def test_files_are_read_as_ros_reads_them(
+    tmp_path: Path, node: str, namespace: str, expected: dict
+) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text(FILE)
+    values = read_parameter_file(path, node, namespace)
+    assert values == {"planet_radius": 1e6, **expected}
+
+
+def test_numbers_as_ros_writes_them(tmp_path: Path) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text(
+        "/**:\n ros__parameters:\n  planet_radius: 1e6\n"
+        "  cameras: [a]\n  a.rotation: [0, 0, 0, 1e0]\n"
+    )
+    settings = horizon_settings(read_parameter_file(path, "attitude_node"))
+    assert settings.pipeline.sensor.planet.radius_m == 1e6
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: [1, 2", "not YAML"),
+        ("slop: 0.1", "no ros__parameters"),
+        ("- 1\n- 2", "no ros__parameters"),
+        ("a: &x {ros__parameters: {slop: 1}}\nb: *x", "aliases"),
+        ("/**: {ros__parameters: {f: !!python/object/apply:os.getcwd []}}", "not YAML"),
+        ("#" * 1_000_001, "larger than"),
+        ("[" * 300, "not YAML"),
+        ("\x00", "not YAML"),
+    ],
+)
+def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text(text)
+    with pytest.raises(ParameterError, match=words) as caught:
+        read_parameter_file(path, "attitude_node")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match="No such file"):
+        read_parameter_file(tmp_path / "none.yaml", "attitude_node")
+
+
+def test_an_empty_file_sets_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text("# nothing\n")
+    assert read_parameter_file(path, "attitude_node") == {}
+
+
+def test_typing_errors_in_names_are_found() -> None:
+    values = {**PARAMETERS, "planet_raduis": 1.0, "use_sim_time": True, "camera_9.rotation": [1]}
+    values["qos_overrides./attitude.publisher.depth"] = 3
+    assert unknown_parameters(values) == ["planet_raduis"]
+
+
+def test_the_shipped_file_is_made_from_the_table() -> None:
+    shipped = Path(__file__).parents[2] / "config" / "params.yaml"
+    assert shipped.read_text() == parameter_file()
+
+
+def test_the_shipped_file_holds_every_default() -> None:
+    values = yaml.safe_load(parameter_file())["/**"]["ros__parameters"]
+    assert values == {p.name: p.default for p in (*HORIZON_PARAMETERS, *NODE_PARAMETERS)}
+    assert max(len(line) for line in parameter_file().splitlines()) <= 100
+
+
+def test_the_reference_names_every_parameter() -> None:
+    reference = parameter_reference()
+    for parameter in (*HORIZON_PARAMETERS, *NODE_PARAMETERS):
+        assert f"| `{parameter.name}` |" in reference
