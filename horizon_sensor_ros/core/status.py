@@ -18,6 +18,7 @@ class Status(str, Enum):
     ALTITUDE_OUT_OF_RANGE = "altitude_out_of_range"
     CAMERAS_DISAGREE = "cameras_disagree"
     UNCERTAIN = "uncertain"
+    REPEATED_STAMP = "repeated_stamp"
 
     def __str__(self) -> str:
         return self.value

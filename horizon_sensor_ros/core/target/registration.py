@@ -124,8 +124,8 @@ def register(
 
     prior_b_from_a : (4, 4) expected motion, good to a few degrees and centimetres; the search follows only where it does
         not hold. Without one, a start from no turn is tried before the search.
-    Bad data never raises: status and reason tell (TOO_FEW_POINTS, NOT_CONVERGED, UNCERTAIN where a direction cannot be
-    observed, POOR_FIT where the views contradict each other). Raises ValueError for a prior of another shape.
+    Bad data never raises: status and reason tell (TOO_FEW_POINTS, NOT_CONVERGED, ILL_CONDITIONED where a direction cannot
+    be observed, POOR_FIT where the views contradict each other). Raises ValueError for a prior of another shape.
     """
     config = RegistrationConfig() if config is None else config
     if prior_b_from_a is not None and np.shape(prior_b_from_a) != (4, 4):
@@ -224,15 +224,24 @@ def _judge(found: _Found, a: TargetView, b: TargetView, config: RegistrationConf
     known["rms_residual_m"] = judged.rms_residual_m
     weak = weak_directions(covariance, config.max_rotation_std_rad, config.max_shift_std_m)
     if len(weak):
-        std = np.sqrt(np.diag(covariance))
-        reason = (
-            f"{len(weak)} of 6 directions not observed: std up to {np.degrees(std[:3].max()):.2f} deg, "
-            f"{1e3 * std[3:].max():.1f} mm"
-        )
-        return Registration(Status.UNCERTAIN, reason, weak=weak, **known)
+        return Registration(Status.ILL_CONDITIONED, _tell(weak[0], covariance), weak=weak, **known)
     if not refined.converged:
         return Registration(Status.NOT_CONVERGED, f"{refined.iterations} iterations", **known)
     pose = pose_matrix(turn_b @ refined.rotation @ turn_a.T, turn_b @ refined.translation_m)
     return Registration(
         Status.OK, "", pose, covariance, turn_b @ judged.centre_m, weak=weak, **known
     )
+
+
+def _tell(weak: np.ndarray, covariance: np.ndarray) -> str:
+    """The worst direction in words."""
+    turn, shift = weak[:3], weak[3:]
+    if np.linalg.norm(turn) > np.linalg.norm(shift):
+        axis = turn / np.linalg.norm(turn)
+        std = f"{np.degrees(np.sqrt(axis @ covariance[:3, :3] @ axis)):.2f} deg"
+        what = "a turn about"
+    else:
+        axis = shift / np.linalg.norm(shift)
+        std = f"{1e3 * np.sqrt(axis @ covariance[3:, 3:] @ axis):.1f} mm"
+        what = "a shift along"
+    return f"{what} ({axis[0]:.2f}, {axis[1]:.2f}, {axis[2]:.2f}) is not observed: std {std}"

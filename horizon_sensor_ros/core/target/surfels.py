@@ -106,6 +106,19 @@ class SurfaceView:
     bare: Surfels
     edges: Edges
 
+    @property
+    def coplanar(self) -> bool:
+        """Whether nearly all returns lie on one plane, within noise."""
+        points = self.sample(1000)[0]
+        points = points - np.median(points, axis=0)
+        for _ in range(2):
+            normal = np.linalg.svd(points, full_matrices=False)[2][2]
+            off = points @ normal
+            off -= np.median(off)
+            close = np.abs(off) < 4 * self.sigma_m + 0.1 * self.footprint_m
+            points = points[close] - points[close].mean(axis=0) if close.sum() > 10 else points
+        return bool(close.mean() > 0.97)
+
     def sample(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Points and normals (up to about ``count``, 3) float32 spread evenly over all returns; no plane: normal 0."""
         seen = np.flatnonzero(self.depth_map)

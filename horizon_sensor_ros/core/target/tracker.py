@@ -1,0 +1,244 @@
+"""Clouds of one target in time order -> its pose, and its motion from cloud to cloud."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..status import Status
+from .registration import Registration, RegistrationConfig, TargetView, register, target_view
+from .rigid import inverse_pose, pose_matrix, rotation_from_vector, skew, vector_from_rotation
+
+# The first cloud defines the target frame; its pose has this variance (rad^2, m^2) rather than none.
+_DEFINITION_VARIANCE = 1e-8
+_MAX_KEYFRAMES = 40
+
+
+@dataclass(frozen=True)
+class TrackerConfig:
+    """Parameters of the tracker; ValueError where one makes no sense.
+
+    max_gap_s : without an accepted cloud for longer, a new target frame starts.
+    max_refused : so many refused clouds in a row are a lost track, and the last of them starts a new target frame.
+    keyframe_turn_rad : the target may turn so far from a keyframe before the cloud before becomes a new one.
+    keyframe_overlap : and so much of the points must still overlap.
+    """
+
+    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+    max_gap_s: float = 2.0
+    max_refused: int = 10
+    keyframe_turn_rad: float = np.radians(20.0)
+    keyframe_overlap: float = 0.6
+
+    def __post_init__(self) -> None:
+        for name in ("max_gap_s", "max_refused", "keyframe_turn_rad"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive; got {getattr(self, name)}")
+        if not 0 <= self.keyframe_overlap <= 1:
+            raise ValueError(f"keyframe_overlap must be in [0, 1]; got {self.keyframe_overlap}")
+
+
+@dataclass(frozen=True, eq=False)
+class TargetFix:
+    """What one cloud tells.
+
+    status, reason : OK, or why there is nothing to publish.
+    pose_sensor_from_target : (4, 4) the target frame in the sensor frame.  covariance : (6, 6) of (rotation vector about
+        the sensor's fixed axes, position of the frame's origin), rad and m; since the target frame was set.
+    delta_previous_from_now : (4, 4) the target frame now in the target frame at the previous fix:
+        inv(pose_previous) pose_now; None for the first cloud of a target frame.  delta_covariance : (6, 6) of that step,
+        (rotation vector about the previous target frame's axes, position).  delta_s : stamps' difference.
+    new_frame : this cloud set the target frame, because of ``reason`` (first cloud, gap, lost track, time jumped back).
+    registration : the last one tried; None where there was none.  num_keyframes : kept views of the target.
+    num_points : finite points of the cloud.
+    Poses and covariances are NaN unless the status is OK.
+    """
+
+    status: Status
+    reason: str
+    stamp_ns: int
+    pose_sensor_from_target: np.ndarray = field(default_factory=lambda: np.full((4, 4), np.nan))
+    covariance: np.ndarray = field(default_factory=lambda: np.full((6, 6), np.nan))
+    delta_previous_from_now: np.ndarray | None = None
+    delta_covariance: np.ndarray | None = None
+    delta_s: float = float("nan")
+    new_frame: bool = False
+    registration: Registration | None = None
+    num_keyframes: int = 0
+    num_points: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """A view whose pose is known: how it was found, and its covariance in parts."""
+
+    view: TargetView
+    stamp_ns: int
+    pose: np.ndarray
+    covariance: np.ndarray
+    keyframe: _Known | None
+    step_covariance: np.ndarray
+
+
+class TargetTracker:
+    """Feed clouds in order of time; each comes back as a TargetFix, the same for the same clouds and stamps."""
+
+    def __init__(self, config: TrackerConfig | None = None) -> None:
+        self.config = TrackerConfig() if config is None else config
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything; the next cloud sets a new target frame."""
+        self._keyframes: list[_Known] = []
+        self._last: _Known | None = None
+        self._before: _Known | None = None
+        self._refused = 0
+        self._stamp_ns: int | None = None
+
+    def process(self, points: np.ndarray, stamp_ns: int) -> TargetFix:
+        """Take one cloud, (H, W, 3) organised or (N, 3) plain, metres, in the sensor frame, and its stamp.
+
+        Bad data never raises; a refused cloud changes nothing but the count of refused ones. A repeated stamp
+        is refused; one that lies back in time forgets all there was before. Raises ValueError for another shape.
+        """
+        why = "first cloud"
+        if self._stamp_ns is not None:
+            if stamp_ns == self._stamp_ns:
+                return TargetFix(Status.REPEATED_STAMP, "a cloud of this stamp was there", stamp_ns)
+            if stamp_ns < self._stamp_ns:
+                self.reset()
+                why = "time jumped back"
+        self._stamp_ns = stamp_ns
+        view = target_view(points, self.config.registration)
+        if view.status is not Status.OK:
+            return self._refuse(view.status, view.reason, stamp_ns, view, None)
+        if self._last is not None:
+            gap_s = (stamp_ns - self._last.stamp_ns) * 1e-9
+            if gap_s > self.config.max_gap_s:
+                why = f"no fix for {gap_s:.1f} s"
+            else:
+                fix, registration = self._track(view, stamp_ns)
+                if fix is not None:
+                    return fix
+                if self._refused + 1 < self.config.max_refused:
+                    return self._refuse(
+                        registration.status, registration.reason, stamp_ns, view, registration
+                    )
+                why = f"track lost: {registration.reason}"
+        return self._start(view, stamp_ns, why)
+
+    def _refuse(
+        self, status: Status, reason: str, stamp_ns: int, view: TargetView, registration: Registration | None
+    ) -> TargetFix:
+        self._refused += 1
+        return TargetFix(
+            status, reason, stamp_ns, registration=registration,
+            num_keyframes=len(self._keyframes), num_points=view.image.num_points,
+        )  # fmt: skip
+
+    def _start(self, view: TargetView, stamp_ns: int, why: str) -> TargetFix:
+        assert view.surface is not None
+        if view.surface.coplanar:
+            # It would fix half of the pose at best, and keep out the next good cloud.
+            return self._refuse(
+                Status.ILL_CONDITIONED, "all points lie on one plane", stamp_ns, view, None
+            )
+        self.reset()
+        self._stamp_ns = stamp_ns
+        centroid = view.image.rot_sensor_from_view @ view.image.centroid_m
+        pose = pose_matrix(np.eye(3), centroid)
+        covariance = np.eye(6) * _DEFINITION_VARIANCE
+        self._last = _Known(view, stamp_ns, pose, covariance, None, np.zeros((6, 6)))
+        self._keyframes = [self._last]
+        return TargetFix(
+            Status.OK, why, stamp_ns, pose, covariance, new_frame=True,
+            num_keyframes=1, num_points=view.image.num_points,
+        )  # fmt: skip
+
+    def _track(self, view: TargetView, stamp_ns: int) -> tuple[TargetFix | None, Registration]:
+        last = self._last
+        assert last is not None
+        predicted = self._predict(stamp_ns)
+        tried = Registration(Status.POOR_FIT, "")
+        for keyframe in self._candidates(last.pose if predicted is None else predicted):
+            prior = None if predicted is None else predicted @ inverse_pose(keyframe.pose)
+            found = register(keyframe.view, view, self.config.registration, prior)
+            if not tried.reason or found.status is Status.OK:
+                tried = found
+            if found.status is Status.OK:
+                return self._accept(keyframe, found, view, stamp_ns), tried
+        return None, tried
+
+    def _predict(self, stamp_ns: int) -> np.ndarray | None:
+        """Pose from the last one and constant velocity; None before there is a velocity."""
+        last, before = self._last, self._before
+        if last is None or before is None:
+            return None
+        delta = inverse_pose(before.pose) @ last.pose
+        ratio = (stamp_ns - last.stamp_ns) / (last.stamp_ns - before.stamp_ns)
+        turn = rotation_from_vector(vector_from_rotation(delta[:3, :3]) * ratio)
+        return last.pose @ pose_matrix(turn, delta[:3, 3] * ratio)
+
+    def _candidates(self, pose: np.ndarray) -> list[_Known]:
+        """Keyframes to try: the oldest that the target has not turned too far from; else, and then, the last view."""
+        last = self._last
+        assert last is not None
+        near = [k for k in self._keyframes if _angle(k.pose, pose) < self.config.keyframe_turn_rad]
+        if not near:
+            return [last]
+        return [near[0]] if near[0] is last else [near[0], last]
+
+    def _accept(
+        self, keyframe: _Known, found: Registration, view: TargetView, stamp_ns: int
+    ) -> TargetFix:
+        last = self._last
+        assert last is not None
+        if not any(k is keyframe for k in self._keyframes):
+            self._keep(keyframe)
+        pose = found.pose_b_from_a @ keyframe.pose
+        step = found.covariance_at(pose[:3, 3])
+        turn = np.kron(np.eye(2), found.pose_b_from_a[:3, :3])
+        covariance = step + turn @ keyframe.covariance @ turn.T
+        now = _Known(view, stamp_ns, pose, covariance, keyframe, step)
+        delta = inverse_pose(last.pose) @ pose
+        delta_covariance = _delta_covariance(last, now)
+        # The next cloud is not likely to overlap this keyframe any better.
+        if found.overlap < self.config.keyframe_overlap:
+            self._keep(now)
+        self._before, self._last, self._refused = last, now, 0
+        return TargetFix(
+            Status.OK, "", stamp_ns, pose, covariance, delta, delta_covariance,
+            (stamp_ns - last.stamp_ns) * 1e-9, False, found,
+            len(self._keyframes), view.image.num_points,
+        )  # fmt: skip
+
+    def _keep(self, known: _Known) -> None:
+        self._keyframes.append(known)
+        if len(self._keyframes) > _MAX_KEYFRAMES:
+            # The first one defines the target frame; of the others the oldest goes.
+            del self._keyframes[1]
+
+
+def _angle(pose_a: np.ndarray, pose_b: np.ndarray) -> float:
+    return float(np.linalg.norm(vector_from_rotation(pose_a[:3, :3].T @ pose_b[:3, :3])))
+
+
+def _delta_covariance(last: _Known, now: _Known) -> np.ndarray:
+    """(6, 6) covariance of inv(pose_last) pose_now about the axes of the last target frame.
+
+    Both poses' errors enter as far as they are not the same: against one keyframe its noise, half of each registration's
+    variance, is shared; against the last view itself there is but one registration; otherwise both count in full.
+    """
+    apart = now.pose[:3, 3] - last.pose[:3, 3]
+    move = np.eye(6)
+    move[3:, :3] = -skew(apart)
+    if now.keyframe is last:
+        total = now.step_covariance
+    elif now.keyframe is last.keyframe:
+        total = (now.step_covariance + move @ last.step_covariance @ move.T) / 2
+    else:
+        total = now.covariance + move @ last.covariance @ move.T
+    back = np.kron(np.eye(2), last.pose[:3, :3].T)
+    covariance = back @ total @ back.T
+    return (covariance + covariance.T) / 2
