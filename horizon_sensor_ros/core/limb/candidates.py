@@ -55,18 +55,20 @@ def reduce_image(gray: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def space_level_and_noise(small: np.ndarray) -> tuple[float, float]:
-    """Gray level of empty space and its noise: the median and spread of the darkest of 64 tiles."""
+    """Gray level of empty space and its noise: the median and spread of the darkest of 64 tiles.
+
+    Darkest by its brighter part: the median of a tile that is just over half space is as dark.
+    """
     tile_h, tile_w = max(4, small.shape[0] // 8), max(4, small.shape[1] // 8)
     rows, cols = small.shape[0] // tile_h, small.shape[1] // tile_w
     tiles = small[: rows * tile_h, : cols * tile_w].reshape(rows, tile_h, cols, tile_w)
     tiles = np.sort(tiles.transpose(0, 2, 1, 3).reshape(rows * cols, -1)[:, ::3], axis=1)
     count = tiles.shape[1]
-    median = tiles[:, count // 2]
-    darkest = int(np.argmin(median))
-    low, high = tiles[darkest, int(0.16 * count)], tiles[darkest, int(0.84 * count)]
+    low, median, high = (tiles[:, int(share * count)] for share in (0.16, 0.5, 0.84))
+    darkest = int(np.argmin(high))
     # A saturated or quantised frame may show no noise at all; a third of a gray level is what
     # rounding alone adds.
-    return float(median[darkest]), max(float(high - low) / 2.0, 0.3)
+    return float(median[darkest]), max(float(high[darkest] - low[darkest]) / 2.0, 0.3)
 
 
 def canny_candidates(gray: np.ndarray, low: float = 50.0, high: float = 150.0) -> LimbCandidates:
