@@ -1,0 +1,72 @@
+"""Direct (pattern) search for the maximum of a function without derivatives, as paper D uses it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """Best place (D,) found, its value, and how often the function was evaluated."""
+
+    best: np.ndarray
+    value: float
+    evaluations: int
+
+
+def compass_search(
+    function: Callable[[np.ndarray], np.ndarray],
+    start: np.ndarray,
+    step: np.ndarray,
+    smallest: float = 1 / 64,
+    max_evaluations: int = 4000,
+) -> SearchResult:
+    """Poll both ways along every axis, move to the best, and halve the mesh where none is better.
+
+    function : takes (C, D) places, returns (C,) values; a whole poll is one call.  step : (D,) first mesh size.
+    smallest : the search ends once the mesh has shrunk to this part of the first.  After a success the poll's direction is
+    tried again with it, twice as far (the pattern move).
+    """
+    best = np.asarray(start, float)
+    value = float(function(best[None])[0])
+    evaluations, mesh = 1, 1.0
+    axes = np.concatenate([np.eye(len(best)), -np.eye(len(best))]) * np.asarray(step, float)
+    pattern = None
+    while mesh >= smallest and evaluations < max_evaluations:
+        polls = best + mesh * axes
+        if pattern is not None:
+            polls = np.concatenate([polls, best + [pattern, 2 * pattern]])
+        values = function(polls)
+        evaluations += len(polls)
+        top = int(np.argmax(values))
+        if values[top] > value:
+            pattern, best, value = polls[top] - best, polls[top], float(values[top])
+            mesh = min(2 * mesh, 1.0)
+        else:
+            pattern, mesh = None, mesh / 2
+    return SearchResult(best, value, evaluations)
+
+
+def direct_search(
+    function: Callable[[np.ndarray], np.ndarray],
+    reach: np.ndarray,
+    starts: int = 256,
+    climbs: int = 6,
+    smallest: float = 1 / 128,
+) -> SearchResult:
+    """Compass searches from the best of an even spread of starts over the box +-``reach`` (D,), its centre among them."""
+    from scipy.stats import qmc  # noqa: PLC0415  heavy to import, and only used here
+
+    reach = np.asarray(reach, float)
+    spread = qmc.Halton(len(reach), scramble=False).random(starts)
+    places = np.concatenate([np.zeros((1, len(reach))), (2 * spread - 1) * reach])
+    values = function(places)
+    order = np.argsort(-values, kind="stable")[:climbs]
+    if 0 not in order:
+        order[-1] = 0
+    runs = [compass_search(function, places[k], reach / 4, smallest) for k in order]
+    best = max(runs, key=lambda run: run.value)
+    return SearchResult(best.best, best.value, len(places) + sum(run.evaluations for run in runs))
