@@ -65,21 +65,19 @@ def range_image(
         raise ValueError(f"points must be (H, W, 3) or (N, 3); got shape {points.shape}")
     if focal_px is not None and not focal_px > 0:
         raise ValueError(f"focal_px must be positive; got {focal_px}")
-    flat = points.reshape(-1, 3).astype(np.float64, copy=False)
-    with np.errstate(invalid="ignore"):
-        finite = np.isfinite(flat).all(axis=1)
-        place = np.flatnonzero(finite)
-        used = flat[place]
-        # Sensors that fill missing returns with zeros do so exactly.
-        size = np.abs(used).max(axis=1, initial=0)
-        keep = (size > 1e-3) & (size < _MAX_COORDINATE_M)
-    place, used = place[keep], used[keep]
+    flat = points.reshape(-1, 3)
+    # Depth first: of an organised cloud most points have none.
+    place = np.flatnonzero(np.isfinite(flat[:, 2]))
+    used = flat[place].astype(np.float64)
+    size = _largest(used)
+    # Sensors that fill missing returns with zeros do so exactly; NaN fails both.
+    keep = (size > 1e-3) & (size < _MAX_COORDINATE_M)
+    if not keep.all():
+        place, used, size = place[keep], used[keep], size[keep]
     view = _view_rotation(used)
-    if view is None:
-        ahead = used[:, 2] > 0.2 * size[keep]
-    else:
+    if view is not None:
         used = used @ view
-        ahead = used[:, 2] > 0.2 * np.abs(used).max(axis=1, initial=0)
+    ahead = used[:, 2] > 0.2 * size
     if not ahead.all():
         place, used = place[ahead], used[ahead]
     if len(used) < min_points:
@@ -101,6 +99,12 @@ def _refused(status: Status, reason: str, num_points: int) -> RangeImage:
     empty = np.zeros((0, 0), np.float32)
     nowhere = np.full(3, np.nan)
     return RangeImage(status, reason, empty, empty > 0, 1.0, np.zeros(2), num_points, 0, nowhere, np.eye(3))
+
+
+def _largest(points: np.ndarray) -> np.ndarray:
+    """(N,) largest coordinate without sign; NaN where any is."""
+    x, y, z = np.abs(points.T)
+    return np.maximum(np.maximum(x, y), z)
 
 
 def _view_rotation(points: np.ndarray) -> np.ndarray | None:

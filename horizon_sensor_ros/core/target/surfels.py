@@ -147,12 +147,13 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     fit = _plane_fit(inverse, seen, middle, radius)
     if sigma_m is None:
         sigma = max(fit.noise_m(sigma, radius), 1e-3 * footprint)
-    noise = sigma * inverse * inverse + _BEND_PX * inverse / image.focal_px
+    noise = np.float32(sigma) * inverse * inverse + inverse * np.float32(_BEND_PX / image.focal_px)
     flat = fit.flat(noise)
     own = flat.copy()
     slope_u, slope_v, level = _borrow_planes(fit, flat, seen, inverse, noise, radius)
-    tan_u, tan_v = image.tangents()
-    a, b = slope_u * image.focal_px, slope_v * image.focal_px
+    tan_u, tan_v = (tangent.astype(np.float32) for tangent in image.tangents())
+    focal = np.float32(image.focal_px)
+    a, b = slope_u * focal, slope_v * focal
     c = level - a * tan_u - b * tan_v[:, None]
     length = np.sqrt(a * a + b * b + c * c)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -372,32 +373,33 @@ def _edges(
     The round limb of a curved body is no edge of it (it moves over the surface as the body turns), so only flat pixels
     count, and those of parts a few pixels thin.
     """
-    inverse = image.inverse_depth
-    seen = inverse > 0
+    inverse = image.inverse_depth.ravel()
+    width = image.inverse_depth.shape[1]
+    # The image has an empty margin, so that every return has neighbours.
+    here = np.flatnonzero(inverse)
+    w, flat = inverse[here], plane.ravel()[here]
+    u, v = slope_u.ravel()[here], slope_v.ravel()[here]
+    expected = np.where(flat, level.ravel()[here], w)
+    u, v = np.where(flat, u, 0), np.where(flat, v, 0)
+    drop = 4 * noise.ravel()[here] + 1.5 * w / image.focal_px
+    sharp = flat & (cosine.ravel()[here] > 0.25)
+    unknown = image.unknown.ravel()
     found = []
     for du, dv in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-        beside = np.roll(inverse, (-dv, -du), (0, 1))
-        open_ = ~np.roll(image.unknown, (-dv, -du), (0, 1))
-        expected = np.where(plane, level + slope_u * du + slope_v * dv, inverse)
-        drop = 4 * noise + 1.5 * inverse / image.focal_px
-        row, column = np.nonzero(seen & open_ & (beside < expected - drop))
-        flat = plane[row, column] & (cosine[row, column] > 0.25)
-        if not flat.all():
-            thin = np.zeros(len(row), bool)
-            here = inverse[row, column]
-            for k in range(1, _THIN_PX + 1):
-                behind = inverse[(row - k * dv) % len(inverse), (column - k * du) % inverse.shape[1]]
-                thin |= behind < here - drop[row, column]
-            keep = flat | thin
-            row, column, flat = row[keep], column[keep], flat[keep]
-        half = np.column_stack([column + 0.5 * du, row + 0.5 * dv])
-        step = np.broadcast_to(np.array([du, dv], float), half.shape)
-        w = np.where(
-            flat, level[row, column] + 0.5 * (slope_u * du + slope_v * dv)[row, column], inverse[row, column]
-        )  # fmt: skip
-        found.append((half, step, w, flat))
-    spot, out, w, flat = (np.concatenate(part) for part in zip(*found, strict=True))
-    return _edge_lines(image, spot, out, w.astype(float), flat, sigma)
+        step = dv * width + du
+        half = 0.5 * (u * du + v * dv)
+        open_ = (inverse[here + step] < expected + 2 * half - drop) & ~unknown[here + step]
+        k = np.flatnonzero(open_)
+        thin = np.zeros(len(k), bool)
+        for back in range(1, _THIN_PX + 1):
+            thin |= inverse[here[k] - back * step] < w[k] - drop[k]
+        k = k[sharp[k] | thin]
+        row, column = np.divmod(here[k], width)
+        spot = np.column_stack([column + 0.5 * du, row + 0.5 * dv])
+        out = np.broadcast_to(np.array([du, dv], float), spot.shape)
+        found.append((spot, out, np.where(sharp[k], expected[k] + half[k], w[k]), sharp[k]))
+    spot, out, w, sharp = (np.concatenate(part) for part in zip(*found, strict=True))
+    return _edge_lines(image, spot, out, w.astype(float), sharp, sigma)
 
 
 def _edge_lines(
@@ -415,32 +417,33 @@ def _edge_lines(
     if len(spot) < _NEIGHBOURS:
         return Edges(none, none, np.empty(0), none)
     distance, index = cKDTree(spot).query(spot, k=_NEIGHBOURS)
+    # Neighbours along the first axis: sums over them are then sums of rows.
+    index = np.ascontiguousarray(index.T)
     reach = 6 * sigma * w * w + 3 * w / image.focal_px
-    same = (distance < _EDGE_REACH_PX) & (np.abs(w[index] - w[:, None]) < reach[:, None])
-    same &= np.einsum("ij,ikj->ik", out, out[index]) > -0.5
-    n = np.maximum(same.sum(axis=1), 1)
-    offset = (spot[index] - spot[:, None]) * same[..., None]
-    mean = offset.sum(axis=1) / n[:, None]
-    x, y = offset[..., 0], offset[..., 1]
-    xx = (x * x).sum(axis=1) / n - mean[:, 0] ** 2
-    yy = (y * y).sum(axis=1) / n - mean[:, 1] ** 2
-    xy = (x * y).sum(axis=1) / n - mean[:, 0] * mean[:, 1]
+    same = (distance.T < _EDGE_REACH_PX) & (np.abs(w[index] - w) < reach)
+    same &= out[:, 0] * out[index, 0] + out[:, 1] * out[index, 1] > -0.5
+    share = same / np.maximum(same.sum(axis=0), 1)
+    n = same.sum(axis=0)
+    x, y = spot[index, 0] - spot[:, 0], spot[index, 1] - spot[:, 1]
+    mean_x, mean_y = (share * x).sum(axis=0), (share * y).sum(axis=0)
+    x, y = x - mean_x, y - mean_y
+    xx, yy = (share * x * x).sum(axis=0), (share * y * y).sum(axis=0)
+    xy = (share * x * y).sum(axis=0)
     angle = 0.5 * np.arctan2(2 * xy, xx - yy)
     along = np.column_stack([np.cos(angle), np.sin(angle)])
     across = np.column_stack([-along[:, 1], along[:, 0]])
-    wide = (xx + yy) / 2 - np.hypot((xx - yy) / 2, xy)
-    long = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)
-    outward = (out[index] * same[..., None]).sum(axis=1)
-    turn = np.einsum("ij,ij->i", across, outward)
+    spread = np.hypot((xx - yy) / 2, xy)
+    wide, long = (xx + yy) / 2 - spread, (xx + yy) / 2 + spread
+    turn = across[:, 0] * (share * out[index, 0]).sum(axis=0)
+    turn += across[:, 1] * (share * out[index, 1]).sum(axis=0)
     across *= np.sign(turn)[:, None]
-    good = (n >= 5) & (wide < 0.25) & (long > 1.0) & (np.abs(turn) > 0.3 * n)
+    good = (n >= 5) & (wide < 0.25) & (long > 1.0) & (np.abs(turn) > 0.3)
     # The place on the line, and inverse depth along it.
-    s = np.einsum("ikj,ij->ik", offset, along) * same
-    s_mean = s.sum(axis=1) / n
-    level = (w[index] * same).sum(axis=1) / n
-    slope = (((w[index] - level[:, None]) * (s - s_mean[:, None])) * same).sum(axis=1)
-    slope /= np.maximum(n * long, 1e-9)
-    on_line = spot + across * np.einsum("ij,ij->i", mean, across)[:, None]
+    s = share * (x * along[:, 0] + y * along[:, 1])
+    s_mean = mean_x * along[:, 0] + mean_y * along[:, 1]
+    level = (share * w[index]).sum(axis=0)
+    slope = (s * w[index]).sum(axis=0) / np.maximum(long, 1e-9)
+    on_line = spot + across * (mean_x * across[:, 0] + mean_y * across[:, 1])[:, None]
     smooth = np.where(flat, w, level - slope * s_mean)
     good &= smooth > 0
     index = np.flatnonzero(good)
