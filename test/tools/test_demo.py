@@ -161,7 +161,7 @@ def test_short_flight_prints_errors_and_leaves_a_report(tmp_path: Path) -> None:
     assert median_deg < 0.1
     page = (tmp_path / "report.html").read_text()
     assert page.count("<img") >= 2
-    assert "src=\"http" not in page
+    assert 'src="http' not in page
 
 
 def test_interrupt_leaves_no_process(tmp_path: Path) -> None:
