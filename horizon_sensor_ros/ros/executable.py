@@ -44,14 +44,18 @@ def run(names: Sequence[str] = ()) -> int:
     Without names this is the executable `horizon_sensor`: its parameter `nodes` names them.
     """
     end = _QuietEnd()
+    # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     import rclpy  # noqa: PLC0415 - takes time, and signals are taken care of only now
     from rclpy.executors import ExternalShutdownException  # noqa: PLC0415
 
     nodes: list[Any] = []
+    initialised = False
     try:
         classes = {name: _load(where) for name, where in NODES.items()}
         end.immediately = False
         rclpy.init()
+        initialised = True
         if not names:
             nodes.append(rclpy.create_node("horizon_sensor"))
             names = _nodes_parameter(nodes[0])
@@ -69,8 +73,8 @@ def run(names: Sequence[str] = ()) -> int:
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except Exception as error:
-        if end.asked_for:
-            # Interrupted while starting: what was half made complains about its context.
+        if end.asked_for or (initialised and not rclpy.ok()):
+            # Interrupted: what was half made, or half done, complains about its context.
             return 0
         program = names[0] if len(names) == 1 else "horizon_sensor"
         print(f"{program}: {' '.join(str(error).split())}", file=sys.stderr)

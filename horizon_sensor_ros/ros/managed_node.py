@@ -10,10 +10,8 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.exceptions import ParameterException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.qos_overriding_options import InvalidQosOverridesError
 
 from horizon_sensor_ros.ros.parameters import (
     HorizonSettings,
@@ -90,7 +88,8 @@ class ManagedNode(LifecycleNode):
         """Make the node's resources."""
         try:
             self.open()
-        except (ParameterError, ParameterException, InvalidQosOverridesError) as error:
+        except Exception as error:
+            # rclpy would turn whatever it is into a silent failure.
             return self._failed(error)
         return super().on_configure(state)
 
@@ -99,7 +98,7 @@ class ManagedNode(LifecycleNode):
         activated = super().on_activate(state)
         try:
             self.start()
-        except (ParameterError, ParameterException, InvalidQosOverridesError) as error:
+        except Exception as error:
             super().on_deactivate(state)
             return self._failed(error)
         return activated
@@ -127,7 +126,8 @@ class ManagedNode(LifecycleNode):
         return super().on_error(state)
 
     def _failed(self, error: Exception) -> TransitionCallbackReturn:
-        self._failure = str(error)
+        expected = isinstance(error, ParameterError)
+        self._failure = str(error) if expected else f"{type(error).__name__}: {error}"
         if not self.get_parameter("autostart").value:
             self.get_logger().error(self._failure)
         self.stop()

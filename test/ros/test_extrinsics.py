@@ -1,0 +1,61 @@
+"""The seam to TF. tf2_ros cannot be installed here, so a stand-in with its interface is asked."""
+
+from __future__ import annotations
+
+import sys
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from horizon_messages import QUATERNIONS, ROTATIONS
+
+from horizon_sensor_ros.ros.extrinsics import TfExtrinsics
+from horizon_sensor_ros.ros.messages import Refusal
+from horizon_sensor_ros.ros.parameters import ParameterError
+
+
+class TransformException(Exception):  # noqa: N818 - tf2's name
+    pass
+
+
+@pytest.fixture
+def transforms(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], list[float]]:
+    """Rotations that the stand-in's buffer knows: (target frame, source frame) to quaternion."""
+    known: dict[tuple[str, str], list[float]] = {}
+
+    class Buffer:
+        def lookup_transform(self, target: str, source: str, time: Any) -> Any:
+            assert time.nanoseconds == 0
+            if (target, source) not in known:
+                raise TransformException(f'"{source}" does not exist')
+            rotation = SimpleNamespace(**dict(zip("xyzw", known[target, source], strict=True)))
+            return SimpleNamespace(transform=SimpleNamespace(rotation=rotation))
+
+    module = ModuleType("tf2_ros")
+    module.Buffer = Buffer  # type: ignore[attr-defined]
+    module.TransformListener = lambda buffer, node: (buffer, node)  # type: ignore[attr-defined]
+    module.TransformException = TransformException  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "tf2_ros", module)
+    return known
+
+
+def test_without_tf2_the_node_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "tf2_ros", None)
+    with pytest.raises(ParameterError, match="tf2_ros is not installed"):
+        TfExtrinsics(None, "base_link")
+
+
+def test_a_rotation_takes_vectors_from_the_image_to_the_base_frame(transforms: dict) -> None:
+    transforms["base_link", "camera_1_optical"] = QUATERNIONS["camera_1"]
+    rot = TfExtrinsics(None, "base_link")("camera_1", "camera_1_optical")
+    np.testing.assert_allclose(rot, ROTATIONS["camera_1"], atol=1e-12)
+
+
+@pytest.mark.parametrize("frame_id", ["", "camera_1_optical", "broken"])
+def test_what_is_missing_is_a_refusal_never_identity(transforms: dict, frame_id: str) -> None:
+    transforms["base_link", "broken"] = [0.0, 0.0, 0.0, 0.0]
+    answer = TfExtrinsics(None, "base_link")("camera_1", frame_id)
+    assert isinstance(answer, Refusal)
+    assert answer.cause == "no_extrinsics"
+    assert "camera_1" in answer.reason

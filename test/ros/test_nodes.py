@@ -1,0 +1,597 @@
+"""The nodes as processes of their own, over real DDS."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from horizon_messages import (
+    CAMERAS,
+    HEIGHT,
+    PERIOD_NS,
+    START_NS,
+    WIDTH,
+    attitude_at,
+    camera_info_of,
+    horizon_gray,
+    image_of,
+    nadir_of,
+    recording,
+    write_bag,
+    write_parameters,
+)
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import DescribeParameters, SetParameters
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rosbags.rosbag2 import Reader
+from sensor_msgs.msg import CameraInfo, Image
+
+ROOT = Path(__file__).parents[2]
+PATIENCE_S = 20.0
+ESTIMATES = {"local_vertical": Vector3Stamped, "attitude": PoseWithCovarianceStamped}
+NODES = ("local_vertical_node", "attitude_node")
+
+
+class Program:
+    """An executable of the package in a process of its own."""
+
+    def __init__(self, name: str, environment: dict[str, str], *arguments: str) -> None:
+        command = [sys.executable, "-m", f"horizon_sensor_ros.ros.{name}"]
+        if arguments:
+            command += ["--ros-args", *arguments]
+        self.process = subprocess.Popen(
+            command, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+
+    def end(self, how: int = signal.SIGTERM) -> tuple[int, str]:
+        """Signal the process; exit code and what it wrote to stderr."""
+        self.process.send_signal(how)
+        return self.wait()
+
+    def wait(self) -> tuple[int, str]:
+        _, errors = self.process.communicate(timeout=PATIENCE_S)
+        return self.process.returncode, errors
+
+    def kill(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.communicate()
+
+
+class Craft:
+    """The rest of the craft: two camera drivers, and somebody who listens."""
+
+    def __init__(self, domain: int) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node("craft", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.heard: list[tuple[str, Any]] = []
+        self._publishers: dict[str, Any] = {}
+        for camera in CAMERAS:
+            for kind, name in ((Image, "image_raw"), (CameraInfo, "camera_info")):
+                topic = f"/{camera}/{name}"
+                self._publishers[topic] = self.node.create_publisher(kind, topic, 10)
+        for topic, kind in ESTIMATES.items():
+            self.listen(kind, f"/{topic}", QoSProfile(depth=100))
+        self.listen(DiagnosticArray, "/diagnostics", 100)
+
+    def listen(self, kind: type, topic: str, qos: Any) -> Any:
+        return self.node.create_subscription(
+            kind, topic, lambda msg: self.heard.append((topic, msg)), qos
+        )
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def wait(self, condition: Callable[[], Any], what: str) -> Any:
+        deadline = time.monotonic() + PATIENCE_S
+        while not (found := condition()):
+            assert time.monotonic() < deadline, f"waited in vain for {what}"
+            self.executor.spin_once(timeout_sec=0.02)
+        return found
+
+    def match(
+        self,
+        nodes: tuple[str, ...],
+        subscribers: int | None = None,
+        cameras: tuple[str, ...] = CAMERAS,
+    ) -> None:
+        """Wait until the nodes hear every topic and are heard.
+
+        subscribers : a topic, where that is not one a node. The first messages after a match may be
+        lost, so images and calibrations that are refused go out until the nodes complain of them.
+        """
+        inputs = [p for t, p in self._publishers.items() if t.split("/")[1] in cameras]
+        count = subscribers or len(nodes)
+        self.wait(lambda: all(p.get_subscription_count() == count for p in inputs), "subscriptions")
+        for camera in cameras:
+            for node in nodes:
+
+                def probe(camera: str = camera) -> None:
+                    self.send_info(camera, k=[0.0] * 9)
+                    self.send_frame(camera, -1)
+
+                self.insist(probe, node, f"{camera}: camera_info is uncalibrated")
+        self.heard.clear()
+
+    def insist(self, send: Callable[[], None], node: str, words: str) -> None:
+        """Send something again and again until a node says the words."""
+        deadline = time.monotonic() + PATIENCE_S
+        while not any(words in status.message for status in self.statuses(node)):
+            assert time.monotonic() < deadline, f"waited in vain for {words!r}"
+            send()
+            pause = time.monotonic() + 0.1
+            while time.monotonic() < pause:
+                self.executor.spin_once(timeout_sec=0.02)
+
+    def send(self, topic: str, msg: Any) -> None:
+        self._publishers[topic].publish(msg)
+
+    def send_frame(self, camera: str, index: int, **fields: Any) -> None:
+        stamp = START_NS + index * PERIOD_NS
+        gray = horizon_gray(camera, nadir_of(*attitude_at(index)))
+        self.send(f"/{camera}/image_raw", image_of(gray, stamp, camera, **fields))
+
+    def send_info(self, camera: str, **fields: Any) -> None:
+        self.send(f"/{camera}/camera_info", camera_info_of(0, camera, **fields))
+
+    def send_pair(self, index: int) -> None:
+        for camera in CAMERAS:
+            self.send_info(camera)
+            self.send_frame(camera, index)
+
+    def estimates(self, topic: str) -> list[Any]:
+        return [msg for name, msg in self.heard if name == f"/{topic}"]
+
+    def stamps(self, topic: str) -> list[int]:
+        """Index, in `send_pair`, of each estimate."""
+        stamps = [msg.header.stamp for msg in self.estimates(topic)]
+        return [(s.sec * 10**9 + s.nanosec - START_NS) // PERIOD_NS for s in stamps]
+
+    def statuses(self, node: str = "") -> list[Any]:
+        return [
+            msg.status[0]
+            for name, msg in self.heard
+            if name == "/diagnostics" and msg.status[0].name.startswith(node)
+        ]
+
+    def wait_for_state(self, state: str, words: str = "", node: str = "") -> Any:
+        def said() -> Any:
+            return [
+                s for s in self.statuses(node) if s.values[0].value == state and words in s.message
+            ]
+
+        return self.wait(said, f"state {state!r} with {words!r}")[-1]
+
+    def expect_pair(self, index: int, topics: tuple[str, ...] = tuple(ESTIMATES)) -> None:
+        """Send a good pair and wait for its estimates."""
+        self.send_pair(index)
+        self.wait(lambda: all(index in self.stamps(topic) for topic in topics), f"estimate {index}")
+
+    def call(self, kind: type, name: str, request: Any) -> Any:
+        client = self.node.create_client(kind, name)
+        self.wait(client.service_is_ready, name)
+        future = client.call_async(request)
+        self.wait(future.done, f"answer of {name}")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def transition(self, node: str, transition: int) -> bool:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return self.call(ChangeState, f"/{node}/change_state", request).success
+
+    def state(self, node: str) -> int:
+        return self.call(GetState, f"/{node}/get_state", GetState.Request()).current_state.id
+
+
+@pytest.fixture(scope="module", autouse=True)
+def environment(ros_domain: int) -> Iterator[dict[str, str]]:
+    """Environment of all processes, this one included: isolated, with the shipped transport."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(ros_domain))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(ROOT / "config" / "fastdds.xml"))
+        yield dict(os.environ)
+
+
+@pytest.fixture
+def start(environment: dict[str, str]) -> Iterator[Callable[..., Program]]:
+    programs: list[Program] = []
+
+    def start_one(name: str, *arguments: str) -> Program:
+        programs.append(Program(name, environment, *arguments))
+        return programs[-1]
+
+    yield start_one
+    for program in programs:
+        program.kill()
+
+
+@pytest.fixture
+def craft(ros_domain: int) -> Iterator[Craft]:
+    craft = Craft(ros_domain)
+    yield craft
+    craft.close()
+
+
+@pytest.fixture
+def params(tmp_path: Path) -> list[str]:
+    path = write_parameters(tmp_path / "params.yaml", stale_after=0.5, diagnostics_period=0.2)
+    return ["--params-file", str(path)]
+
+
+# Each bad thing, what it is done to, and the words of the reason.
+BAD_IMAGES: dict[str, tuple[dict[str, Any], str]] = {
+    "zero size": ({"width": 0, "height": 0}, "image of 0 x 0"),
+    "truncated": ({"height": HEIGHT + 9}, "image data has"),
+    "wrong step": ({"step": 5}, "step is 5 bytes"),
+    "unknown encoding": ({"encoding": "yuv9000"}, "unknown encoding 'yuv9000'"),
+    "float image": ({"encoding": "32FC1"}, "unknown encoding '32FC1'"),
+}
+BAD_INFOS: dict[str, tuple[dict[str, Any], str]] = {
+    "uncalibrated": ({"k": [0.0] * 9}, "uncalibrated"),
+    "not finite": ({"k": [float("nan")] * 9}, "not finite"),
+    "other size": ({"width": WIDTH + 2}, f"image is {WIDTH} x {HEIGHT}"),
+    "unknown model": ({"distortion_model": "magic"}, "magic"),
+}
+FLAT_FRAMES = {"constant": 80, "all black": 0, "all white": 255}
+
+
+def test_bad_input_gives_a_reason_and_no_estimate_and_the_next_good_frame_works(
+    start: Callable[..., Program], craft: Craft, params: list[str]
+) -> None:
+    for name in NODES:
+        start(name, *params)
+    for node in NODES:
+        words = "no camera_info yet for camera_1"
+        craft.insist(lambda: craft.send_frame("camera_1", -1), node, words)
+    craft.match(NODES)
+    index = 0
+
+    def expect_refusal(state: str, words: str) -> None:
+        for node in NODES:
+            craft.wait_for_state(state, words, node)
+        for topic in ESTIMATES:
+            assert index not in craft.stamps(topic)
+
+    for fields, words in BAD_IMAGES.values():
+        index += 1
+        craft.expect_pair(index)
+        craft.heard.clear()
+        index += 1
+        craft.send_frame("camera_1", index)
+        craft.send_frame("camera_2", index, **fields)
+        expect_refusal("refused", f"camera_2: {words}")
+    for fields, words in BAD_INFOS.values():
+        index += 1
+        craft.expect_pair(index)
+        craft.heard.clear()
+        index += 1
+        craft.send_info("camera_1", **fields)
+        for camera in CAMERAS:
+            craft.send_frame(camera, index)
+        # Nothing orders an image behind the camera_info sent before it, but time.
+        for node in NODES:
+            craft.insist(partial(craft.send_frame, "camera_1", index), node, words)
+    for level in FLAT_FRAMES.values():
+        index += 1
+        craft.expect_pair(index)
+        craft.heard.clear()
+        index += 1
+        flat = np.full((HEIGHT, WIDTH), level, np.uint8)
+        for camera in CAMERAS:
+            stamp = START_NS + index * PERIOD_NS
+            craft.send(f"/{camera}/image_raw", image_of(flat, stamp, camera))
+        expect_refusal("no_fix", "")
+    # A stamp that repeats.
+    index += 1
+    craft.expect_pair(index)
+    for camera in CAMERAS:
+        craft.send_frame(camera, index)
+    for node in NODES:
+        craft.wait_for_state("refused", "camera_2: stamp repeats", node)
+    assert all(craft.stamps(topic).count(index) == 1 for topic in ESTIMATES)
+    # One camera silent.
+    craft.heard.clear()
+    for _ in range(40):
+        index += 1
+        craft.send_frame("camera_1", index)
+        time.sleep(0.03)
+    for node in NODES:
+        craft.wait_for_state("silent", "no frames from camera_2 for", node)
+    assert not any(craft.stamps(topic) for topic in ESTIMATES)
+    # Time that runs backwards.
+    craft.expect_pair(0)
+    craft.expect_pair(1)
+    # One camera blind: the other one's fix, and it is said.
+    craft.heard.clear()
+    craft.send_frame("camera_1", 2)
+    flat = np.full((HEIGHT, WIDTH), 80, np.uint8)
+    craft.send("/camera_2/image_raw", image_of(flat, START_NS + 2 * PERIOD_NS, "camera_2"))
+    for node in NODES:
+        craft.wait_for_state("degraded", "camera_2 left out", node)
+    craft.wait(lambda: all(craft.stamps(topic) == [2] for topic in ESTIMATES), "one fix each")
+
+
+def replayed(bag: Path) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = {topic: [] for topic in ESTIMATES}
+    with Reader(bag) as reader:
+        for connection, _, raw in reader.messages():
+            topic = connection.topic.strip("/")
+            if topic in found:
+                found[topic].append(deserialize_message(raw, ESTIMATES[topic]))
+    return found
+
+
+@pytest.mark.parametrize("together", [False, True], ids=["two processes", "one process"])
+def test_live_equals_replay(
+    start: Callable[..., Program],
+    craft: Craft,
+    params: list[str],
+    tmp_path: Path,
+    environment: dict[str, str],
+    together: bool,
+) -> None:
+    flight = recording(8)
+    # Every other run's third frame is of no use, as things happen in flight.
+    flight[8] = (*flight[8][:2], camera_info_of(0, "camera_1", k=[0.0] * 9))
+    bag = write_bag(tmp_path / "in", flight)
+    command = [sys.executable, "-m", "horizon_sensor_ros.tools.replay", str(bag)]
+    command += [str(tmp_path / "out"), "--params", params[1]]
+    subprocess.run(command, check=True, env=environment, stderr=subprocess.DEVNULL)
+    expected = replayed(tmp_path / "out")
+    assert [len(msgs) for msgs in expected.values()] == [7, 7]
+
+    programs = (
+        [start("horizon_sensor", *params)] if together else [start(n, *params) for n in NODES]
+    )
+    craft.match(NODES, len(programs))
+    for count, (topic, _, msg) in enumerate(flight, 1):
+        craft.send(topic, msg)
+        if count % 4 == 0:
+            pairs = count // 4 - (count >= 12)
+            craft.wait(
+                lambda pairs=pairs: all(len(craft.estimates(t)) >= pairs for t in ESTIMATES),
+                f"pair {pairs}",
+            )
+    for topic, messages in expected.items():
+        assert craft.estimates(topic) == messages
+    for program in programs:
+        assert program.end()[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "how"),
+    [
+        ("local_vertical_node", signal.SIGINT),
+        ("attitude_node", signal.SIGTERM),
+        ("horizon_sensor", signal.SIGINT),
+        ("horizon_sensor", signal.SIGTERM),
+    ],
+)
+def test_signals_end_a_node_quietly(
+    start: Callable[..., Program], craft: Craft, params: list[str], name: str, how: int
+) -> None:
+    program = start(name, *params)
+    craft.wait(craft.statuses, "diagnostics")
+    began = time.monotonic()
+    code, errors = program.end(how)
+    assert (code, errors) == (0, "")
+    assert time.monotonic() - began < 5.0
+
+
+@pytest.mark.parametrize(
+    ("how", "delay_s"),
+    [(signal.SIGINT, 0.0), (signal.SIGTERM, 0.1), (signal.SIGINT, 0.3), (signal.SIGTERM, 0.6)],
+)
+def test_signals_during_start_up_end_a_node_quietly(
+    start: Callable[..., Program], params: list[str], how: int, delay_s: float
+) -> None:
+    program = start("attitude_node", *params)
+    caught = 0
+    while not caught >> (signal.SIGTERM - 1) & 1:
+        # Before this the process is python itself, which knows of no nodes.
+        text = Path(f"/proc/{program.process.pid}/status").read_text()
+        (line,) = [line for line in text.splitlines() if line.startswith("SigCgt")]
+        caught = int(line.split()[1], 16)
+    time.sleep(delay_s)
+    assert program.end(how) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "words"),
+    [
+        ("local_vertical_node", None, ["camera_1.rotation is not set"]),
+        ("attitude_node", None, ["camera_1.rotation is not set"]),
+        ("horizon_sensor", None, ["camera_1.rotation is not set"]),
+        ("attitude_node", "camera_2.rotation:=[0.0, 0.0, 0.0, 2.0]", ["camera_2.rotation", "1"]),
+        ("attitude_node", "planet_radius:=-5.0", ["planet_radius", "-5.0"]),
+        ("attitude_node", "planet:=flat", ["planet must be one of", "flat"]),
+        ("attitude_node", "slop:=soon", ["slop must be a double"]),
+        ("attitude_node", "extrinsics_source:=tf", ["tf2_ros"]),
+        ("horizon_sensor", "nodes:=[sextant]", ["nodes must be some of", "sextant"]),
+        (
+            "attitude_node",
+            "qos_overrides./camera_1/image_raw.subscription.reliability:=psychic",
+            ["psychic"],
+        ),
+    ],
+)
+def test_a_node_refuses_to_start_in_one_clear_line(
+    start: Callable[..., Program], params: list[str], name: str, given: str | None, words: list
+) -> None:
+    arguments = [*params, "-p", given] if given else []
+    code, errors = start(name, *arguments).wait()
+    assert code != 0
+    assert len(errors.splitlines()) == 1, errors
+    for word in words:
+        assert word in errors
+
+
+def test_whole_numbers_and_unknown_parameters(
+    start: Callable[..., Program], craft: Craft, params: list[str]
+) -> None:
+    program = start(
+        *("local_vertical_node", *params, "-p", "planet_radius:=6371000"),
+        *("-p", "cameras:=[camera_1]", "-p", "camera_1.rotation:=[0, 0, 0, 1]"),
+        *("-p", "planet_raduis:=1.0"),
+    )
+    craft.match(("local_vertical_node",), cameras=("camera_1",))
+    code, errors = program.end()
+    assert code == 0, errors
+    assert "unknown parameter planet_raduis is ignored" in errors
+
+
+def test_lifecycle(start: Callable[..., Program], craft: Craft, params: list[str]) -> None:
+    node = "attitude_node"
+    start(node, *params, "-p", "autostart:=false")
+    assert craft.state(node) == State.PRIMARY_STATE_UNCONFIGURED
+    assert craft.node.count_subscribers("/camera_1/image_raw") == 0
+    assert craft.transition(node, Transition.TRANSITION_CONFIGURE)
+    craft.wait_for_state("inactive")
+    index = 0
+    for _ in range(2):
+        assert craft.transition(node, Transition.TRANSITION_ACTIVATE)
+        craft.match((node,))
+        index += 1
+        craft.expect_pair(index, ("attitude",))
+        assert craft.transition(node, Transition.TRANSITION_DEACTIVATE)
+        craft.wait(lambda: craft.node.count_subscribers("/camera_1/image_raw") == 0, "silence")
+        craft.heard.clear()
+        craft.wait_for_state("inactive")
+    assert craft.transition(node, Transition.TRANSITION_CLEANUP)
+    assert craft.state(node) == State.PRIMARY_STATE_UNCONFIGURED
+    assert craft.transition(node, Transition.TRANSITION_CONFIGURE)
+    assert craft.transition(node, Transition.TRANSITION_ACTIVATE)
+    craft.heard.clear()
+    craft.match((node,))
+    craft.expect_pair(index + 1, ("attitude",))
+    assert craft.transition(node, Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    assert craft.state(node) == State.PRIMARY_STATE_FINALIZED
+
+
+def test_parameters_describe_themselves_and_some_are_live(
+    start: Callable[..., Program], craft: Craft, params: list[str]
+) -> None:
+    node = "attitude_node"
+    start(node, *params)
+    craft.match((node,))
+    request = DescribeParameters.Request(names=["slop", "planet_radius", "camera_1.rotation"])
+    slop, radius, rotation = craft.call(
+        DescribeParameters, f"/{node}/describe_parameters", request
+    ).descriptors
+    assert not slop.read_only
+    assert slop.floating_point_range[0].to_value == 10.0
+    assert radius.read_only
+    assert "[m]" in radius.description
+    assert rotation.read_only
+
+    def set_one(name: str, value: Any) -> Any:
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]
+        )
+        return craft.call(SetParameters, f"/{node}/set_parameters", request).results[0]
+
+    craft.expect_pair(0, ("attitude",))
+    assert not set_one("planet_radius", 1.0e6).successful
+    assert not set_one("slop", -1.0).successful
+    refused = set_one("altitude_min", 1e11)
+    assert not refused.successful
+    assert "altitude" in refused.reason
+    assert set_one("altitude_min", 1e6).successful
+    craft.heard.clear()
+    craft.send_pair(1)
+    craft.wait_for_state("no_fix", "altitude")
+    assert not craft.stamps("attitude")
+    assert set_one("altitude_min", 1e5).successful
+    craft.expect_pair(2, ("attitude",))
+
+
+def test_quality_of_service_and_its_override(
+    start: Callable[..., Program], craft: Craft, params: list[str]
+) -> None:
+    start(
+        *("attitude_node", *params),
+        *("-p", "qos_overrides./camera_2/image_raw.subscription.reliability:=reliable"),
+    )
+    craft.match(("attitude_node",))
+    (output,) = craft.node.get_publishers_info_by_topic("/attitude")
+    assert output.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+    reliabilities = [
+        craft.node.get_subscriptions_info_by_topic(f"/{camera}/image_raw")[
+            0
+        ].qos_profile.reliability
+        for camera in CAMERAS
+    ]
+    assert reliabilities == [ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE]
+
+
+def test_one_process_subscribes_once_and_listens_to_names(
+    start: Callable[..., Program], craft: Craft, params: list[str]
+) -> None:
+    start("horizon_sensor", *params)
+    craft.match(NODES, 1)
+    names = {name for name, _ in craft.node.get_node_names_and_namespaces()}
+    assert {*NODES, "horizon_sensor"} <= names
+    craft.expect_pair(0)
+    # The node that holds the subscriptions pauses; the other takes over.
+    for index, (pausing, working) in enumerate((NODES, NODES[::-1]), 1):
+        topic = "attitude" if working == "attitude_node" else "local_vertical"
+        assert craft.transition(pausing, Transition.TRANSITION_DEACTIVATE)
+        craft.match((working,), 1)
+        craft.heard.clear()
+        craft.expect_pair(index, (topic,))
+        assert len(craft.stamps("attitude")) + len(craft.stamps("local_vertical")) == 1
+        assert craft.transition(pausing, Transition.TRANSITION_ACTIVATE)
+
+
+def test_debug_image_only_for_who_asks(
+    start: Callable[..., Program], craft: Craft, params: list[str]
+) -> None:
+    start("local_vertical_node", *params, "-r", "local_vertical:=down")
+    craft.listen(Vector3Stamped, "/down", 10)
+    craft.wait(lambda: craft.node.count_publishers("/down") == 1, "remapped topic")
+    craft.match(("local_vertical_node",))
+    topic = "/local_vertical_node/debug_image"
+    craft.send_pair(0)
+    craft.wait(lambda: [m for t, m in craft.heard if t == "/down"], "estimate")
+    subscription = craft.listen(Image, topic, 10)
+    craft.wait(lambda: craft.node.count_subscribers(topic) == 1, "subscription")
+
+    def pictures() -> list[Image]:
+        return [m for t, m in craft.heard if t == topic]
+
+    index = 0
+    while not pictures():
+        # The node may hear of its new listener a frame later.
+        index += 1
+        assert index < 200
+        craft.send_pair(index)
+        craft.executor.spin_once(timeout_sec=0.1)
+    picture = pictures()[0]
+    assert picture.header.stamp.sec * 10**9 + picture.header.stamp.nanosec > START_NS
+    assert (picture.encoding, picture.height, picture.width) == ("bgr8", HEIGHT, 2 * WIDTH)
+    colours = np.frombuffer(picture.data, np.uint8).reshape(HEIGHT, 2 * WIDTH, 3)
+    assert np.any(np.ptp(colours.astype(int), axis=2) > 100)
+    craft.node.destroy_subscription(subscription)

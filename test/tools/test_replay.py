@@ -1,0 +1,389 @@
+"""horizon_replay, from the command line on."""
+
+from __future__ import annotations
+
+import filecmp
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from horizon_messages import (
+    PERIOD_NS,
+    QUATERNIONS,
+    START_NS,
+    attitude_at,
+    image_of,
+    nadir_of,
+    recording,
+    write_bag,
+    write_parameters,
+)
+from rclpy.serialization import deserialize_message, serialize_message
+from rosbags.interfaces import QosReliability
+from rosbags.rosbag2 import Reader
+from std_msgs.msg import String
+
+from horizon_sensor_ros.tools.replay import main
+
+KINDS = {
+    "/local_vertical": Vector3Stamped,
+    "/attitude": PoseWithCovarianceStamped,
+    "/diagnostics": DiagnosticArray,
+}
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Bag of five pairs."""
+    return write_bag(tmp_path_factory.mktemp("flight") / "bag", recording(5))
+
+
+@pytest.fixture
+def params(tmp_path: Path) -> Path:
+    return write_parameters(tmp_path / "params.yaml")
+
+
+def read(bag: Path, prefix: str = "") -> dict[str, list[tuple[int, Any]]]:
+    """Record time and message of every topic."""
+    found: dict[str, list[tuple[int, Any]]] = {}
+    with Reader(bag) as reader:
+        for connection in reader.connections:
+            found[connection.topic.removeprefix(prefix)] = []
+        for connection, stamp, raw in reader.messages():
+            topic = connection.topic.removeprefix(prefix)
+            kind = next(k for k in KINDS.values() if k.__name__ in connection.msgtype)
+            found[topic].append((stamp, deserialize_message(raw, kind)))
+    return found
+
+
+def run(*arguments: Any) -> int:
+    return main([str(a) for a in arguments])
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
+    """Run what has to fail; what it says."""
+    assert run(*arguments) == 1
+    errors = capsys.readouterr().err
+    assert "Traceback" not in errors
+    return errors
+
+
+def states(bag: Path) -> list[str]:
+    messages = [msg.status[0] for _, msg in read(bag)["/diagnostics"]]
+    return [m.values[0].value for m in messages if m.name.startswith("attitude_node")]
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_estimates_with_the_inputs_stamps(tmp_path: Path, params: Path, storage: str) -> None:
+    bag = write_bag(tmp_path / "in", recording(3), storage)
+    assert run(bag, tmp_path / "out", "--params", params) == 0
+    out = read(tmp_path / "out")
+    assert set(out) == set(KINDS)
+    for topic in ("/local_vertical", "/attitude"):
+        stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for _, m in out[topic]]
+        assert stamps == [START_NS + i * PERIOD_NS for i in range(3)]
+        # Recorded when the pair's second image was.
+        assert [t for t, _ in out[topic]] == [s + 1_500_000 for s in stamps]
+    for index, (_, msg) in enumerate(out["/local_vertical"]):
+        vertical = [msg.vector.x, msg.vector.y, msg.vector.z]
+        np.testing.assert_allclose(vertical, nadir_of(*attitude_at(index)), atol=1e-3)
+    kind = "*.mcap" if storage == "mcap" else "*.db3"
+    assert len(list((tmp_path / "out").glob(kind))) == 1
+
+
+def test_the_bag_says_how_its_topics_are_published(
+    tmp_path: Path, flight: Path, params: Path
+) -> None:
+    assert run(flight, tmp_path / "out", "--params", params) == 0
+    with Reader(tmp_path / "out") as reader:
+        for connection in reader.connections:
+            (qos,) = connection.ext.offered_qos_profiles
+            assert qos.reliability == QosReliability.RELIABLE
+            assert qos.depth == 10
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_the_same_bytes_every_time(
+    tmp_path: Path, flight: Path, params: Path, storage: str
+) -> None:
+    for name in ("one", "another"):
+        assert run(flight, tmp_path / name, "--params", params, "--storage", storage) == 0
+    names = sorted(p.name for p in (tmp_path / "one").iterdir())
+    same, different, missing = filecmp.cmpfiles(
+        tmp_path / "one", tmp_path / "another", names, shallow=False
+    )
+    assert (sorted(same), different, missing) == (names, [], [])
+    assert len(names) == 2
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_bare_file_is_a_bag_too(tmp_path: Path, params: Path, storage: str) -> None:
+    bag = write_bag(tmp_path / "in", recording(2), storage)
+    (file,) = [f for f in bag.iterdir() if f.suffix in (".mcap", ".db3")]
+    lone = Path(shutil.move(file, tmp_path / file.name))
+    assert run(lone, tmp_path / "out", "--params", params) == 0
+    assert len(read(tmp_path / "out")["/attitude"]) == 2
+
+
+def test_namespace_and_remapping(tmp_path: Path) -> None:
+    other = {"/camera_1/image_raw": "/craft/left/image", "/camera_2/image_raw": "/right"}
+    messages = [
+        (other.get(topic, f"/craft{topic}"), stamp, msg) for topic, stamp, msg in recording(2)
+    ]
+    bag = write_bag(tmp_path / "in", messages)
+    params = tmp_path / "params.yaml"
+    params.write_text(
+        "/craft/attitude_node:\n  ros__parameters:\n    cameras: [camera_1]\n"
+        f"    camera_1.rotation: {QUATERNIONS['camera_1']}\n"
+        "/**/local_vertical_node:\n  ros__parameters:\n    cameras: [camera_2]\n"
+        f"    camera_2: {{rotation: {QUATERNIONS['camera_2']}}}\n"
+    )
+    remap = ["--remap", "camera_1/image_raw:=left/image", "--remap", "camera_2/image_raw:=/right"]
+    remap += ["--remap", "attitude:=/att"]
+    arguments = [bag, tmp_path / "out", "--params", params, "--namespace", "craft"]
+    assert run(*arguments, *remap) == 0
+    out = read(tmp_path / "out")
+    assert set(out) == {"/craft/local_vertical", "/att", "/diagnostics"}
+    assert all(len(out[topic]) == 2 for topic in ("/craft/local_vertical", "/att"))
+
+
+def test_a_summary_and_a_progress_bar(
+    tmp_path: Path, flight: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(flight, tmp_path / "out", "--params", params) == 0
+    errors = capsys.readouterr().err
+    assert "20/20" in errors
+    assert "10 frames, 5 sets, 5 fixes" in errors
+
+
+def test_unreadable_messages_are_skipped_and_counted(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    messages = recording(4)
+    topic, stamp, msg = messages[5]
+    messages[5] = (topic, stamp, ("sensor_msgs/msg/Image", serialize_message(msg)[:100]))
+    topic, stamp, msg = messages[10]
+    messages[10] = (topic, stamp, ("sensor_msgs/msg/CameraInfo", b"\x00\x01\x00\x00\xff"))
+    bag = write_bag(tmp_path / "in", messages)
+    assert run(bag, tmp_path / "out", "--params", params) == 0
+    out = read(tmp_path / "out")
+    assert len(out["/attitude"]) == 3
+    errors = capsys.readouterr().err
+    assert "unreadable messages skipped on /camera_1/image_raw: 1" in errors
+    assert "unreadable messages skipped on /camera_2/camera_info: 1" in errors
+    assert "rejected, unpaired: 1" in errors
+
+
+def test_no_estimate_is_a_valid_bag(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dark = [
+        (topic, t, image_of(np.zeros((240, 320), np.uint8), t) if "image" in topic else msg)
+        for topic, t, msg in recording(3)
+    ]
+    bag = write_bag(tmp_path / "in", dark)
+    assert run(bag, tmp_path / "out", "--params", params) == 0
+    out = read(tmp_path / "out")
+    assert out["/attitude"] == out["/local_vertical"] == []
+    assert "no_fix" in states(tmp_path / "out")
+    assert "3 sets, 0 fixes" in capsys.readouterr().err
+
+
+def test_one_camera_missing_is_said_and_no_error(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    alone = [m for m in recording(40) if "camera_1" in m[0]]
+    bag = write_bag(tmp_path / "in", alone)
+    assert run(bag, tmp_path / "out", "--params", params) == 0
+    out = read(tmp_path / "out")
+    assert out["/attitude"] == []
+    last = out["/diagnostics"][-1][1].status[0]
+    assert last.message == "no frames from camera_2 yet"
+    assert "has no /camera_2/image_raw" in capsys.readouterr().err
+
+
+def test_diagnostics_in_bag_time(tmp_path: Path, params: Path) -> None:
+    # Five pairs, a long silence, and two more.
+    year = 365 * 24 * 3600 * 10**9
+    messages = recording(5) + recording(2, START_NS + year)
+    bag = write_bag(tmp_path / "in", messages)
+    assert run(bag, tmp_path / "out", "--params", params) == 0
+    out = read(tmp_path / "out")
+    times = [t for t, _ in out["/diagnostics"]]
+    assert times == sorted(times)
+    assert 6 < len(times) < 30
+    seen = states(tmp_path / "out")
+    assert seen[:3] == ["waiting", "waiting", "ok"]
+    assert "stale" in seen
+    assert seen[-1] == "ok"
+    for stamp, msg in out["/diagnostics"]:
+        assert msg.header.stamp.sec * 10**9 + msg.header.stamp.nanosec == stamp
+        keys = {pair.key for pair in msg.status[0].values}
+        assert not keys & {"latency_ms", "latency_max_ms", "rate_hz"}
+
+
+def test_parameters_that_cannot_be(
+    tmp_path: Path, flight: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert "camera_1.rotation is not set" in refused(capsys, flight, out)
+    assert "No such file" in refused(capsys, flight, out, "--params", tmp_path / "none.yaml")
+    bad = write_parameters(tmp_path / "bad.yaml", planet_radius=-1.0)
+    assert "planet_radius" in refused(capsys, flight, out, "--params", bad)
+    tf = write_parameters(tmp_path / "tf.yaml", extrinsics_source="tf")
+    assert "tf" in refused(capsys, flight, out, "--params", tf)
+    arguments = ["--params", params, "--remap", "nonsense"]
+    assert "FROM:=TO" in refused(capsys, flight, out, *arguments)
+    assert not out.exists()
+
+
+def test_unknown_parameters_are_said(
+    tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    params = write_parameters(tmp_path / "params.yaml", planet_raduis=1.0)
+    assert run(flight, tmp_path / "out", "--params", params) == 0
+    assert capsys.readouterr().err.count("unknown parameter planet_raduis is ignored") == 1
+
+
+def test_bags_that_are_none(
+    tmp_path: Path, flight: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+
+    def said(path: Path) -> str:
+        message = refused(capsys, path, out, "--params", params)
+        assert str(path) in message
+        assert not out.exists()
+        return message
+
+    assert "there is no bag" in said(tmp_path / "nowhere")
+    (tmp_path / "empty").mkdir()
+    assert "cannot be read as a rosbag2" in said(tmp_path / "empty")
+    text = tmp_path / "notes.txt"
+    text.write_text("not a bag")
+    assert "cannot be read as a rosbag2" in said(text)
+    for suffix in (".mcap", ".db3"):
+        for content in (b"", b"not a bag" * 100):
+            file = tmp_path / f"file{suffix}"
+            file.write_bytes(content)
+            assert "cannot be read as a rosbag2" in said(file) or "none of the topics" in said(file)
+    broken = tmp_path / "broken"
+    shutil.copytree(flight, broken)
+    (broken / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
+    assert "cannot be read as a rosbag2" in said(broken)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.6, 0.9, 0.999])
+def test_a_bag_cut_short(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str], storage: str, share: float
+) -> None:
+    bag = write_bag(tmp_path / "in", recording(3), storage)
+    (file,) = [f for f in bag.iterdir() if f.suffix in (".mcap", ".db3")]
+    content = file.read_bytes()
+    file.write_bytes(content[: int(share * len(content))])
+    message = refused(capsys, bag, tmp_path / "out", "--params", params)
+    assert "horizon_replay: " in message
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bag_without_the_topics_is_told_what_it_has(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_bag(tmp_path / "in", [("/chatter", 5, String(data="hello"))])
+    message = refused(capsys, bag, tmp_path / "out", "--params", params)
+    assert "/chatter (std_msgs/msg/String)" in message
+    assert "/camera_2/camera_info (sensor_msgs/msg/CameraInfo)" in message
+
+
+def test_nothing_is_overwritten_but_by_force(
+    tmp_path: Path, flight: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert run(flight, out, "--params", params) == 0
+    assert "exists" in refused(capsys, flight, out, "--params", params)
+    assert run(flight, out, "--params", params, "--force") == 0
+    assert len(read(out)["/attitude"]) == 5
+    home = tmp_path / "home"
+    home.mkdir()
+    (home / "letter.txt").write_text("dear")
+    assert "only another bag" in refused(capsys, flight, home, "--params", params, "--force")
+    assert "only another bag" in refused(capsys, flight, flight, "--params", params, "--force")
+    assert (home / "letter.txt").exists()
+
+
+def test_where_nothing_can_be_written(
+    tmp_path: Path, flight: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "file"
+    file.touch()
+    assert "cannot write" in refused(capsys, flight, file / "out", "--params", params)
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A directory on a file system with next to no room; needs the right to mount one."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=16k", "tmpfs", str(place)]
+    if (
+        shutil.which("mount") is None
+        or subprocess.run(mount, capture_output=True, check=False).returncode
+    ):
+        pytest.skip("cannot mount a small file system here")
+    yield place
+    # Lazily: a storage library may hold its file for a while after failing.
+    subprocess.run(["umount", "--lazy", str(place)], check=True)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_full_disk(
+    small_disk: Path,
+    flight: Path,
+    params: Path,
+    capsys: pytest.CaptureFixture[str],
+    storage: str,
+) -> None:
+    arguments = ["--params", params, "--storage", storage]
+    message = refused(capsys, flight, small_disk / "out", *arguments)
+    assert "cannot write" in message
+    assert list(small_disk.iterdir()) == []
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_it_leaves_nothing_behind(tmp_path: Path, params: Path, how: int) -> None:
+    bag = write_bag(tmp_path / "in", recording(4) * 30)
+    arguments = [str(bag), str(tmp_path / "out"), "--params", str(params)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "horizon_sensor_ros.tools.replay", *arguments],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=dict(os.environ),
+    )
+    deadline = time.monotonic() + 20
+    while not list(tmp_path.glob(".out-*")):
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+    process.send_signal(how)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "interrupted, nothing written" in errors
+    assert "Traceback" not in errors
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["in", "params.yaml"]
+
+
+def test_help_names_the_arguments(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        run("--help")
+    assert caught.value.code == 0
+    assert "OUT_BAG" in capsys.readouterr().out
