@@ -31,8 +31,8 @@ else:
 
     def vgicp(a: np.ndarray, b: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Voxelised GICP at a coarse and a fine voxel size."""
-        cloud_a, _ = small_gicp.preprocess_points(a, 0.02, num_neighbors=15, num_threads=1)
-        cloud_b, _ = small_gicp.preprocess_points(b, 0.02, num_neighbors=15, num_threads=1)
+        cloud_a, _ = small_gicp.preprocess_points(a, 0.03, num_neighbors=10, num_threads=1)
+        cloud_b, _ = small_gicp.preprocess_points(b, 0.03, num_neighbors=10, num_threads=1)
         pose = start
         for voxel in (0.3, 0.1):
             voxels = small_gicp.GaussianVoxelMap(voxel)

@@ -220,8 +220,12 @@ def _assemble(
     width, height = pixel.max(axis=0) + _MARGIN_PX + 1 - low
     inverse = np.zeros(height * width, np.float32)
     index = (pixel[:, 1] - low[1]) * width + pixel[:, 0] - low[0]
-    # Of several points in one pixel the nearest counts, whatever their order.
-    np.maximum.at(inverse, index, (1 / used[:, 2]).astype(np.float32))
+    depth = (1 / used[:, 2]).astype(np.float32)
+    if frame is not None:
+        inverse[index] = depth
+    else:
+        # Of several points in one pixel the nearest counts, whatever their order.
+        np.maximum.at(inverse, index, depth)
     inverse = inverse.reshape(height, width)
     unknown = np.zeros((height, width), bool)
     if frame is not None:

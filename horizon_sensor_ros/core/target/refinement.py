@@ -8,7 +8,7 @@ import numpy as np
 
 from .consistency import project
 from .rigid import orthonormal, rotation_from_vector
-from .surfels import SurfaceView, Surfels, normal_noise
+from .surfels import SurfaceView, normal_noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +66,11 @@ class Matcher:
         """Pairs whose distance along the normal is below ``gate_m``."""
         a, b = self.a, self.b
         back, shift = rotation.T, -rotation.T @ translation
+        pb, pa, nb, na, *rest = _to_planes(b, a, back, shift, gate_m)
         sets = [
-            _to_planes(a, a.faces, b, rotation, translation, gate_m),
-            _to_planes(a, a.bare, b, rotation, translation, gate_m),
+            _to_planes(a, b, rotation, translation, gate_m),
+            (pa @ back + translation, pb @ back + translation, na @ back, nb @ back, *rest),
         ]
-        for surfels in (b.faces, b.bare):
-            pb, pa, nb, na, *rest = _to_planes(b, surfels, a, back, shift, gate_m)
-            sets.append((pa @ back + translation, pb @ back + translation, na @ back, nb @ back, *rest))
         kinds = [np.zeros(len(s[0]), np.int8) for s in sets]
         if edges and self.tree is not None and len(a.edges):
             for kind, pairs in enumerate(self._edges(rotation, translation, gate_m), start=1):
@@ -99,44 +97,44 @@ class Matcher:
         off = np.einsum("ij,ij->i", point - other, n)
         keep &= np.abs(off) < max(gate_m, self.b.footprint_m)
         sigma = np.hypot(a.sigma_m[near], b.sigma_m[index])
-        one = np.ones(len(near))
+        one = np.full(len(near), a.weight)
         sides = (point[keep], other[keep], side[keep], n[keep], sigma[keep], one[keep], 0 * one[keep])
         keep &= thin
         keep[keep] = np.einsum("ij,ij->i", front_a[keep], front_b[keep]) > 0.7
         noise = np.hypot(np.hypot(self.a.sigma_m, self.b.sigma_m), 0.1 * self.b.footprint_m)
-        fronts = (point[keep], other[keep], front_a[keep], front_b[keep], noise * one[keep], one[keep],
+        fronts = (point[keep], other[keep], front_a[keep], front_b[keep], np.full(keep.sum(), noise), one[keep],
                   0 * one[keep])  # fmt: skip
         return [sides, fronts]
 
 
 def _to_planes(
-    a: SurfaceView, surfels: Surfels, b: SurfaceView, rotation: np.ndarray, translation: np.ndarray, gate_m: float
+    a: SurfaceView, b: SurfaceView, rotation: np.ndarray, translation: np.ndarray, gate_m: float
 ) -> tuple[np.ndarray, ...]:
     """a's surfels, moved into b's frame, against the planes that b sees in the same direction."""
+    surfels = a.surfels
     point = surfels.points @ rotation.T + translation
     index = project(b, point[:, 0], point[:, 1], point[:, 2])
+    near = np.flatnonzero(b.plane[index])
+    index, point = index[near], point[near]
     other, n = b.point_map[index].astype(float), b.normal_map[index].astype(float)
-    off = np.einsum("ij,ij->i", point - other, n)
-    keep = b.plane[index] & (np.abs(off) < gate_m)
-    weight = surfels.weight
-    if surfels is a.bare:
-        normal = n
-        # A thin plate's far side is another surface.
-        ray = surfels.points / np.linalg.norm(surfels.points, axis=1, keepdims=True)
-        keep &= np.einsum("ij,ij->i", n @ rotation, ray) < -0.06
-    else:
-        normal = surfels.normals @ rotation.T
-        keep &= np.einsum("ij,ij->i", normal, n) > 0.85
-        # Each raw measurement counts once, though both directions are matched.
-        weight = weight / 2
-    other, n = other[keep], n[keep]
-    cosine = -np.einsum("ij,ij->i", n, other) / np.linalg.norm(other, axis=1)
-    noise_b = normal_noise(b.sigma_m, b.footprint_m, cosine, b.tilt_rad[index[keep]])
-    noise_a = noise_b if surfels is a.bare else surfels.sigma_m[keep]
-    tilt2 = surfels.tilt_rad[keep] * (
-        b.normal_noise_rad if surfels is a.bare else b.tilt_rad[index[keep]]
+    normal = surfels.normals[near] @ rotation.T
+    bare = near >= surfels.num_planes
+    ray = surfels.points[near] @ rotation.T
+    # A thin plate's far side is another surface: a bare return must have been able to see the plane.
+    agree = np.where(
+        bare, np.einsum("ij,ij->i", n, ray) < -0.06 * np.linalg.norm(ray, axis=1),
+        np.einsum("ij,ij->i", normal, n) > 0.85,
+    )  # fmt: skip
+    keep = agree & (np.abs(np.einsum("ij,ij->i", point - other, n)) < gate_m)
+    near, index, bare, point, other, n = (
+        part[keep] for part in (near, index, bare, point, other, n)
     )
-    return point[keep], other, normal[keep], n, np.hypot(noise_a, noise_b), weight[keep], tilt2
+    normal = np.where(bare[:, None], n, normal[keep])
+    cosine = -np.einsum("ij,ij->i", n, other) / np.linalg.norm(other, axis=1)
+    noise = normal_noise(b.sigma_m, b.footprint_m, cosine, b.tilt_rad[index])
+    sigma = np.hypot(np.where(bare, noise, surfels.sigma_m[near]), noise)
+    tilt2 = surfels.tilt_rad[near] * np.where(bare, b.normal_noise_rad, b.tilt_rad[index])
+    return point, other, normal, n, sigma, surfels.weight[near], tilt2
 
 
 def robust_weights(pairs: Pairs) -> np.ndarray:

@@ -108,8 +108,8 @@ def target_view(points: np.ndarray, config: RegistrationConfig | None = None) ->
     if image.status is not Status.OK:
         return TargetView(image.status, image.reason, image, None)
     surface = surface_view(image, config.range_noise_m)
-    if len(surface.faces) < config.min_points // 4:
-        reason = f"{len(surface.faces)} surface elements, {config.min_points // 4} needed"
+    if len(surface.surfels.points) < config.min_points // 4:
+        reason = f"{len(surface.surfels.points)} surface elements, {config.min_points // 4} needed"
         return TargetView(Status.TOO_FEW_POINTS, reason, image, None)
     return TargetView(Status.OK, "", image, surface)
 

@@ -178,7 +178,8 @@ class BatchObjective:
         self._points = sections.frame.coordinates(np.asarray(points, float)).T.copy()
         self._lengths = np.linalg.norm(self._points, axis=0)
         self._pitch = sections.pitch_m
-        # The border is two cells wide: what lies outside is clipped into its outer ring and counts for nothing.
+        # The border is two cells wide: what lies outside is clipped into its outer ring, which has no radius and
+        # which no filled cell has for a neighbour.
         self._lows = np.array([grid.low_m for grid in sections.grids]) - 2 * self._pitch
         self._shapes = np.array([grid.shape for grid in sections.grids]) + 4
         sizes = self._shapes.prod(axis=1)
@@ -211,6 +212,11 @@ class BatchObjective:
     def __call__(self, candidates: np.ndarray) -> np.ndarray:
         """(C,) values of (C, 6) candidates."""
         candidates = np.atleast_2d(np.asarray(candidates, float))
+        # In portions that stay in the processor's cache.
+        parts = np.array_split(candidates, max(1, len(candidates) // 24))
+        return np.concatenate([self._values(part) for part in parts])
+
+    def _values(self, candidates: np.ndarray) -> np.ndarray:
         count = len(candidates)
         back = _rotations(candidates[:, :3]).transpose(0, 2, 1)
         shift = np.einsum("cij,cj->ci", back, candidates[:, 3:])
@@ -244,7 +250,6 @@ class BatchObjective:
             value += np.divide(reached, total, out=np.zeros(count), where=total > 0)
             filled[cell * count + candidate] = True
         filled = filled.reshape(-1, count)
-        filled[self._radius == 0] = False
         here = filled[self._around[0]]
         beside = filled[self._around[1]]
         for cells in self._around[2:5]:

@@ -47,6 +47,8 @@ class Surfels:
 
     points, normals : (N, 3).  sigma_m : (N,) of one raw measurement.  weight : (N,) raw measurements that each stands for.
     tilt_rad : (N,) error of the normal that is not independent from view to view.
+    The first ``num_planes`` come from planes; the others are bare returns where there is no plane (thin parts, slants too
+    steep for the window, corners). Those have normal 0: they take over that of the other view's plane, with its noise.
     """
 
     points: np.ndarray
@@ -54,9 +56,7 @@ class Surfels:
     sigma_m: np.ndarray
     weight: np.ndarray
     tilt_rad: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.points)
+    num_planes: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +65,14 @@ class Edges:
 
     points : (E, 3).  sides : (E, 3) unit normals of the plane through the sensor and the edge, away from the
     surface.  sigma_m : (E,) across the edge.  fronts : (E, 3) unit normals towards the sensor, across the part, where it
-    is thin (a line); NaN elsewhere.
+    is thin (a line); NaN elsewhere.  weight : places that each stands for.
     """
 
     points: np.ndarray
     sides: np.ndarray
     sigma_m: np.ndarray
     fronts: np.ndarray
+    weight: float
 
     def __len__(self) -> int:
         return len(self.points)
@@ -84,8 +85,7 @@ class SurfaceView:
     sigma_m : range noise.  footprint_m : a pixel's width at the target.  size_m : the target's rms radius.
     point_map, normal_map : (H W, 3) point and normal (towards the sensor) of the local plane at each pixel.
     plane : (H W) bool, where there is one.  tilt_rad : (H W) of its normal, see Surfels; normal_noise_rad : of all.  nearest : (H W) index of the nearest pixel with a plane.
-    faces : surfels of the planes.  bare : returns where there is no plane (their normals are 0): thin parts, slants too
-        steep for the window, corners.  edges : see Edges.
+    surfels, edges : what is registered.
     depth_map : (H W) depth of the return, 0 where there is none.
     gap_px : (H W) distance to the nearest return or unknown pixel.
     """
@@ -102,8 +102,7 @@ class SurfaceView:
     nearest: np.ndarray
     depth_map: np.ndarray
     gap_px: np.ndarray
-    faces: Surfels
-    bare: Surfels
+    surfels: Surfels
     edges: Edges
 
     @property
@@ -151,33 +150,39 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     flat = fit.flat(noise)
     own = flat.copy()
     slope_u, slope_v, level = _borrow_planes(fit, flat, seen, inverse, noise, radius)
+    height, width = inverse.shape
+    at = np.flatnonzero(flat)
+    row, column = np.divmod(at, width)
     tan_u, tan_v = (tangent.astype(np.float32) for tangent in image.tangents())
+    x, y = tan_u[column], tan_v[row]
     focal = np.float32(image.focal_px)
-    a, b = slope_u * focal, slope_v * focal
-    c = level - a * tan_u - b * tan_v[:, None]
+    a, b, w = slope_u.ravel()[at] * focal, slope_v.ravel()[at] * focal, level.ravel()[at]
+    c = w - a * x - b * y
     length = np.sqrt(a * a + b * b + c * c)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        depth = 1 / level
-        cosine = level / (length * np.sqrt(1 + tan_u**2 + tan_v[:, None] ** 2))
-        normal = np.stack([a, b, c], axis=-1) / -length[..., None]
-    plane = flat & (cosine > np.where(own, _MIN_COSINE, _MIN_BORROWED_COSINE))
-    point = np.stack([depth * tan_u, depth * tan_v[:, None], depth], axis=-1)
-    point[~plane], normal[~plane], cosine[~plane] = 0, 0, 0
+    slant = w / (length * np.sqrt(1 + x * x + y * y))
+    good = slant > np.where(own.ravel()[at], _MIN_COSINE, _MIN_BORROWED_COSINE)
+    at = at[good]
+    plane = np.zeros(inverse.size, bool)
+    cosine = np.zeros(inverse.size, np.float32)
+    point_map = np.zeros((inverse.size, 3), np.float32)
+    normal_map = np.zeros((inverse.size, 3), np.float32)
+    plane[at], cosine[at] = True, slant[good]
+    point_map[at] = (np.stack([x, y, np.ones_like(x)], axis=1) / w[:, None])[good]
+    normal_map[at] = (np.stack([a, b, c], axis=1) / -length[:, None])[good]
+    plane, cosine = plane.reshape(height, width), cosine.reshape(height, width)
     tilt = np.where(own, np.float32(0), np.float32(_BORROWED_TILT_RAD)).ravel()
     normal_noise_rad = sigma / footprint / _slope_gain(radius)
-    returns = inverse[seen]
-    rows, columns = np.nonzero(seen)
-    size = np.sqrt(
-        (tan_u[columns] / returns).var() + (tan_v[rows] / returns).var() + (1 / returns).var()
-    )
-    point_map = point.reshape(-1, 3).astype(np.float32)
-    normal_map = normal.reshape(-1, 3).astype(np.float32)
+    row, column = np.nonzero(seen)
+    depth = 1 / inverse[row, column]
+    size = np.sqrt((tan_u[column] * depth).var() + (tan_v[row] * depth).var() + depth.var())
+    depth_map = np.zeros(inverse.size, np.float32)
+    depth_map[row * width + column] = depth
+    hidden = (~(seen | image.unknown)).astype(np.uint8)
     return SurfaceView(
-        image, sigma, footprint, float(size), point_map, normal_map, plane.ravel(), tilt, normal_noise_rad,
-        _nearest(plane), np.divide(1, inverse, out=np.zeros_like(inverse), where=seen).ravel(),
-        cv2.distanceTransform((~(seen | image.unknown)).astype(np.uint8), cv2.DIST_L2, 3).ravel(),
-        _faces(plane, point_map, normal_map, cosine, tilt, sigma, footprint),
-        _bare(image, seen & ~plane, sigma, normal_noise_rad),
+        image, sigma, footprint, float(size), point_map, normal_map, plane.ravel(), tilt,
+        normal_noise_rad, _nearest(plane), depth_map,
+        cv2.distanceTransform(hidden, cv2.DIST_L2, 3).ravel(),
+        _surfels(image, plane, point_map, normal_map, cosine, tilt, sigma, footprint, normal_noise_rad),
         _edges(image, plane, slope_u, slope_v, level, cosine, sigma, noise),
     )  # fmt: skip
 
@@ -316,7 +321,8 @@ def _nearest(plane: np.ndarray) -> np.ndarray:
     return of_label[label.ravel()]
 
 
-def _faces(
+def _surfels(
+    image: RangeImage,
     plane: np.ndarray,
     point_map: np.ndarray,
     normal_map: np.ndarray,
@@ -324,11 +330,13 @@ def _faces(
     tilt: np.ndarray,
     sigma: float,
     footprint: float,
+    normal_noise_rad: float,
 ) -> Surfels:
-    """Planes on a lattice thin enough to keep their number moderate; neighbours share their pixels anyway."""
+    """Planes on a lattice thin enough to keep their number moderate, and bare returns."""
     row, column = np.nonzero(plane)
     share = 1
     if len(row) > 1200:
+        # Neighbours share most of their window anyway.
         keep = (row + column) % 2 == 0
         share = 2
         if len(row) > 2400:
@@ -337,25 +345,22 @@ def _faces(
             share = step * step
         row, column = row[keep], column[keep]
     index = row * plane.shape[1] + column
-    return Surfels(
-        point_map[index].astype(float),
-        normal_map[index].astype(float),
-        normal_noise(sigma, footprint, cosine[row, column], tilt[index]).astype(float),
-        np.full(len(index), float(share)),
-        tilt[index].astype(float),
-    )
-
-
-def _bare(image: RangeImage, where: np.ndarray, sigma: float, tilt: float) -> Surfels:
-    """Bare returns, which will be held against the other view's planes and take over their normals with their noise."""
-    row, column = np.nonzero(where)
+    noise = normal_noise(sigma, footprint, cosine[row, column], tilt[index])
+    row, column = np.nonzero((image.inverse_depth > 0) & ~plane)
     step = 1 + len(row) // 800
     row, column = row[::step], column[::step]
     tan_u, tan_v = image.tangents()
     ray = np.column_stack([tan_u[column], tan_v[row], np.ones(len(row))])
-    points = ray / image.inverse_depth[row, column, None]
-    one = np.ones(len(row))
-    return Surfels(points, np.zeros_like(points), sigma * one, step * one, tilt * one)
+    bare = ray / image.inverse_depth[row, column, None]
+    return Surfels(
+        np.concatenate([point_map[index], bare]),
+        np.concatenate([normal_map[index], np.zeros_like(bare)]),
+        np.concatenate([noise, np.full(len(bare), sigma)]),
+        # Planes of both views are matched with each other twice, once in each direction.
+        np.repeat([share / 2, float(step)], [len(index), len(bare)]),
+        np.concatenate([tilt[index], np.full(len(bare), normal_noise_rad)]),
+        len(index),
+    )
 
 
 def _edges(
@@ -415,16 +420,22 @@ def _edge_lines(
 
     none = np.empty((0, 3))
     if len(spot) < _NEIGHBOURS:
-        return Edges(none, none, np.empty(0), none)
-    distance, index = cKDTree(spot).query(spot, k=_NEIGHBOURS)
+        return Edges(none, none, np.empty(0), none, 1.0)
+    tree = cKDTree(spot)
+    # A line averages over its neighbours: fewer lines than places lose nothing.
+    step = 1 + len(spot) // 700
+    every = slice(None, None, step)
+    distance, index = tree.query(spot[every], k=_NEIGHBOURS)
     # Neighbours along the first axis: sums over them are then sums of rows.
     index = np.ascontiguousarray(index.T)
+    near_w, near_out, near_spot = w[index], out[index], spot[index]
+    spot, out, w, flat = spot[every], out[every], w[every], flat[every]
     reach = 6 * sigma * w * w + 3 * w / image.focal_px
-    same = (distance.T < _EDGE_REACH_PX) & (np.abs(w[index] - w) < reach)
-    same &= out[:, 0] * out[index, 0] + out[:, 1] * out[index, 1] > -0.5
+    same = (distance.T < _EDGE_REACH_PX) & (np.abs(near_w - w) < reach)
+    same &= out[:, 0] * near_out[..., 0] + out[:, 1] * near_out[..., 1] > -0.5
     share = same / np.maximum(same.sum(axis=0), 1)
     n = same.sum(axis=0)
-    x, y = spot[index, 0] - spot[:, 0], spot[index, 1] - spot[:, 1]
+    x, y = near_spot[..., 0] - spot[:, 0], near_spot[..., 1] - spot[:, 1]
     mean_x, mean_y = (share * x).sum(axis=0), (share * y).sum(axis=0)
     x, y = x - mean_x, y - mean_y
     xx, yy = (share * x * x).sum(axis=0), (share * y * y).sum(axis=0)
@@ -434,15 +445,15 @@ def _edge_lines(
     across = np.column_stack([-along[:, 1], along[:, 0]])
     spread = np.hypot((xx - yy) / 2, xy)
     wide, long = (xx + yy) / 2 - spread, (xx + yy) / 2 + spread
-    turn = across[:, 0] * (share * out[index, 0]).sum(axis=0)
-    turn += across[:, 1] * (share * out[index, 1]).sum(axis=0)
+    turn = across[:, 0] * (share * near_out[..., 0]).sum(axis=0)
+    turn += across[:, 1] * (share * near_out[..., 1]).sum(axis=0)
     across *= np.sign(turn)[:, None]
     good = (n >= 5) & (wide < 0.25) & (long > 1.0) & (np.abs(turn) > 0.3)
     # The place on the line, and inverse depth along it.
     s = share * (x * along[:, 0] + y * along[:, 1])
     s_mean = mean_x * along[:, 0] + mean_y * along[:, 1]
-    level = (share * w[index]).sum(axis=0)
-    slope = (s * w[index]).sum(axis=0) / np.maximum(long, 1e-9)
+    level = (share * near_w).sum(axis=0)
+    slope = (s * near_w).sum(axis=0) / np.maximum(long, 1e-9)
     on_line = spot + across * (mean_x * across[:, 0] + mean_y * across[:, 1])[:, None]
     smooth = np.where(flat, w, level - slope * s_mean)
     good &= smooth > 0
@@ -460,4 +471,4 @@ def _edge_lines(
     front = np.cross(side, direction)
     front *= -np.sign(np.einsum("ij,ij->i", front, ray))[:, None]
     front[flat[index]] = np.nan
-    return Edges(points, side, _EDGE_PX / (smooth * image.focal_px), front)
+    return Edges(points, side, _EDGE_PX / (smooth * image.focal_px), front, float(step))
