@@ -25,6 +25,9 @@ LIMB_SOURCES = ("subpixel", "canny")
 # heading, short arcs in low orbit, one sigma (0.24 deg at most).
 _ELLIPSOID_SIGMA_RAD = np.radians(0.1)
 _ELLIPSOID_ALTITUDE_SIGMA_M = 10.7e3  # half of the polar flattening
+# Two cameras that see the limb each for itself contradict each other when farther apart than both.
+_DISAGREEMENT_SIGMAS = 5.0
+_DISAGREEMENT_RAD = np.radians(0.25)
 
 
 @dataclass(frozen=True)
@@ -140,12 +143,40 @@ class HorizonSensor:
             if not doubtful:
                 for i, limb in zip(rest, fix.limbs, strict=True):
                     limbs[i] = limb
-                return HorizonFix(
+                fix = HorizonFix(
                     fix.status, fix.reason, fix.fit, tuple(_filled(limbs)), fix.cameras_used
                 )
+                return self._contradicted(frames, fix) or fix
             # What a camera says against itself may have misled the others: once more without it.
             for i, limb in doubtful.items():
                 limbs[rest[i]] = limb
+
+    def _contradicted(self, frames: Sequence[Frame], fix: HorizonFix) -> HorizonFix | None:
+        """Refusal of one camera's fix where another camera, looked at alone, has a fix elsewhere.
+
+        Where the extrinsics are wrong two good limbs lie on no common cone; the consensus keeps
+        one of them, and nothing tells which camera is the one that is mounted as it should be.
+        """
+        if not fix.ok or len(fix.cameras_used) > 1:
+            return None
+        for frame, limb in zip(frames, fix.limbs, strict=True):
+            if limb.status in (Status.OK, Status.BAD_IMAGE):
+                continue
+            alone, doubtful = self._attempt([frame])
+            if not alone.ok or doubtful:
+                continue
+            apart = np.linalg.norm(np.cross(alone.fit.nadir_base, fix.fit.nadir_base))
+            sigma = np.hypot(_nadir_sigma(alone.fit), _nadir_sigma(fix.fit))
+            if apart > max(_DISAGREEMENT_SIGMAS * sigma, _DISAGREEMENT_RAD):
+                reason = (
+                    f"{frame.view.name} alone finds nadir {np.degrees(apart):.1f} deg "
+                    f"from that of {fix.cameras_used[0]}"
+                )
+                none = HorizonFit.none(
+                    Status.CAMERAS_DISAGREE, reason, self.config.method, fix.fit.num_points
+                )
+                return HorizonFix(none.status, reason, none, fix.limbs, ())
+        return None
 
     def _attempt(self, frames: Sequence[Frame]) -> tuple[HorizonFix, dict[int, LimbPoints]]:
         """One detection and fit; with the frames whose own evidence speaks against it, and why."""
@@ -238,7 +269,7 @@ class HorizonSensor:
         limit_px = config.max_residual_px * max(1.0, width / 640.0)
         if not fit.rms_residual_px <= limit_px:
             return Status.POOR_FIT, f"residual {fit.rms_residual_px:.2f} px, above {limit_px:.2f}"
-        sigma = float(np.sqrt(np.linalg.eigvalsh(fit.cov_nadir_altitude[:3, :3])[-1]))
+        sigma = _nadir_sigma(fit)
         if not sigma <= config.max_nadir_sigma_rad:
             return Status.UNCERTAIN, f"nadir is known to {np.degrees(sigma):.2f} deg only"
         for observation in observations:
@@ -275,6 +306,11 @@ def full_scale(gray: np.ndarray) -> float:
     if gray.dtype == np.uint8:
         return 255.0
     return float(2 ** max(8, int(gray.max()).bit_length()) - 1)
+
+
+def _nadir_sigma(fit: HorizonFit) -> float:
+    """One sigma of nadir in its worst direction, radians."""
+    return float(np.sqrt(np.linalg.eigvalsh(fit.cov_nadir_altitude[:3, :3])[-1]))
 
 
 def _unusable(frame: Frame) -> LimbPoints | None:
