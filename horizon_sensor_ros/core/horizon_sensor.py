@@ -79,6 +79,11 @@ class HorizonConfig:
                 "altitude_min_m must be positive and below altitude_max_m, got "
                 f"{self.altitude_min_m} and {self.altitude_max_m}"
             )
+        if not self.altitude_max_m > self.planet.limb_height_m:
+            raise ValueError(
+                f"altitude_max_m must be above the limb's height of {self.planet.limb_height_m}, "
+                f"got {self.altitude_max_m}"
+            )
         for name in ("max_nadir_sigma_rad", "max_residual_px", "min_contrast"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
@@ -120,7 +125,9 @@ class HorizonSensor:
             else Planet(planet.mean_radius_m, planet.limb_height_m)
         )
         self._rho_min = self._sphere.rho_from_altitude(self.config.altitude_max_m)
-        self._rho_max = self._sphere.rho_from_altitude(self.config.altitude_min_m)
+        # Nothing is seen from below the limb.
+        lowest_m = max(self.config.altitude_min_m, planet.limb_height_m)
+        self._rho_max = self._sphere.rho_from_altitude(lowest_m)
 
     def reset(self) -> None:
         """Forget the past. Every set of frames is judged on its own, so there is none yet."""
