@@ -97,7 +97,7 @@ class Matcher:
         off = np.einsum("ij,ij->i", point - other, n)
         keep &= np.abs(off) < max(gate_m, self.b.footprint_m)
         sigma = np.hypot(a.sigma_m[near], b.sigma_m[index])
-        one = np.full(len(near), a.weight)
+        one = np.ones(len(near))
         sides = (point[keep], other[keep], side[keep], n[keep], sigma[keep], one[keep], 0 * one[keep])
         keep &= thin
         keep[keep] = np.einsum("ij,ij->i", front_a[keep], front_b[keep]) > 0.7

@@ -25,8 +25,8 @@ _BORROWED_TILT_RAD = 0.08
 # Standard deviation of an edge half way between two pixels.
 _EDGE_PX = 0.35
 _THIN_PX = 7
-_NEIGHBOURS = 18
-_EDGE_REACH_PX = 5.1
+_FEWEST_PLACES = 8
+_EDGE_REACH_PX = 4.6
 
 
 def normal_noise(
@@ -65,14 +65,13 @@ class Edges:
 
     points : (E, 3).  sides : (E, 3) unit normals of the plane through the sensor and the edge, away from the
     surface.  sigma_m : (E,) across the edge.  fronts : (E, 3) unit normals towards the sensor, across the part, where it
-    is thin (a line); NaN elsewhere.  weight : places that each stands for.
+    is thin (a line); NaN elsewhere.
     """
 
     points: np.ndarray
     sides: np.ndarray
     sigma_m: np.ndarray
     fronts: np.ndarray
-    weight: float
 
     def __len__(self) -> int:
         return len(self.points)
@@ -418,44 +417,45 @@ def _edge_lines(
     """Fit a short straight line through each edge place and its neighbours on the same edge."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  heavy to import, and only used here
 
-    none = np.empty((0, 3))
-    if len(spot) < _NEIGHBOURS:
-        return Edges(none, none, np.empty(0), none, 1.0)
-    tree = cKDTree(spot)
-    # A line averages over its neighbours: fewer lines than places lose nothing.
-    step = 1 + len(spot) // 700
-    every = slice(None, None, step)
-    distance, index = tree.query(spot[every], k=_NEIGHBOURS)
-    # Neighbours along the first axis: sums over them are then sums of rows.
-    index = np.ascontiguousarray(index.T)
-    near_w, near_out, near_spot = w[index], out[index], spot[index]
-    spot, out, w, flat = spot[every], out[every], w[every], flat[every]
+    size = len(spot)
+    if size < _FEWEST_PLACES:
+        none = np.empty((0, 3))
+        return Edges(none, none, np.empty(0), none)
+    i, j = cKDTree(spot).query_pairs(_EDGE_REACH_PX, output_type="ndarray").T
     reach = 6 * sigma * w * w + 3 * w / image.focal_px
-    same = (distance.T < _EDGE_REACH_PX) & (np.abs(near_w - w) < reach)
-    same &= out[:, 0] * near_out[..., 0] + out[:, 1] * near_out[..., 1] > -0.5
-    share = same / np.maximum(same.sum(axis=0), 1)
-    n = same.sum(axis=0)
-    x, y = near_spot[..., 0] - spot[:, 0], near_spot[..., 1] - spot[:, 1]
-    mean_x, mean_y = (share * x).sum(axis=0), (share * y).sum(axis=0)
-    x, y = x - mean_x, y - mean_y
-    xx, yy = (share * x * x).sum(axis=0), (share * y * y).sum(axis=0)
-    xy = (share * x * y).sum(axis=0)
+    dw = w[j] - w[i]
+    same = (np.abs(dw) < reach[i]) & ((out[i] * out[j]).sum(axis=1) > -0.5)
+    i, j, dw = i[same], j[same], dw[same]
+    x, y = (spot[j] - spot[i]).T
+
+    def even(value: np.ndarray) -> np.ndarray:
+        """Mean over each place and its neighbours of what both of a pair have alike; 0 of itself."""
+        return (np.bincount(i, value, size) + np.bincount(j, value, size)) / n
+
+    def odd(value: np.ndarray) -> np.ndarray:
+        return (np.bincount(i, value, size) - np.bincount(j, value, size)) / n
+
+    n = 1.0 + np.bincount(i, minlength=size) + np.bincount(j, minlength=size)
+    mean_u, mean_v, mean_w = odd(x), odd(y), odd(dw)
+    xx, yy = even(x * x) - mean_u * mean_u, even(y * y) - mean_v * mean_v
+    xy = even(x * y) - mean_u * mean_v
+    xw, yw = even(x * dw) - mean_u * mean_w, even(y * dw) - mean_v * mean_w
+    out_u, out_v = (
+        (o + np.bincount(i, o[j], size) + np.bincount(j, o[i], size)) / n for o in out.T
+    )
     angle = 0.5 * np.arctan2(2 * xy, xx - yy)
     along = np.column_stack([np.cos(angle), np.sin(angle)])
     across = np.column_stack([-along[:, 1], along[:, 0]])
     spread = np.hypot((xx - yy) / 2, xy)
     wide, long = (xx + yy) / 2 - spread, (xx + yy) / 2 + spread
-    turn = across[:, 0] * (share * near_out[..., 0]).sum(axis=0)
-    turn += across[:, 1] * (share * near_out[..., 1]).sum(axis=0)
+    turn = across[:, 0] * out_u + across[:, 1] * out_v
     across *= np.sign(turn)[:, None]
     good = (n >= 5) & (wide < 0.25) & (long > 1.0) & (np.abs(turn) > 0.3)
     # The place on the line, and inverse depth along it.
-    s = share * (x * along[:, 0] + y * along[:, 1])
-    s_mean = mean_x * along[:, 0] + mean_y * along[:, 1]
-    level = (share * near_w).sum(axis=0)
-    slope = (s * near_w).sum(axis=0) / np.maximum(long, 1e-9)
-    on_line = spot + across * (mean_x * across[:, 0] + mean_y * across[:, 1])[:, None]
-    smooth = np.where(flat, w, level - slope * s_mean)
+    slope = (along[:, 0] * xw + along[:, 1] * yw) / np.maximum(long, 1e-9)
+    on_line = spot + across * (mean_u * across[:, 0] + mean_v * across[:, 1])[:, None]
+    level = w + mean_w
+    smooth = np.where(flat, w, level - slope * (mean_u * along[:, 0] + mean_v * along[:, 1]))
     good &= smooth > 0
     index = np.flatnonzero(good)
     tangent = image.origin + on_line[index] / image.focal_px
@@ -471,4 +471,4 @@ def _edge_lines(
     front = np.cross(side, direction)
     front *= -np.sign(np.einsum("ij,ij->i", front, ray))[:, None]
     front[flat[index]] = np.nan
-    return Edges(points, side, _EDGE_PX / (smooth * image.focal_px), front, float(step))
+    return Edges(points, side, _EDGE_PX / (smooth * image.focal_px), front)
