@@ -1,0 +1,106 @@
+"""What a frame says about a limb that is right, and about limbs that are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from limb_frames import PLANET, clouds, draw, limb_views
+
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.limb.candidates import reduce_image, space_level_and_noise
+from horizon_sensor_ros.core.limb.evidence import SkyEvidence, sky_evidence
+from horizon_sensor_ros.sim.earth_camera import SimFrame
+from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
+
+NADIR = np.array([0.0, 0.0, 1.0])
+ALTITUDE_M = 600e3
+RHO = PLANET.rho_from_altitude(ALTITUDE_M)
+
+
+def evidence(
+    image: np.ndarray, view: CameraView, rho: float = RHO, nadir: np.ndarray = NADIR
+) -> SkyEvidence:
+    small, factor = reduce_image(image)
+    level, noise = space_level_and_noise(small)
+    return sky_evidence(small, factor, level, noise, view, nadir, rho)
+
+
+def drawn(scene: EarthScene | None = None, **imaging: float) -> tuple[CameraView, SimFrame]:
+    views = limb_views(ALTITUDE_M)
+    how = Imaging(**{"noise_dn": 1.5, **imaging})  # type: ignore[arg-type]
+    return views[0], draw(views, ALTITUDE_M, scene, how)[0]
+
+
+@pytest.mark.parametrize("scene", [EarthScene(), clouds(1), clouds(2), clouds(3, 0.7)])
+@pytest.mark.parametrize("factor", [1, 16, 257])
+def test_the_true_limb_is_believed(scene: EarthScene, factor: int) -> None:
+    view, frame = drawn(scene)
+    image = frame.image if factor == 1 else frame.image.astype(np.uint16) * np.uint16(factor)
+    told = evidence(image, view)
+    assert told.bright_sky < 0.05
+    assert told.lit_limb > 0.95
+    assert told.clear_sky > 0.95
+    assert told.contrast > 30
+    length = np.linalg.norm(np.diff(frame.truth.limb.px, axis=0), axis=1).sum()
+    assert told.limb_px == pytest.approx(length, rel=0.02)
+
+
+def test_a_limb_drawn_through_the_planet_has_a_bright_sky() -> None:
+    for scene in (EarthScene(), clouds(1), clouds(2)):
+        view, frame = drawn(scene)
+        told = evidence(frame.image, view, RHO - 0.15)
+        assert told.bright_sky > 0.5
+        assert told.clear_sky < 0.85
+
+
+def test_a_limb_drawn_through_space_is_dark_on_both_sides() -> None:
+    view, frame = drawn(clouds(1))
+    told = evidence(frame.image, view, RHO + 0.1)
+    assert told.lit_limb < 0.05
+    assert told.bright_sky < 0.05
+    assert told.contrast < 6
+
+
+def test_half_of_the_limb_by_night() -> None:
+    """The dark half counts neither for nor against: sky is dark there, limb unlit."""
+    view, frame = drawn()
+    image = frame.image.copy()
+    image[:, :320] = 4
+    told = evidence(image, view)
+    limb = frame.truth.limb.px
+    assert told.lit_limb == pytest.approx(np.mean(limb[:, 0] >= 320), abs=0.05)
+    assert told.bright_sky < 0.05
+    assert told.clear_sky > 0.95
+
+
+def test_flooded_sky() -> None:
+    view, frame = drawn()
+    y, x = np.mgrid[:480, :640]
+    outside = frame.image < 100
+    away = (x - x[outside].mean()) ** 2 + (y - y[outside].mean()) ** 2
+    flood = np.where(outside, 60 + 100 * np.exp(-away / 3e4), frame.image)
+    told = evidence(flood.astype(np.uint8), view)
+    assert told.clear_sky < 0.72 or told.bright_sky > 0.25
+
+
+def test_contrast_is_in_sigmas_of_the_reduced_image() -> None:
+    view, faint = drawn(EarthScene(uniform_dn=30.0), noise_dn=4.0)
+    told = evidence(faint.image, view)
+    # averaged over 2 x 2 pixels: 30 DN over 4 / 2
+    assert told.contrast == pytest.approx(15.0, rel=0.45)
+
+
+def test_no_limb_in_the_frame_says_nothing() -> None:
+    away = limb_views(ALTITUDE_M, above_rad=1.0)[0]
+    told = evidence(np.full((480, 640), 4, np.uint8), away)
+    assert told.limb_px == 0.0
+    assert np.isnan(told.clear_sky)
+
+
+def test_hardly_any_sky_is_no_evidence_about_it() -> None:
+    """The limb in one corner of the frame: too little sky to judge by."""
+    view = limb_views(ALTITUDE_M, above_rad=-0.46)[0]
+    frame = draw((view,), ALTITUDE_M)[0]
+    told = evidence(frame.image, view)
+    assert 0 <= told.limb_px < 320
+    assert np.isnan(told.clear_sky) or told.clear_sky > 0.9
