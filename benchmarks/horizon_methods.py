@@ -31,54 +31,29 @@ COLUMNS = (
     "NEES",
     "in 1, 2, 3 sigma",
     "refused",
-    "no fit",
     "time / Canny",
 )
 NORMAL_SHARES = tuple(100.0 * (1.0 - np.exp(-0.5 * k * k)) for k in (1, 2, 3))
 
 
+BareFit = Callable[[Sequence[LimbObservation], FrameTruth], HorizonFit]
+
+
 @dataclass(frozen=True)
-class Answer:
-    """What a method made of the frames, and whether the sensor would publish it."""
+class Contenders:
+    """What is compared over a set.
 
-    fit: HorizonFit
-    published: bool
+    sensors : by row, the sensor so configured; what it publishes counts. bare : by row, a fit that
+    nothing judges, and the row of the sensor whose limb points it takes.
+    """
 
+    sensors: dict[str, HorizonConfig]
+    bare: dict[str, tuple[str, BareFit]]
 
-Estimator = Callable[[Sequence[Frame], FrameTruth], Answer]
-Fit = Callable[[Sequence[LimbObservation], FrameTruth], HorizonFit]
-
-
-def _sensor(method: str, limb: str) -> Estimator:
-    """Only what the sensor publishes counts."""
-    config = HorizonConfig(method=method, limb=limb)
-
-    def estimate(frames: Sequence[Frame], _: FrameTruth) -> Answer:
-        fix = HorizonSensor(config).process(frames)
-        fit = fix.fit if fix.ok else HorizonFit.none(fix.status, fix.reason, method)
-        return Answer(fit, fix.ok)
-
-    return estimate
-
-
-def _bare(method: str, limb: str, refit: Fit | None = None) -> Estimator:
-    """The sensor's limb points and the method's answer to them, published or not."""
-    config = HorizonConfig(method=method, limb=limb)
-
-    def estimate(frames: Sequence[Frame], truth: FrameTruth) -> Answer:
-        fix = HorizonSensor(config).process(frames)
-        if fix.ok and refit is None:
-            return Answer(fix.fit, True)
-        observations = [
-            LimbObservation(frame.view, limb)
-            for frame, limb in zip(frames, fix.limbs, strict=True)
-            if limb.status is Status.OK
-        ]
-        if refit is None:
-            return Answer(fit_horizon(observations, truth.planet, method), False)
-        return Answer(refit(observations, truth), fix.ok)
-
-    return estimate
+    @property
+    def rows(self) -> list[str]:
+        """Names in the table's order."""
+        return [*self.bare, *self.sensors]
 
 
 def _arc_at_known_altitude(
@@ -87,40 +62,58 @@ def _arc_at_known_altitude(
     return fit_arc(observations, truth.planet, truth.altitude_m)
 
 
+def _bare(method: str) -> BareFit:
+    return lambda observations, truth: fit_horizon(observations, truth.planet, method)
+
+
+PAPER_C = "gauss_newton, Canny (paper C)"
 DEFAULT = f"{HorizonConfig.method}, sub-pixel (default)"
-ONE_CAMERA: dict[str, Estimator] = {
-    "arc, Canny, altitude known*": _bare("gauss_newton", "canny", _arc_at_known_altitude),
-    "arc, Canny (paper B)*": _bare("arc", "canny"),
-    "gauss_newton, Canny (paper C)*": _bare("gauss_newton", "canny"),
-    "cone, sub-pixel": _sensor("cone", "subpixel"),
-    DEFAULT: _sensor(HorizonConfig.method, HorizonConfig.limb),
+_SENSORS = {
+    PAPER_C: HorizonConfig(method="gauss_newton", limb="canny"),
+    "cone, sub-pixel": HorizonConfig(method="cone", limb="subpixel"),
+    DEFAULT: HorizonConfig(),
 }
-TWO_CAMERAS: dict[str, Estimator] = {
-    "chord_image, Canny (paper A)*": _bare("chord_image", "canny"),
-    "chord, Canny*": _bare("chord", "canny"),
-    "chord, sub-pixel*": _bare("chord", "subpixel"),
-    "arc, Canny (paper B)*": _bare("arc", "canny"),
-    "gauss_newton, Canny (paper C)*": _bare("gauss_newton", "canny"),
-    "cone, sub-pixel": _sensor("cone", "subpixel"),
-    DEFAULT: _sensor(HorizonConfig.method, HorizonConfig.limb),
-}
+ONE_CAMERA = Contenders(
+    _SENSORS,
+    {
+        "arc, Canny, altitude known*": (PAPER_C, _arc_at_known_altitude),
+        "arc, Canny (paper B)*": (PAPER_C, _bare("arc")),
+    },
+)
+TWO_CAMERAS = Contenders(
+    _SENSORS,
+    {
+        "chord_image, Canny (paper A)*": (PAPER_C, _bare("chord_image")),
+        "chord, Canny*": (PAPER_C, _bare("chord")),
+        "chord, sub-pixel*": (DEFAULT, _bare("chord")),
+        "arc, Canny (paper B)*": (PAPER_C, _bare("arc")),
+    },
+)
 
 
 @dataclass
 class _Score:
-    """What one method did over a set; `bounds_deg` of the frames with a fix."""
+    """What one method did over a set; `bounds_deg` of the frames with an answer."""
 
     errors: list[FitErrors] = field(default_factory=list)
     bounds_deg: list[float] = field(default_factory=list)
     refused: int = 0
-    no_fit: int = 0
     seconds: list[float] = field(default_factory=list)
+
+    def add(self, fit: HorizonFit, truth: FrameTruth, bound_deg: float, seconds: float) -> None:
+        self.seconds.append(seconds)
+        if not fit.ok:
+            self.refused += 1
+            return
+        self.errors.append(fit_errors(fit, truth.nadir_base, truth.altitude_m))
+        self.bounds_deg.append(bound_deg)
 
     def row(self, name: str, canny_s: np.ndarray, bar: float | None) -> tuple[str, ...]:
         nadir = np.array([e.nadir_deg for e in self.errors])
         nees = np.array([e.nees for e in self.errors])
-        known = np.isfinite(self.bounds_deg)
-        over = root_mean_square(nadir[known]) / root_mean_square(np.array(self.bounds_deg)[known])
+        bounds = np.array(self.bounds_deg)
+        known = np.isfinite(bounds)
+        over = root_mean_square(nadir[known]) / root_mean_square(bounds[known])
         inside = [100.0 * np.mean(nees < k * k) if len(nees) else np.nan for k in (1, 2, 3)]
         rms = root_mean_square(nadir)
         return (
@@ -134,7 +127,6 @@ class _Score:
             number(float(np.mean(nees)) if len(nees) else np.nan, 1),
             " ".join(number(share, 0) for share in inside),
             str(self.refused),
-            str(self.no_fit),
             number(float(np.median(np.array(self.seconds) / canny_s)), 1),
         )
 
@@ -143,12 +135,12 @@ def compare(
     title: str,
     cases: Iterable[SceneCase],
     total: int,
-    methods: dict[str, Estimator],
+    contenders: Contenders,
     noise_dn: float,
     bar: float | None,
 ) -> Table:
     """Run every method over every case. bar : for the default method's RMS, deg."""
-    scores = {name: _Score() for name in methods}
+    scores = {name: _Score() for name in contenders.rows}
     canny_s, sigmas_px, bounds_deg = [], [], []
     for case in tqdm(cases, total=total, desc=title, unit="frame"):
         frames = [
@@ -162,19 +154,25 @@ def compare(
         sigmas_px.append(sigma_px)
         bounds_deg.append(bound_deg)
         passes = []
-        for name, estimate in methods.items():
+        found: dict[str, tuple[list[LimbObservation], float]] = {}
+        for name, config in contenders.sensors.items():
             passes.append(canny_seconds(images))
             start = time.perf_counter()
-            answer = estimate(frames, truth)
-            score = scores[name]
-            score.seconds.append(time.perf_counter() - start)
-            score.refused += not answer.published
-            fit = answer.fit
-            if not fit.ok:
-                score.no_fit += 1
-                continue
-            score.errors.append(fit_errors(fit, truth.nadir_base, truth.altitude_m))
-            score.bounds_deg.append(bound_deg)
+            fix = HorizonSensor(config).process(frames)
+            taken = time.perf_counter() - start
+            observations = [
+                LimbObservation(frame.view, limb)
+                for frame, limb in zip(frames, fix.limbs, strict=True)
+                if limb.status is Status.OK
+            ]
+            found[name] = (observations, taken)
+            published = fix.fit if fix.ok else HorizonFit.none(fix.status, fix.reason, "")
+            scores[name].add(published, truth, bound_deg, taken)
+        for name, (source, bare_fit) in contenders.bare.items():
+            observations, taken = found[source]
+            start = time.perf_counter()
+            fit = bare_fit(observations, truth)
+            scores[name].add(fit, truth, bound_deg, taken + time.perf_counter() - start)
         canny_s.append(float(np.median(passes)))
     rows = [
         score.row(name, np.array(canny_s), bar if name == DEFAULT else None)
@@ -182,7 +180,7 @@ def compare(
     ]
     edge = float(np.nanmedian(sigmas_px))
     return Table(
-        f"{title} ({total} {'pairs' if methods is TWO_CAMERAS else 'frames'})",
+        f"{title} ({total})",
         COLUMNS,
         tuple(rows),
         (
@@ -195,10 +193,10 @@ def compare(
 NOTES = (
     "nadir RMS, 95 %, max: angle between estimated and true nadir, degrees. bar: what is asked of "
     "the default method.",
-    "Rows without a star: over the fixes that the sensor publishes. Rows with a star: the method's "
-    "bare answer on the limb points that the sensor found, whether its judgement would publish it "
-    "or not. refused: frames for which the sensor, set to this method, publishes nothing; no fit: "
-    "frames without an answer, in no other column but the time.",
+    "Rows without a star: what the sensor publishes with that method; refused: frames for which "
+    "it publishes nothing. Rows with a star: the method's bare answer, which nothing judges, on "
+    "the limb points of the sensor's row with the same kind of edges (Canny, sub-pixel); refused: "
+    "frames without an answer.",
     "altitude: median of |error| over the true altitude, percent.",
     "over bound: nadir RMS over the RMS of the image-level Cramer-Rao bounds of the same frames. "
     "The bound: every pixel of limb in the frame gives the edge's place with sigma = noise / (step "
@@ -212,9 +210,9 @@ NOTES = (
     "time / Canny: median over the frames of the whole chain's time, image to fit, over that of "
     "one cv2.Canny pass (50, 150) on the same frames, run between the methods; one thread, no "
     "tracking. The Canny methods take the edges within two pixels of the limb that the sub-pixel "
-    "search found, which is why they are no faster.",
-    "arc, altitude known: paper B's circle with the true altitude given; refused counts as for "
-    "gauss_newton, whose edges it takes.",
+    "search found, which is why they are no faster; a star's row has that of its "
+    "limb points' row and its own fit's.",
+    "arc, altitude known: paper B's circle with the true altitude given.",
     "Sets: sphere, altitude 300-6000 km (log-uniform), field of view 40-80 deg, 400 x 400 to 1024 "
     "x 1024, any roll. A: uniform planet, noise 2 DN; B: clouds, noise 4 DN; two cameras: as B, "
     "axes perpendicular.",
@@ -222,12 +220,12 @@ NOTES = (
 
 
 def run(options: Options) -> list[Table]:
-    """Sets A and B for one camera, and pairs as in B."""
-    n, seed = options.frames, options.seed
+    """Sets A and B for one camera, and half as many pairs as in B."""
+    n, pairs, seed = options.frames, max(1, options.frames // 2), options.seed
     tables = [
         compare("Set A", set_a(n, seed), n, ONE_CAMERA, 2.0, bar=0.004),
         compare("Set B", set_b(n, seed), n, ONE_CAMERA, 4.0, bar=0.03),
-        compare("Two cameras", two_camera_set(n, seed), n, TWO_CAMERAS, 4.0, bar=None),
+        compare("Two cameras", two_camera_set(pairs, seed), pairs, TWO_CAMERAS, 4.0, bar=None),
     ]
     last = tables[-1]
     tables[-1] = Table(last.title, last.columns, last.rows, last.notes + NOTES)

@@ -47,7 +47,7 @@ def test_parts_print_their_tables_and_write_them(tmp_path: Path) -> None:
         assert written.startswith("## ")
         assert written in done.stdout
     methods = (tmp_path / "out" / "horizon_methods.md").read_text()
-    for heading in ("Set A (2 frames)", "Set B (2 frames)", "Two cameras (2 pairs)"):
+    for heading in ("Set A (2)", "Set B (2)", "Two cameras (1)"):
         assert heading in methods
     default = [line for line in methods.splitlines() if "(default)" in line]
     assert len(default) == 3
