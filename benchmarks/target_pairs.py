@@ -57,9 +57,7 @@ def random_pair(
     place = [rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), rng.uniform(5.0, 5.6)]
     before = pose_matrix(random_rotation(rng), place)
     turn = rotation_from_vector(unit(rng) * np.radians(rng.uniform(*turn_deg)))
-    after = pose_matrix(
-        turn @ before[:3, :3], before[:3, 3] + unit(rng) * rng.uniform(0, shift_m)
-    )
+    after = pose_matrix(turn @ before[:3, :3], before[:3, 3] + unit(rng) * rng.uniform(0, shift_m))
     return scan_pair(target, before, after, rng, camera, disturbances)
 
 
@@ -77,7 +75,9 @@ def scan_pair(
     return Pair(a, b, after @ inverse_pose(before))
 
 
-def prior_near(pair: Pair, rng: np.random.Generator, deg: float = 2.0, m: float = 0.02) -> np.ndarray:
+def prior_near(
+    pair: Pair, rng: np.random.Generator, deg: float = 2.0, m: float = 0.02
+) -> np.ndarray:
     """(4, 4) the true motion made wrong by a turn about the centroid and a shift."""
     turn = rotation_from_vector(unit(rng) * np.radians(deg)) @ pair.pose_b_from_a[:3, :3]
     truth = pair.pose_b_from_a
@@ -93,8 +93,11 @@ def errors(found: np.ndarray, pair: Pair) -> tuple[float, float]:
     return float(np.degrees(np.linalg.norm(turn))), float(100 * np.linalg.norm(off))
 
 
-def nees(found: np.ndarray, covariance: np.ndarray, centre_m: np.ndarray, truth: np.ndarray) -> float:
-    """Normalised squared error of a motion whose covariance is for shifts at ``centre_m`` (in b's frame)."""
+def nees(
+    found: np.ndarray, covariance: np.ndarray, centre_m: np.ndarray, truth: np.ndarray
+) -> float:
+    """Normalised squared error of a motion whose covariance is for shifts at ``centre_m`` (in b's
+    frame)."""
     at = inverse_pose(found) @ np.append(centre_m, 1)
     error = np.concatenate(
         [vector_from_rotation(truth[:3, :3] @ found[:3, :3].T), (truth @ at)[:3] - centre_m]
@@ -107,7 +110,8 @@ def tumbling(deg_per_s: float, count: int, hz: float, rng: np.random.Generator) 
     start, axis = random_rotation(rng), unit(rng)
     place = np.array([rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2), 5.3])
     drift = unit(rng) * 0.004
+    times = np.arange(count) / hz
+    turns = rotation_from_vector(np.outer(np.radians(deg_per_s) * times, axis))
     return [
-        pose_matrix(rotation_from_vector(axis * np.radians(deg_per_s * k / hz)) @ start, place + drift * k / hz)
-        for k in range(count)
-    ]  # fmt: skip
+        pose_matrix(turn @ start, place + drift * t) for turn, t in zip(turns, times, strict=True)
+    ]

@@ -1,7 +1,8 @@
-"""Other people's registration, for comparison; each returns pose_b_from_a (4, 4) from two (N, 3) clouds.
+"""Other people's registration, for comparison; each returns pose_b_from_a (4, 4) from two (N, 3)
+clouds.
 
-They start where a user without a guess would start them: no turn, centroid on centroid. A peer that is not installed is
-left out of PEERS and named in MISSING.
+They start where a user without a guess would start them: no turn, centroid on centroid. A peer
+that is not installed is left out of PEERS and named in MISSING.
 """
 
 from __future__ import annotations

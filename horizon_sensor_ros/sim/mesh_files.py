@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,8 @@ def read_mesh(
 ) -> TriangleMesh:
     """Read an ``.obj`` or ``.stl`` (ASCII or binary) file.
 
-    Units are taken as metres. Raises ValueError, naming the file, where it is larger than the bounds, of another
-    kind, or broken; OSError where it cannot be read.
+    Units are taken as metres. Raises ValueError, naming the file, where it is larger than the
+    bounds, of another kind, or broken; OSError where it cannot be read.
     """
     path = Path(path)
     size = path.stat().st_size
@@ -45,12 +46,13 @@ def _read_obj(data: bytes) -> TriangleMesh:
         if words[0] == "v":
             vertices.append([float(word) for word in words[1:4]])
         elif words[0] == "f":
-            # "7", "7/1", "7//3" and "7/1/3" all name vertex 7; negative ones count back from the last.
+            # "7", "7/1", "7//3" and "7/1/3" all name vertex 7; negative ones count back from the
+            # last.
             numbers = [int(word.split("/", 1)[0]) for word in words[1:]]
             if 0 in numbers:
                 raise ValueError("vertex number 0")
             corner = [n - 1 if n > 0 else len(vertices) + n for n in numbers]
-            faces += [(corner[0], b, c) for b, c in zip(corner[1:], corner[2:], strict=False)]
+            faces += [(corner[0], b, c) for b, c in pairwise(corner[1:])]
     return TriangleMesh(np.array(vertices).reshape(-1, 3), np.array(faces, int).reshape(-1, 3))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -117,8 +118,8 @@ def sich_n1() -> TriangleMesh:
 def sich_n5() -> TriangleMesh:
     """Form N5 of the paper: N1 and four solar panels in a cross near one end of the body.
 
-    The paper gives sizes, not places; of the crosses tried this one comes nearest to the paper's clouds of 4219 and
-    4694 points (4170 and 4704, at the stated field of view of 40 deg).
+    The paper gives sizes, not places; of the crosses tried this one comes nearest to the paper's
+    clouds of 4219 and 4694 points (4170 and 4704, at the stated field of view of 40 deg).
     """
     out, along, thick = 0.570, 0.696, 0.016
     x, y, z = _SICH_BODY
@@ -161,7 +162,7 @@ def l_truss() -> TriangleMesh:
             for b in (-half, half):
                 offset = a * side + b * up
                 parts.append(beam(bays[0] * axis + offset, bays[-1] * axis + offset, bar))
-        for near, far in zip(bays[:-1], bays[1:], strict=True):
+        for near, far in pairwise(bays):
             for b in (-half, half):
                 parts.append(
                     beam(near * axis - half * side + b * up, far * axis + half * side + b * up, bar)

@@ -15,8 +15,8 @@ _PAIRS_AT_ONCE = 2_000_000
 class ToFDisturbances:
     """What a real sensor adds to range noise.
 
-    outlier_fraction : of the target's pixels as many get a random range, half of them on the target,
-        half on empty pixels around it.
+    outlier_fraction : of the target's pixels as many get a random range, half of them on the
+        target, half on empty pixels around it.
     occluded_fraction : of the target's pixels as many, one round patch of them, return nothing.
     mixed_pixels : a pixel at a depth edge returns the mean range of what it covers.
     """
@@ -53,8 +53,9 @@ class ToFScan:
 class ToFCamera:
     """Pinhole range camera; the defaults are the paper's PMD CamCube 2.0.
 
-    The range of each pixel is measured along its ray, with Gaussian noise ``range_noise_m``; ranges outside
-    ``range_min_m .. range_max_m`` return nothing. Raises ValueError for values that make no camera.
+    The range of each pixel is measured along its ray, with Gaussian noise ``range_noise_m``;
+    ranges outside ``range_min_m .. range_max_m`` return nothing. Raises ValueError for values that
+    make no camera.
     """
 
     width: int = 204
@@ -93,7 +94,8 @@ class ToFCamera:
     def ranges(
         self, mesh: TriangleMesh, pose_cam_from_target: np.ndarray, oversampling: int = 1
     ) -> np.ndarray:
-        """(H k, W k) exact range (m) of the nearest surface along each ray; NaN where there is none."""
+        """(H k, W k) exact range (m) of the nearest surface along each ray; NaN where there is
+        none."""
         pose = _checked_pose(pose_cam_from_target)
         corners = (mesh.vertices @ pose[:3, :3].T + pose[:3, 3])[mesh.faces]
         rays = self.rays(oversampling)
@@ -107,7 +109,8 @@ class ToFCamera:
         rng: np.random.Generator | None = None,
         disturbances: ToFDisturbances | None = None,
     ) -> ToFScan:
-        """Expose once. Without ``rng`` there is no noise, and disturbances that need chance raise ValueError."""
+        """Expose once. Without ``rng`` there is no noise, and disturbances that need chance raise
+        ValueError."""
         extra = ToFDisturbances() if disturbances is None else disturbances
         if rng is None and (extra.outlier_fraction or extra.occluded_fraction):
             raise ValueError("outliers and occlusion need rng")
@@ -123,8 +126,8 @@ class ToFCamera:
 
     def _mixed(self, mesh: TriangleMesh, pose: np.ndarray) -> np.ndarray:
         k = 3
-        fine = self.ranges(mesh, pose, k).reshape(self.height, k, self.width, k)
-        fine = np.moveaxis(fine, 2, 1).reshape(self.height, self.width, k * k)
+        split = self.ranges(mesh, pose, k).reshape(self.height, k, self.width, k)
+        fine = np.moveaxis(split, 2, 1).reshape(self.height, self.width, k * k)
         hit = np.isfinite(fine)
         count = hit.sum(axis=-1)
         total = np.where(hit, fine, 0.0).sum(axis=-1)
@@ -141,8 +144,9 @@ def _checked_pose(pose: np.ndarray) -> np.ndarray:
 def _cast(corners: np.ndarray, tangents: np.ndarray, focal_px: float) -> np.ndarray:
     """Depth z (H, W) of the nearest triangle along each ray (x/z, y/z, 1); NaN where there is none.
 
-    A ray d passes through triangle (a, b, c) where d.(a x b), d.(b x c) and d.(c x a) agree in sign, and meets
-    it at z = a.(b x c) / their sum; this holds for triangles that reach behind the camera as well.
+    A ray d passes through triangle (a, b, c) where d.(a x b), d.(b x c) and d.(c x a) agree in
+    sign, and meets it at z = a.(b x c) / their sum; this holds for triangles that reach behind the
+    camera as well.
     """
     height, width = tangents.shape[:2]
     depth = np.full(height * width, np.inf)
@@ -176,7 +180,8 @@ def _cast(corners: np.ndarray, tangents: np.ndarray, focal_px: float) -> np.ndar
 def _pixel_boxes(
     corners: np.ndarray, tangents: np.ndarray, focal_px: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The pixels (low inclusive, high exclusive; (F, 2) column, row) that each triangle may cover."""
+    """The pixels (low inclusive, high exclusive; (F, 2) column, row) that each triangle may
+    cover."""
     size = np.array([tangents.shape[1], tangents.shape[0]])
     z = corners[..., 2:]
     ahead = (z > 1e-9).all(axis=(1, 2))

@@ -15,9 +15,9 @@ _EDGE_TOLERANCE_PX = 1.6
 class Consistency:
     """Shares over both directions, each (C,) for C candidate motions.
 
-    score : confirmed / (confirmed + contradicted): 1 where nothing speaks against the motion. A point is contradicted
-        where the other view looks through it (it sees farther, or nothing at all); one that would lie behind what the
-        other view sees, or on a far side, says nothing.
+    score : confirmed / (confirmed + contradicted): 1 where nothing speaks against the motion. A
+        point is contradicted where the other view looks through it (it sees farther, or nothing at
+        all); one that would lie behind what the other view sees, or on a far side, says nothing.
     overlap : confirmed / all points.
     """
 
@@ -26,7 +26,8 @@ class Consistency:
 
 
 def project(view: SurfaceView, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Flat pixel index in ``view`` of points (any shape); beyond its border the pixel on the border."""
+    """Flat pixel index in ``view`` of points (any shape); beyond its border the pixel on the
+    border."""
     image = view.image
     height, width = image.inverse_depth.shape
     scale = np.float32(image.focal_px) / np.maximum(z, np.float32(1e-3))
@@ -51,11 +52,10 @@ def view_consistency(
     """
     back = rotations.transpose(0, 2, 1)
     there = _one_way(a, b, rotations, translations, samples, slack_px)
-    here = _one_way(
-        b, a, back, -np.einsum("cij,cj->ci", back, translations), samples, slack_px
-    )
-    confirmed, contradicted, total = (x + y for x, y in zip(there, here, strict=True))
-    return Consistency(confirmed / np.maximum(confirmed + contradicted, 1), confirmed / total)
+    here = _one_way(b, a, back, -np.einsum("cij,cj->ci", back, translations), samples, slack_px)
+    confirmed, contradicted = there[0] + here[0], there[1] + here[1]
+    decided = np.maximum(confirmed + contradicted, 1)
+    return Consistency(confirmed / decided, confirmed / (there[2] + here[2]))
 
 
 def _one_way(

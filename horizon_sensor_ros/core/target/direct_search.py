@@ -26,8 +26,10 @@ def compass_search(
 ) -> SearchResult:
     """Poll both ways along every axis, move to the best, and halve the mesh where none is better.
 
-    function : takes (C, D) places, returns (C,) values; a whole poll is one call.  step : (D,) first mesh size.
-    smallest : the search ends once the mesh has shrunk to this part of the first.  After a success the poll's direction is
+    function : takes (C, D) places, returns (C,) values; a whole poll is one call.  step : (D,)
+        first mesh size.
+    smallest : the search ends once the mesh has shrunk to this part of the first.  After a success
+        the poll's direction is
     tried again with it, twice as far (the pattern move).
     """
     best = np.asarray(start, float)
@@ -38,7 +40,7 @@ def compass_search(
     while mesh >= smallest and evaluations < max_evaluations:
         polls = best + mesh * axes
         if pattern is not None:
-            polls = np.concatenate([polls, best + [pattern, 2 * pattern]])
+            polls = np.concatenate([polls, best + np.stack([pattern, 2 * pattern])])
         values = function(polls)
         evaluations += len(polls)
         top = int(np.argmax(values))
@@ -57,7 +59,8 @@ def direct_search(
     climbs: int = 6,
     smallest: float = 1 / 128,
 ) -> SearchResult:
-    """Compass searches from the best of an even spread of starts over the box +-``reach`` (D,), its centre among them."""
+    """Compass searches from the best of an even spread of starts over the box +-``reach`` (D,),
+    its centre among them."""
     from scipy.stats import qmc  # noqa: PLC0415  heavy to import, and only used here
 
     reach = np.asarray(reach, float)
@@ -79,10 +82,11 @@ def plateau_mean(
     width: float = 0.005,
     samples: int = 400,
 ) -> np.ndarray:
-    """(D,) mean of the places around ``best`` whose values come within about ``width`` of the highest.
+    """(D,) mean of the places around ``best`` whose values come within about ``width`` of the
+    highest.
 
-    Not in the paper. A likeness counted in cells is a staircase with its steps in random places, and its highest step
-    says less than the middle of the plateau.
+    Not in the paper. A likeness counted in cells is a staircase with its steps in random places,
+    and its highest step says less than the middle of the plateau.
     """
     from scipy.stats import qmc  # noqa: PLC0415  heavy to import, and only used here
 

@@ -1,4 +1,5 @@
-"""The frame of a cloud's centroid and principal axes of inertia (paper D, "Construction of the section planes")."""
+"""The frame of a cloud's centroid and principal axes of inertia (paper D, "Construction of the
+section planes")."""
 
 from __future__ import annotations
 
@@ -9,7 +10,8 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class InertiaFrame:
-    """Frame n of the paper: ``origin_m`` (3,) its origin g_c, ``rot_sensor_from_frame`` (3, 3) its axes U as columns."""
+    """Frame n of the paper: ``origin_m`` (3,) its origin g_c, ``rot_sensor_from_frame`` (3, 3) its
+    axes U as columns."""
 
     origin_m: np.ndarray
     rot_sensor_from_frame: np.ndarray
@@ -27,7 +29,8 @@ def inertia_matrix(points: np.ndarray) -> np.ndarray:
 
 
 def inertia_frame(points: np.ndarray) -> InertiaFrame:
-    """Centroid and principal axes of (N, 3) points, the largest moment first (J = U D U^T), right-handed.
+    """Centroid and principal axes of (N, 3) points, the largest moment first (J = U D U^T),
+    right-handed.
 
     Raises ValueError for fewer than three points or any that is not finite.
     """

@@ -1,4 +1,5 @@
-"""How well a motion between two views is known: covariance, and the directions that the views do not show."""
+"""How well a motion between two views is known: covariance, and the directions that the views do
+not show."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ from .surfels import SurfaceView
 # Surfaces err alike over some such distance (windows overlap, edges are made of pixels).
 _BLOCK_PX = 12.0
 
-# Both parts count the noise; this brings the sum to the errors seen on simulated targets of all kinds.
+# Both parts count the noise; this brings the sum to the errors seen on simulated targets of all
+# kinds.
 _MEASURED = 0.8
 
 
@@ -21,8 +23,8 @@ _MEASURED = 0.8
 class Uncertainty:
     """Error of a motion p_b = R p_a + t.
 
-    covariance : (6, 6) of (rotation vector, shift at ``centre_m``) in b's frame, rad and m: the true motion is
-        the found one followed by that small motion about ``centre_m``.
+    covariance : (6, 6) of (rotation vector, shift at ``centre_m``) in b's frame, rad and m: the
+        true motion is the found one followed by that small motion about ``centre_m``.
     information : (6, 6) of sensor noise alone, without what the noise of the normals feigns.
     rms_residual_m : of the pairs used.
     """
@@ -36,10 +38,11 @@ class Uncertainty:
 def uncertainty(refined: Refined, b: SurfaceView) -> Uncertainty:
     """Covariance of a refined motion from its pairs.
 
-    The normals of both views carry independent noise, so the products of one view's Jacobian with the other's have the
-    true information as their mean; the usual J^T J adds the noise of the normals, and lets a body of revolution look
-    observable about its axis. To the inverse of that comes a sandwich of the residuals, summed over
-    blocks of surface within which they err alike; it carries what no noise model knows.
+    The normals of both views carry independent noise, so the products of one view's Jacobian with
+    the other's have the true information as their mean; the usual J^T J adds the noise of the
+    normals, and lets a body of revolution look observable about its axis. To the inverse of that
+    comes a sandwich of the residuals, summed over blocks of surface within which they err alike;
+    it carries what no noise model knows.
     """
     pairs = refined.pairs
     centre = b.image.centroid_m
@@ -76,7 +79,8 @@ def _feigned(arm: np.ndarray, weight: np.ndarray) -> np.ndarray:
 def weak_directions(
     covariance: np.ndarray, max_rotation_rad: float, max_shift_m: float
 ) -> np.ndarray:
-    """(K, 6) unit directions, in units of both limits, whose standard deviation exceeds them; worst first."""
+    """(K, 6) unit directions, in units of both limits, whose standard deviation exceeds them;
+    worst first."""
     scale = np.array([max_rotation_rad] * 3 + [max_shift_m] * 3)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     return vectors.T[values > 1][::-1]

@@ -1,4 +1,5 @@
-"""Any point cloud as a small pinhole image of inverse depth, in which a plane is a linear function."""
+"""Any point cloud as a small pinhole image of inverse depth, in which a plane is a linear
+function."""
 
 from __future__ import annotations
 
@@ -16,18 +17,20 @@ _STEEPEST = 5.0
 
 @dataclass(frozen=True, eq=False)
 class RangeImage:
-    """Inverse depth over a regular grid of viewing directions (x/z, y/z), cropped to what was returned.
+    """Inverse depth over a regular grid of viewing directions (x/z, y/z), cropped to what was
+    returned.
 
     status, reason : OK, or why the cloud is of no use; the rest is then empty.
     inverse_depth : (H, W) float32, 1/m; 0 where there is no return.
-    unknown : (H, W) bool, where nothing may be concluded from a missing return: speckle that was taken out, and
-        directions outside the sensor's frame.
+    unknown : (H, W) bool, where nothing may be concluded from a missing return: speckle that was
+        taken out, and directions outside the sensor's frame.
     focal_px : pixels of this image a unit of (x/z, y/z).
     origin : (x/z, y/z) of pixel (column 0, row 0).
     num_points : finite points in the cloud.  num_used : pixels with a return.
     centroid_m : (3,) of the finite points, in the view frame.
-    rot_sensor_from_view : (3, 3); the image is taken along z of the view frame, which is the sensor's own unless the
-        target lies more than 45 deg off its z axis (a lidar's frame with x forward).
+    rot_sensor_from_view : (3, 3); the image is taken along z of the view frame, which is the
+        sensor's own unless the target lies more than 45 deg off its z axis (a lidar's frame with x
+        forward).
     """
 
     status: Status
@@ -55,10 +58,11 @@ def range_image(
 ) -> RangeImage:
     """Bring a cloud into a range image.
 
-    points : (H, W, 3) organised or (N, 3) plain, metres, sensor frame with z forward; not finite: no return.
+    points : (H, W, 3) organised or (N, 3) plain, metres, sensor frame with z forward; not finite:
+        no return.
     focal_px : focal length of the sensor in pixels; None: estimated from the spacing of the points.
-    An organised cloud that is no pinhole image (a scanning lidar's) is treated as a plain one. Raises ValueError for
-    another shape or a focal length that is not positive.
+    An organised cloud that is no pinhole image (a scanning lidar's) is treated as a plain one.
+    Raises ValueError for another shape or a focal length that is not positive.
     """
     points = np.asarray(points)
     if points.ndim not in (2, 3) or points.shape[-1] != 3:
@@ -82,7 +86,9 @@ def range_image(
         place, used = place[ahead], used[ahead]
     if len(used) < min_points:
         what = "finite points ahead of the sensor"
-        return _refused(Status.TOO_FEW_POINTS, f"{len(used)} {what}, {min_points} needed", len(used))
+        return _refused(
+            Status.TOO_FEW_POINTS, f"{len(used)} {what}, {min_points} needed", len(used)
+        )
     tangent = used[:, :2] / used[:, 2:]
     if points.ndim == 3 and view is None:
         grid = _organised_grid(tangent, place, points.shape[:2])
@@ -90,7 +96,9 @@ def range_image(
             pixel, focal, origin, frame = grid
             return _assemble(used, pixel, focal, origin, frame, None, min_points)
     if not (np.ptp(tangent, axis=0) > 1e-6).all():
-        return _refused(Status.TOO_FEW_POINTS, "the directions to the points lie on one line", len(used))
+        return _refused(
+            Status.TOO_FEW_POINTS, "the directions to the points lie on one line", len(used)
+        )
     pixel, focal, origin = _plain_grid(tangent, focal_px)
     return _assemble(used, pixel, focal, origin, None, view, min_points)
 
@@ -98,7 +106,9 @@ def range_image(
 def _refused(status: Status, reason: str, num_points: int) -> RangeImage:
     empty = np.zeros((0, 0), np.float32)
     nowhere = np.full(3, np.nan)
-    return RangeImage(status, reason, empty, empty > 0, 1.0, np.zeros(2), num_points, 0, nowhere, np.eye(3))
+    return RangeImage(
+        status, reason, empty, empty > 0, 1.0, np.zeros(2), num_points, 0, nowhere, np.eye(3)
+    )
 
 
 def _largest(points: np.ndarray) -> np.ndarray:
@@ -125,7 +135,8 @@ def _organised_grid(
 ) -> tuple[np.ndarray, float, np.ndarray, np.ndarray] | None:
     """Pixels, focal length and origin of a pinhole camera's cloud, or None where it is not one.
 
-    Columns and rows are linear in x/z and y/z; pixels that are not square are brought to the finer pitch.
+    Columns and rows are linear in x/z and y/z; pixels that are not square are brought to the finer
+    pitch.
     """
     row, column = np.divmod(place, shape[1])
     step = max(1, len(place) // 2000)
@@ -154,8 +165,9 @@ def _plain_grid(
 ) -> tuple[np.ndarray, float, np.ndarray]:
     """Pixels, focal length and origin for points in any order.
 
-    Where the directions lie on a regular grid (a camera's cloud without its empty pixels) that grid is found and every
-    point gets its own pixel; otherwise the pixels are made coarse enough to leave few holes.
+    Where the directions lie on a regular grid (a camera's cloud without its empty pixels) that
+    grid is found and every point gets its own pixel; otherwise the pixels are made coarse enough
+    to leave few holes.
     """
     distance = _nearest_distance(tangent)
     extent = float(np.ptp(tangent, axis=0).max())
@@ -256,7 +268,8 @@ def _speckle(inverse: np.ndarray, focal: float) -> np.ndarray:
     seen_pair = seen[:, 1:] & seen[:, :-1]
     step = np.abs(np.diff(inverse, axis=1))[seen_pair]
     if step.size:
-        # Ranges noisier than the pixels are wide: half of all neighbours differ by less than the median.
+        # Ranges noisier than the pixels are wide: half of all neighbours differ by less than the
+        # median.
         tolerance = np.maximum(tolerance, 6 * np.median(step))
     count = np.zeros(inverse.shape, np.uint8)
     for dv, du in ((0, 1), (1, -1), (1, 0), (1, 1)):

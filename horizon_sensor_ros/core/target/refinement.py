@@ -1,4 +1,5 @@
-"""Motion between two views to the sensor's noise: weighted point-to-plane over faces, depth edges and thin parts."""
+"""Motion between two views to the sensor's noise: weighted point-to-plane over faces, depth edges
+and thin parts."""
 
 from __future__ import annotations
 
@@ -13,10 +14,12 @@ from .surfels import SurfaceView, normal_noise
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """N correspondences: a's points moved into b's frame and b's points, with both normals, (N, 3) each.
+    """N correspondences: a's points moved into b's frame and b's points, with both normals, (N, 3)
+    each.
 
     sigma_m : (N,) of the distance along the normal, for one raw measurement in each view.
-    weight : (N,) raw measurements that the pair stands for.  tilt2 : (N,) covariance (rad^2) of both normals' errors.
+    weight : (N,) raw measurements that the pair stands for.  tilt2 : (N,) covariance (rad^2) of
+        both normals' errors.
     kind : (N,) 0 face, 1 edge, 2 thin part.
     """
 
@@ -41,7 +44,8 @@ class Pairs:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """Result of the iteration: the motion, its last pairs and their robust weights, and whether it came to rest."""
+    """Result of the iteration: the motion, its last pairs and their robust weights, and whether it
+    came to rest."""
 
     rotation: np.ndarray
     translation_m: np.ndarray
@@ -58,11 +62,9 @@ class Matcher:
         from scipy.spatial import cKDTree  # noqa: PLC0415  heavy to import, and only used here
 
         self.a, self.b = a, b
-        self.tree = cKDTree(b.edges.points) if len(b.edges) else None
+        self._tree = cKDTree(b.edges.points)
 
-    def pairs(
-        self, rotation: np.ndarray, translation: np.ndarray, gate_m: float, edges: bool = True
-    ) -> Pairs:
+    def pairs(self, rotation: np.ndarray, translation: np.ndarray, gate_m: float) -> Pairs:
         """Pairs whose distance along the normal is below ``gate_m``."""
         a, b = self.a, self.b
         back, shift = rotation.T, -rotation.T @ translation
@@ -72,21 +74,24 @@ class Matcher:
             (pa @ back + translation, pb @ back + translation, na @ back, nb @ back, *rest),
         ]
         kinds = [np.zeros(len(s[0]), np.int8) for s in sets]
-        if edges and self.tree is not None and len(a.edges):
-            for kind, pairs in enumerate(self._edges(rotation, translation, gate_m), start=1):
+        if len(a.edges) and len(b.edges):
+            for number, pairs in enumerate(self._edges(rotation, translation, gate_m), start=1):
                 sets.append(pairs)
-                kinds.append(np.full(len(pairs[0]), kind, np.int8))
-        return Pairs(*(np.concatenate(part) for part in zip(*sets, strict=True)), np.concatenate(kinds))
+                kinds.append(np.full(len(pairs[0]), number, np.int8))
+        point_a, point_b, normal_a, normal_b, sigma, weight, tilt2 = (
+            np.concatenate(part) for part in zip(*sets, strict=True)
+        )
+        kind = np.concatenate(kinds)
+        return Pairs(point_a, point_b, normal_a, normal_b, sigma, weight, tilt2, kind)
 
     def _edges(
         self, rotation: np.ndarray, translation: np.ndarray, gate_m: float
     ) -> list[tuple[np.ndarray, ...]]:
         a, b = self.a.edges, self.b.edges
-        assert self.tree is not None
         point = a.points @ rotation.T + translation
         side = a.sides @ rotation.T
         reach = max(3 * self.b.footprint_m, gate_m)
-        distance, index = self.tree.query(point, distance_upper_bound=reach)
+        distance, index = self._tree.query(point, distance_upper_bound=reach)
         near = np.flatnonzero(np.isfinite(distance))
         index = index[near]
         point, side, other, n = point[near], side[near], b.points[index], b.sides[index]
@@ -98,12 +103,20 @@ class Matcher:
         keep &= np.abs(off) < max(gate_m, self.b.footprint_m)
         sigma = np.hypot(a.sigma_m[near], b.sigma_m[index])
         one = np.ones(len(near))
-        sides = (point[keep], other[keep], side[keep], n[keep], sigma[keep], one[keep], 0 * one[keep])
+        sides = (
+            point[keep],
+            other[keep],
+            side[keep],
+            n[keep],
+            sigma[keep],
+            one[keep],
+            0 * one[keep],
+        )
         keep &= thin
         keep[keep] = np.einsum("ij,ij->i", front_a[keep], front_b[keep]) > 0.7
         noise = np.hypot(np.hypot(self.a.sigma_m, self.b.sigma_m), 0.1 * self.b.footprint_m)
-        fronts = (point[keep], other[keep], front_a[keep], front_b[keep], np.full(keep.sum(), noise), one[keep],
-                  0 * one[keep])  # fmt: skip
+        fronts = (point[keep], other[keep], front_a[keep], front_b[keep],
+                  noise * one[keep], one[keep], 0 * one[keep])  # fmt: skip
         return [sides, fronts]
 
 
@@ -120,7 +133,8 @@ def _to_planes(
     normal = surfels.normals[near] @ rotation.T
     bare = near >= surfels.num_planes
     ray = surfels.points[near] @ rotation.T
-    # A thin plate's far side is another surface: a bare return must have been able to see the plane.
+    # A thin plate's far side is another surface: a bare return must have been able to see the
+    # plane.
     agree = np.where(
         bare, np.einsum("ij,ij->i", n, ray) < -0.06 * np.linalg.norm(ray, axis=1),
         np.einsum("ij,ij->i", normal, n) > 0.85,
@@ -144,7 +158,8 @@ def robust_weights(pairs: Pairs) -> np.ndarray:
 
 
 def jacobian(point: np.ndarray, normal: np.ndarray, centre: np.ndarray) -> np.ndarray:
-    """(N, 6) change of the distance along ``normal`` with a small turn about ``centre`` and a shift."""
+    """(N, 6) change of the distance along ``normal`` with a small turn about ``centre`` and a
+    shift."""
     return np.hstack([np.cross(point - centre, normal), normal])
 
 
@@ -155,7 +170,8 @@ def refine(
     gates_m: tuple[float, ...],
     max_iterations: int = 8,
 ) -> Refined:
-    """Gauss-Newton from a start within the gates; the last gate is used until nothing moves any more."""
+    """Gauss-Newton from a start within the gates; the last gate is used until nothing moves any
+    more."""
     rotation, translation = np.array(rotation, float), np.array(translation_m, float)
     centre = matcher.b.image.centroid_m
     converged = False

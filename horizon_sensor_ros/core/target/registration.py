@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,9 +29,12 @@ _SECOND_GATES = np.array([0.16, 0.12, 0.1, 0.08])
 class RegistrationConfig:
     """Parameters of the registration; ValueError where one makes no sense.
 
-    focal_px : the sensor's focal length in pixels; None: from the cloud.  range_noise_m : None: from the cloud.
-    min_points : fewest points of a cloud.  min_score, min_overlap : least view consistency (see Consistency).
-    max_rotation_std_rad, max_shift_std_m : a motion known worse than this in any direction is refused.
+    focal_px : the sensor's focal length in pixels; None: from the cloud.  range_noise_m : None:
+        from the cloud.
+    min_points : fewest points of a cloud.  min_score, min_overlap : least view consistency (see
+        Consistency).
+    max_rotation_std_rad, max_shift_std_m : a motion known worse than this in any direction is
+        refused.
     search_rad : largest turn that the search starts cover.
     """
 
@@ -75,11 +78,14 @@ def _nan(*shape: int) -> np.ndarray:
 class Registration:
     """Motion of the target from cloud a to cloud b, in the sensor's frame: p_b = pose_b_from_a p_a.
 
-    covariance : (6, 6) of (rotation vector, shift of the target's point at ``centre_m``), rad and m, about the sensor's
-        fixed axes: the true motion is the found one followed by that small one.
-    score, overlap : view consistency.  weak : (K, 6) directions worse known than allowed, in the order of ``covariance``.
+    covariance : (6, 6) of (rotation vector, shift of the target's point at ``centre_m``), rad and
+        m, about the sensor's fixed axes: the true motion is the found one followed by that small
+        one.
+    score, overlap : view consistency.  weak : (K, 6) directions worse known than allowed, in the
+        order of ``covariance``.
     num_points : pairs used.  searched : whether the search was needed.
-    Everything numeric is NaN where there was nothing to tell; pose and covariance are NaN unless the status is OK.
+    Everything numeric is NaN where there was nothing to tell; pose and covariance are NaN unless
+    the status is OK.
     """
 
     status: Status
@@ -102,7 +108,8 @@ class Registration:
 
 
 def target_view(points: np.ndarray, config: RegistrationConfig | None = None) -> TargetView:
-    """Prepare a cloud, (H, W, 3) organised or (N, 3) plain, metres; bad data comes back as a status."""
+    """Prepare a cloud, (H, W, 3) organised or (N, 3) plain, metres; bad data comes back as a
+    status."""
     config = RegistrationConfig() if config is None else config
     image = range_image(points, config.focal_px, config.min_points)
     if image.status is not Status.OK:
@@ -122,10 +129,12 @@ def register(
 ) -> Registration:
     """Find the target's motion between two views.
 
-    prior_b_from_a : (4, 4) expected motion, good to a few degrees and centimetres; the search follows only where it does
-        not hold. Without one, a start from no turn is tried before the search.
-    Bad data never raises: status and reason tell (TOO_FEW_POINTS, NOT_CONVERGED, ILL_CONDITIONED where a direction cannot
-    be observed, POOR_FIT where the views contradict each other). Raises ValueError for a prior of another shape.
+    prior_b_from_a : (4, 4) expected motion, good to a few degrees and centimetres; the search
+        follows only where it does not hold. Without one, a start from no turn is tried before the
+        search.
+    Bad data never raises: status and reason tell (TOO_FEW_POINTS, NOT_CONVERGED, ILL_CONDITIONED
+    where a direction cannot be observed, POOR_FIT where the views contradict each other). Raises
+    ValueError for a prior of another shape.
     """
     config = RegistrationConfig() if config is None else config
     if prior_b_from_a is not None and np.shape(prior_b_from_a) != (4, 4):
@@ -210,26 +219,28 @@ def _search(
 def _judge(found: _Found, a: TargetView, b: TargetView, config: RegistrationConfig) -> Registration:
     assert b.surface is not None
     refined = found.refined
-    known = {
-        "score": found.score, "overlap": found.overlap,
-        "num_points": len(refined.pairs.point_a), "searched": found.searched,
-    }  # fmt: skip
+    known = Registration(
+        Status.OK, "", score=found.score, overlap=found.overlap,
+        num_points=len(refined.pairs.point_a), searched=found.searched,
+    )  # fmt: skip
     if found.score < config.min_score or found.overlap < config.min_overlap:
         reason = f"views agree to {found.score:.3f} over {found.overlap:.2f} of the points"
-        return Registration(Status.POOR_FIT, reason, **known)
+        return replace(known, status=Status.POOR_FIT, reason=reason)
     turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
     both = np.kron(np.eye(2), turn_b)
     judged = uncertainty(refined, b.surface)
     covariance = both @ judged.covariance @ both.T
-    known["rms_residual_m"] = judged.rms_residual_m
+    known = replace(known, rms_residual_m=judged.rms_residual_m)
     weak = weak_directions(covariance, config.max_rotation_std_rad, config.max_shift_std_m)
     if len(weak):
-        return Registration(Status.ILL_CONDITIONED, _tell(weak[0], covariance), weak=weak, **known)
+        reason = _tell(weak[0], covariance)
+        return replace(known, status=Status.ILL_CONDITIONED, reason=reason, weak=weak)
     if not refined.converged:
-        return Registration(Status.NOT_CONVERGED, f"{refined.iterations} iterations", **known)
+        reason = f"still moving after {refined.iterations} iterations"
+        return replace(known, status=Status.NOT_CONVERGED, reason=reason)
     pose = pose_matrix(turn_b @ refined.rotation @ turn_a.T, turn_b @ refined.translation_m)
-    return Registration(
-        Status.OK, "", pose, covariance, turn_b @ judged.centre_m, weak=weak, **known
+    return replace(
+        known, pose_b_from_a=pose, covariance=covariance, centre_m=turn_b @ judged.centre_m
     )
 
 

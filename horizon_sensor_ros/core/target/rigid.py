@@ -62,7 +62,8 @@ def orthonormal(rotation: np.ndarray) -> np.ndarray:
 
 
 def adjoint(pose: np.ndarray) -> np.ndarray:
-    """(6, 6) taking small motions (rotation, translation) about frame b's axes to frame a's, by pose_a_from_b."""
+    """(6, 6) taking small motions (rotation, translation) about frame b's axes to frame a's, by
+    pose_a_from_b."""
     rotation = pose[:3, :3]
     out = np.zeros((6, 6))
     out[:3, :3] = out[3:, 3:] = rotation

@@ -19,10 +19,12 @@ def align_batch(
     gates_m: np.ndarray,
     samples: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Move C starts p_b = R p_a + t towards their nearest optima; one Gauss-Newton step for each gate.
+    """Move C starts p_b = R p_a + t towards their nearest optima; one Gauss-Newton step for each
+    gate.
 
-    rotations (C, 3, 3), translations (C, 3).  A sample of each view is matched to the planes that the other one sees in the
-    same direction, or to the nearest point of its silhouette where it sees nothing there.
+    rotations (C, 3, 3), translations (C, 3).  A sample of each view is matched to the planes that
+    the other one sees in the same direction, or to the nearest point of its silhouette where it
+    sees nothing there.
     """
     points_a, normals_a = (part.T.copy() for part in a.sample(samples // 2))
     points_b, normals_b = (part.T.copy() for part in b.sample(samples // 2))
@@ -56,7 +58,8 @@ def align_batch(
 def _pull(
     p: np.ndarray, n: np.ndarray, view: SurfaceView, gate: float, bare: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of moved points and normals (C, 3, S): direction of the pull (C, 3, S), distance along it and weight (C, S)."""
+    """Of moved points and normals (C, 3, S): direction of the pull (C, 3, S), distance along it
+    and weight (C, S)."""
     index = project(view, p[:, 0], p[:, 1], p[:, 2])
     nearest = view.nearest[index]
     on_plane = nearest == index
@@ -97,7 +100,8 @@ def _solve(arm: np.ndarray, n: np.ndarray, e: np.ndarray, weight: np.ndarray) ->
 
 
 def rotation_starts(largest_rad: float, spacing_rad: float) -> np.ndarray:
-    """(C, 3, 3) rotations that fill a ball of ``largest_rad`` about no rotation; no rotation first."""
+    """(C, 3, 3) rotations that fill a ball of ``largest_rad`` about no rotation; no rotation
+    first."""
     reach = int(np.ceil(largest_rad / spacing_rad)) + 1
     grid = np.arange(-reach, reach + 1) * spacing_rad
     cells = np.stack(np.meshgrid(grid, grid, grid, indexing="ij"), axis=-1).reshape(-1, 3)

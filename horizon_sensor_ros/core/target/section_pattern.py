@@ -1,7 +1,8 @@
-"""Section patterns of a cloud and their likeness (paper D), one motion at a time as printed, and many at once.
+"""Section patterns of a cloud and their likeness (paper D), one motion at a time as printed, and
+many at once.
 
-A candidate motion is (theta, phi, psi, x, y, z): pitch about y, roll about x, yaw about z (rad) and the shift (m) of the section
-planes, in the inertia frame n of the previous cloud.
+A candidate motion is (theta, phi, psi, x, y, z): pitch about y, roll about x, yaw about z (rad)
+and the shift (m) of the section planes, in the inertia frame n of the previous cloud.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ _WIDER = 0.2
 
 @dataclass(frozen=True, eq=False)
 class SectionPattern:
-    """One plane's grid: ``count`` (m, n) k of the points in each cell, ``radius`` (m, n) r of its centre from the frame's origin."""
+    """One plane's grid: ``count`` (m, n) k of the points in each cell, ``radius`` (m, n) r of its
+    centre from the frame's origin."""
 
     count: np.ndarray
     radius: np.ndarray
@@ -28,14 +30,16 @@ class SectionPattern:
 
 @dataclass(frozen=True)
 class SectionGrid:
-    """Cells of pitch d over one plane: ``low_m`` the corner of the first cell, ``shape`` their number."""
+    """Cells of pitch d over one plane: ``low_m`` the corner of the first cell, ``shape`` their
+    number."""
 
     low_m: tuple[float, float]
     shape: tuple[int, int]
     pitch_m: float
 
     def cells(self, flat: np.ndarray) -> np.ndarray:
-        """(K, 2) cell numbers of (K, 2) points in the plane; outside the grid they are out of range."""
+        """(K, 2) cell numbers of (K, 2) points in the plane; outside the grid they are out of
+        range."""
         return np.floor((flat - np.array(self.low_m)) / self.pitch_m).astype(np.int64)
 
     def radius(self) -> np.ndarray:
@@ -58,7 +62,8 @@ class Sections:
 
 
 def section_points(coordinates: np.ndarray, plane: int, pitch_m: float) -> np.ndarray:
-    """(K, 2) projections of the points (N, 3) that lie within ``pitch_m`` of plane 0, 1 or 2 of their frame."""
+    """(K, 2) projections of the points (N, 3) that lie within ``pitch_m`` of plane 0, 1 or 2 of
+    their frame."""
     near = np.abs(coordinates[:, plane]) <= pitch_m
     return coordinates[near][:, _IN_PLANE[plane]]
 
@@ -95,14 +100,13 @@ def cut(points: np.ndarray, pitch_m: float) -> Sections:
     coordinates = frame.coordinates(points)
     flats = [section_points(coordinates, plane, pitch_m) for plane in range(3)]
     grids = tuple(section_grid(flat, pitch_m) for flat in flats)
-    patterns = tuple(
-        section_pattern(flat, grid) for flat, grid in zip(flats, grids, strict=True)
-    )
+    patterns = tuple(section_pattern(flat, grid) for flat, grid in zip(flats, grids, strict=True))
     return Sections(frame, pitch_m, grids, patterns)
 
 
 def one_way_likeness(pattern: SectionPattern, other: SectionPattern) -> float:
-    """sum s / sum k r over the filled cells of ``pattern``, with s = max over Q of exp(-dist) k r (equation 1).
+    """sum s / sum k r over the filled cells of ``pattern``, with s = max over Q of exp(-dist) k r
+    (equation 1).
 
     Q are the filled cells of ``other`` at most one cell away; the distance is in cells.
     """
@@ -129,7 +133,8 @@ def rotation_n_from_v(theta: float, phi: float, psi: float) -> np.ndarray:
 
 
 def objective(sections: Sections, points: np.ndarray, candidate: np.ndarray) -> float:
-    """Likeness (equation 2) of the previous cloud's sections and the current cloud's (N, 3) by the moved planes."""
+    """Likeness (equation 2) of the previous cloud's sections and the current cloud's (N, 3) by the
+    moved planes."""
     turn = rotation_n_from_v(*candidate[:3])
     coordinates = (sections.frame.coordinates(points) - candidate[3:]) @ turn
     values = []
@@ -148,11 +153,16 @@ def motion(sections: Sections, candidate: np.ndarray) -> np.ndarray:
 
 
 def candidate_of(sections: Sections, pose: np.ndarray) -> np.ndarray:
-    """(6,) the candidate of a rigid motion (4, 4) in the sensor frame: the inverse of ``motion``."""
+    """(6,) the candidate of a rigid motion (4, 4) in the sensor frame: the inverse of
+    ``motion``."""
     u, origin = sections.frame.rot_sensor_from_frame, sections.frame.origin_m
     g = u.T @ pose[:3, :3] @ u
     shift = u.T @ (pose[:3, :3] @ origin + pose[:3, 3] - origin)
-    angles = [np.arctan2(g[0, 2], g[2, 2]), np.arcsin(np.clip(-g[1, 2], -1, 1)), np.arctan2(g[1, 0], g[1, 1])]
+    angles = [
+        np.arctan2(g[0, 2], g[2, 2]),
+        np.arcsin(np.clip(-g[1, 2], -1, 1)),
+        np.arctan2(g[1, 0], g[1, 1]),
+    ]
     return np.concatenate([angles, shift])
 
 
@@ -169,17 +179,18 @@ def _rotations(angles: np.ndarray) -> np.ndarray:
 class BatchObjective:
     """The objective for many candidates at once, to rounding the same as ``objective`` of each.
 
-    All three grids lie in one row of cells with a border of empty ones. A sum over the current cloud's cells of k r exp(-dist)
-    is a sum over its points, so it takes one look-up a point in a map made once; only the other direction needs the
-    current cells, and of them no more than whether they are filled.
+    All three grids lie in one row of cells with a border of empty ones. A sum over the current
+    cloud's cells of k r exp(-dist) is a sum over its points, so it takes one look-up a point in a
+    map made once; only the other direction needs the current cells, and of them no more than
+    whether they are filled.
     """
 
     def __init__(self, sections: Sections, points: np.ndarray) -> None:
         self._points = sections.frame.coordinates(np.asarray(points, float)).T.copy()
         self._lengths = np.linalg.norm(self._points, axis=0)
         self._pitch = sections.pitch_m
-        # The border is two cells wide: what lies outside is clipped into its outer ring, which has no radius and
-        # which no filled cell has for a neighbour.
+        # The border is two cells wide: what lies outside is clipped into its outer ring, which has
+        # no radius and which no filled cell has for a neighbour.
         self._lows = np.array([grid.low_m for grid in sections.grids]) - 2 * self._pitch
         self._shapes = np.array([grid.shape for grid in sections.grids]) + 4
         sizes = self._shapes.prod(axis=1)
@@ -194,7 +205,9 @@ class BatchObjective:
             best = np.zeros(filled.shape)
             for i in (-1, 0, 1):
                 for j in (-1, 0, 1):
-                    best = np.maximum(best, np.roll(filled, (i, j), (0, 1)) * np.exp(-np.hypot(i, j)))
+                    best = np.maximum(
+                        best, np.roll(filled, (i, j), (0, 1)) * np.exp(-np.hypot(i, j))
+                    )
             self._reach[part] = best.ravel()
             weight = np.pad(pattern.count * pattern.radius, 2).ravel()
             index = np.flatnonzero(filled)
@@ -202,7 +215,9 @@ class BatchObjective:
             cells.append(index + self._starts[plane])
             weights.append(weight[index] / total if total > 0 else weight[index])
             width = self._shapes[plane, 1]
-            neighbours.append([[i * width + j] * len(index) for i in (-1, 0, 1) for j in (-1, 0, 1)])
+            neighbours.append(
+                [[i * width + j] * len(index) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+            )
         self._reach *= self._radius
         # Nearest first, and three distances only: in place, beside, across the corner.
         around = np.concatenate(neighbours, axis=1)[[4, 1, 3, 5, 7, 0, 2, 6, 8]]
@@ -257,5 +272,7 @@ class BatchObjective:
         corner = filled[self._around[5]]
         for cells in self._around[6:]:
             corner |= filled[cells]
-        near = np.where(here, 1.0, np.where(beside, np.exp(-1), np.where(corner, np.exp(-np.sqrt(2)), 0.0)))
+        near = np.where(
+            here, 1.0, np.where(beside, np.exp(-1), np.where(corner, np.exp(-np.sqrt(2)), 0.0))
+        )
         return (value + self._weights @ near) / 6

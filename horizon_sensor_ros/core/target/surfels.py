@@ -1,7 +1,9 @@
-"""Surface elements of a range image: local planes, and the sharp depth edges and thin parts around them.
+"""Surface elements of a range image: local planes, and the sharp depth edges and thin parts around
+them.
 
-In a pinhole image a plane n.p = d has inverse depth w = (n / d).(x/z, y/z, 1): linear in the image. So a local least
-squares plane takes ten box filters over the whole image and no neighbour search.
+In a pinhole image a plane n.p = d has inverse depth w = (n / d).(x/z, y/z, 1): linear in the
+image. So a local least squares plane takes ten box filters over the whole image and no neighbour
+search.
 """
 
 from __future__ import annotations
@@ -32,10 +34,12 @@ _EDGE_REACH_PX = 4.6
 def normal_noise(
     sigma_m: float, footprint_m: float, cosine: np.ndarray, tilt_rad: np.ndarray
 ) -> np.ndarray:
-    """Standard deviation (m) along the normal of one measurement on a plane seen at ``cosine`` to its normal.
+    """Standard deviation (m) along the normal of one measurement on a plane seen at ``cosine`` to
+    its normal.
 
-    Range noise shrinks with the cosine. A window that passed as flat bends little between its pixels; a borrowed plane
-    (``tilt_rad`` not 0) may, the more so at a slant, where pixels lie wide apart.
+    Range noise shrinks with the cosine. A window that passed as flat bends little between its
+    pixels; a borrowed plane (``tilt_rad`` not 0) may, the more so at a slant, where pixels lie
+    wide apart.
     """
     bend = 0.05 + np.where(tilt_rad > 0, 0.008 / np.maximum(cosine, _MIN_BORROWED_COSINE) ** 2, 0.0)
     return np.hypot(sigma_m * cosine, footprint_m * bend)
@@ -43,12 +47,15 @@ def normal_noise(
 
 @dataclass(frozen=True, eq=False)
 class Surfels:
-    """N observations "this point lies on this plane": ``normal . (x - point) = 0`` within ``sigma_m``.
+    """N observations "this point lies on this plane": ``normal . (x - point) = 0`` within
+    ``sigma_m``.
 
-    points, normals : (N, 3).  sigma_m : (N,) of one raw measurement.  weight : (N,) raw measurements that each stands for.
+    points, normals : (N, 3).  sigma_m : (N,) of one raw measurement.  weight : (N,) raw
+        measurements that each stands for.
     tilt_rad : (N,) error of the normal that is not independent from view to view.
-    The first ``num_planes`` come from planes; the others are bare returns where there is no plane (thin parts, slants too
-    steep for the window, corners). Those have normal 0: they take over that of the other view's plane, with its noise.
+    The first ``num_planes`` come from planes; the others are bare returns where there is no plane
+    (thin parts, slants too steep for the window, corners). Those have normal 0: they take over
+    that of the other view's plane, with its noise.
     """
 
     points: np.ndarray
@@ -63,8 +70,10 @@ class Surfels:
 class Edges:
     """E points on depth edges: sharp ones of faces, and both sides of thin parts.
 
-    points : (E, 3).  sides : (E, 3) unit normals of the plane through the sensor and the edge, away from the
-    surface.  sigma_m : (E,) across the edge.  fronts : (E, 3) unit normals towards the sensor, across the part, where it
+    points : (E, 3).  sides : (E, 3) unit normals of the plane through the sensor and the edge,
+        away from the
+    surface.  sigma_m : (E,) across the edge.  fronts : (E, 3) unit normals towards the sensor,
+        across the part, where it
     is thin (a line); NaN elsewhere.
     """
 
@@ -81,9 +90,12 @@ class Edges:
 class SurfaceView:
     """All that the registration needs of one cloud; lengths in metres, in the view frame.
 
-    sigma_m : range noise.  footprint_m : a pixel's width at the target.  size_m : the target's rms radius.
-    point_map, normal_map : (H W, 3) point and normal (towards the sensor) of the local plane at each pixel.
-    plane : (H W) bool, where there is one.  tilt_rad : (H W) of its normal, see Surfels; normal_noise_rad : of all.  nearest : (H W) index of the nearest pixel with a plane.
+    sigma_m : range noise.  footprint_m : a pixel's width at the target.  size_m : the target's rms
+        radius.
+    point_map, normal_map : (H W, 3) point and normal (towards the sensor) of the local plane at
+        each pixel.
+    plane : (H W) bool, where there is one.  tilt_rad : (H W) of its normal, see Surfels;
+        normal_noise_rad : of all.  nearest : (H W) index of the nearest pixel with a plane.
     surfels, edges : what is registered.
     depth_map : (H W) depth of the return, 0 where there is none.
     gap_px : (H W) distance to the nearest return or unknown pixel.
@@ -107,18 +119,19 @@ class SurfaceView:
     @property
     def coplanar(self) -> bool:
         """Whether nearly all returns lie on one plane, within noise."""
-        points = self.sample(1000)[0]
-        points = points - np.median(points, axis=0)
-        for _ in range(2):
-            normal = np.linalg.svd(points, full_matrices=False)[2][2]
-            off = points @ normal
-            off -= np.median(off)
-            close = np.abs(off) < 4 * self.sigma_m + 0.1 * self.footprint_m
-            points = points[close] - points[close].mean(axis=0) if close.sum() > 10 else points
-        return bool(close.mean() > 0.97)
+        points = self.sample(1000)[0].astype(float)
+        close = np.ones(len(points), bool)
+        for _ in range(3):
+            centre = points[close].mean(axis=0)
+            normal = np.linalg.svd(points[close] - centre, full_matrices=False)[2][2]
+            off = np.abs((points - centre) @ normal)
+            # The better half decides, so that speckle and a few odd returns do not tilt the plane.
+            close = off <= np.median(off)
+        return bool(np.mean(off < 4 * self.sigma_m + 0.1 * self.footprint_m) > 0.97)
 
     def sample(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Points and normals (up to about ``count``, 3) float32 spread evenly over all returns; no plane: normal 0."""
+        """Points and normals (up to about ``count``, 3) float32 spread evenly over all returns; no
+        plane: normal 0."""
         seen = np.flatnonzero(self.depth_map)
         index = seen[:: max(1, round(len(seen) / count))]
         points = self.point_map[index]
@@ -149,11 +162,10 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     flat = fit.flat(noise)
     own = flat.copy()
     slope_u, slope_v, level = _borrow_planes(fit, flat, seen, inverse, noise, radius)
-    height, width = inverse.shape
+    width = inverse.shape[1]
     at = np.flatnonzero(flat)
-    row, column = np.divmod(at, width)
     tan_u, tan_v = (tangent.astype(np.float32) for tangent in image.tangents())
-    x, y = tan_u[column], tan_v[row]
+    x, y = tan_u[at % width], tan_v[at // width]
     focal = np.float32(image.focal_px)
     a, b, w = slope_u.ravel()[at] * focal, slope_v.ravel()[at] * focal, level.ravel()[at]
     c = w - a * x - b * y
@@ -161,14 +173,13 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     slant = w / (length * np.sqrt(1 + x * x + y * y))
     good = slant > np.where(own.ravel()[at], _MIN_COSINE, _MIN_BORROWED_COSINE)
     at = at[good]
-    plane = np.zeros(inverse.size, bool)
-    cosine = np.zeros(inverse.size, np.float32)
+    plane = np.zeros(inverse.shape, bool)
+    cosine = np.zeros(inverse.shape, np.float32)
     point_map = np.zeros((inverse.size, 3), np.float32)
     normal_map = np.zeros((inverse.size, 3), np.float32)
-    plane[at], cosine[at] = True, slant[good]
+    plane.flat[at], cosine.flat[at] = True, slant[good]
     point_map[at] = (np.stack([x, y, np.ones_like(x)], axis=1) / w[:, None])[good]
     normal_map[at] = (np.stack([a, b, c], axis=1) / -length[:, None])[good]
-    plane, cosine = plane.reshape(height, width), cosine.reshape(height, width)
     tilt = np.where(own, np.float32(0), np.float32(_BORROWED_TILT_RAD)).ravel()
     normal_noise_rad = sigma / footprint / _slope_gain(radius)
     row, column = np.nonzero(seen)
@@ -181,7 +192,9 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
         image, sigma, footprint, float(size), point_map, normal_map, plane.ravel(), tilt,
         normal_noise_rad, _nearest(plane), depth_map,
         cv2.distanceTransform(hidden, cv2.DIST_L2, 3).ravel(),
-        _surfels(image, plane, point_map, normal_map, cosine, tilt, sigma, footprint, normal_noise_rad),
+        _surfels(
+            image, plane, point_map, normal_map, cosine, tilt, sigma, footprint, normal_noise_rad
+        ),
         _edges(image, plane, slope_u, slope_v, level, cosine, sigma, noise),
     )  # fmt: skip
 
@@ -192,12 +205,14 @@ def _range_noise(inverse: np.ndarray, seen: np.ndarray) -> float:
     bend = np.abs(inverse[:, :-2] - 2 * inverse[:, 1:-1] + inverse[:, 2:])[three]
     if not bend.size:
         return 0.0
-    # The lower quarter, as edges and thin parts bend as well: 0.319 standard deviations of a normal distribution.
+    # The lower quarter, as edges and thin parts bend as well: 0.319 standard deviations of a
+    # normal distribution.
     return float(np.quantile(bend / inverse[:, 1:-1][three] ** 2, 0.25)) / (0.3186 * np.sqrt(6))
 
 
 def _window_radius(noise_px: float) -> int:
-    """Smallest window (2 r + 1 wide) whose normals are good to some 3 deg; noise in pixel widths."""
+    """Smallest window (2 r + 1 wide) whose normals are good to some 3 deg; noise in pixel
+    widths."""
     for radius in (2, 3, 4, 5):
         if noise_px < 0.065 * _slope_gain(radius):
             return radius
@@ -211,7 +226,8 @@ def _slope_gain(radius: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _PlaneFit:
-    """Windowed least squares at every pixel: level, slopes a pixel, mean square residual, returns used, where defined."""
+    """Windowed least squares at every pixel: level, slopes a pixel, mean square residual, returns
+    used, where defined."""
 
     level: np.ndarray
     slope_u: np.ndarray
@@ -221,7 +237,8 @@ class _PlaneFit:
     defined: np.ndarray
 
     def noise_m(self, guess_m: float, radius: int) -> float:
-        """Range noise from the flattest windows; ``guess_m`` where they are few or it is the lower."""
+        """Range noise from the flattest windows; ``guess_m`` where they are few or it is the
+        lower."""
         dof = (2 * radius + 1) ** 2 - 3
         full = self.defined & (self.count > dof)
         if np.count_nonzero(full) < 50:
@@ -243,7 +260,9 @@ def _plane_fit(inverse: np.ndarray, seen: np.ndarray, middle: float, radius: int
     ramp = np.arange(-radius, radius + 1, dtype=np.float32)
 
     def box(image: np.ndarray, kernel_u: np.ndarray, kernel_v: np.ndarray) -> np.ndarray:
-        return cv2.sepFilter2D(image, cv2.CV_32F, kernel_u, kernel_v, borderType=cv2.BORDER_CONSTANT)
+        return cv2.sepFilter2D(
+            image, cv2.CV_32F, kernel_u, kernel_v, borderType=cv2.BORDER_CONSTANT
+        )
 
     n = box(mask, one, one)
     count = np.maximum(n, 1)
@@ -275,7 +294,8 @@ def _borrow_planes(
     noise: np.ndarray,
     radius: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Slopes and level everywhere; where a window straddles an edge, of a window beside it that does not.
+    """Slopes and level everywhere; where a window straddles an edge, of a window beside it that
+    does not.
 
     Marks the pixels that found one in ``flat``.
     """
@@ -284,7 +304,9 @@ def _borrow_planes(
     row, column = np.nonzero(seen & ~flat)
     if not len(row):
         return slope_u, slope_v, level
-    shifts = np.array([(r, c) for r in (-radius, 0, radius) for c in (-radius, 0, radius) if r or c])
+    shifts = np.array(
+        [(r, c) for r in (-radius, 0, radius) for c in (-radius, 0, radius) if r or c]
+    )
     there_row = np.clip(row[:, None] + shifts[:, 0], 0, height - 1)
     there_column = np.clip(column[:, None] + shifts[:, 1], 0, width - 1)
     there = there_row * width + there_column
@@ -374,8 +396,8 @@ def _edges(
 ) -> Edges:
     """Places between a surface's last pixel and what lies behind it, gathered into short lines.
 
-    The round limb of a curved body is no edge of it (it moves over the surface as the body turns), so only flat pixels
-    count, and those of parts a few pixels thin.
+    The round limb of a curved body is no edge of it (it moves over the surface as the body turns),
+    so only flat pixels count, and those of parts a few pixels thin.
     """
     inverse = image.inverse_depth.ravel()
     width = image.inverse_depth.shape[1]
@@ -429,7 +451,8 @@ def _edge_lines(
     x, y = (spot[j] - spot[i]).T
 
     def even(value: np.ndarray) -> np.ndarray:
-        """Mean over each place and its neighbours of what both of a pair have alike; 0 of itself."""
+        """Mean over each place and its neighbours of what both of a pair have alike; 0 of
+        itself."""
         return (np.bincount(i, value, size) + np.bincount(j, value, size)) / n
 
     def odd(value: np.ndarray) -> np.ndarray:

@@ -10,7 +10,8 @@ from ..status import Status
 from .registration import Registration, RegistrationConfig, TargetView, register, target_view
 from .rigid import inverse_pose, pose_matrix, rotation_from_vector, skew, vector_from_rotation
 
-# The first cloud defines the target frame; its pose has this variance (rad^2, m^2) rather than none.
+# The first cloud defines the target frame; its pose has this variance (rad^2, m^2) rather than
+# none.
 _DEFINITION_VARIANCE = 1e-8
 _MAX_KEYFRAMES = 40
 
@@ -20,8 +21,10 @@ class TrackerConfig:
     """Parameters of the tracker; ValueError where one makes no sense.
 
     max_gap_s : without an accepted cloud for longer, a new target frame starts.
-    max_refused : so many refused clouds in a row are a lost track, and the last of them starts a new target frame.
-    keyframe_turn_rad : the target may turn so far from a keyframe before the cloud before becomes a new one.
+    max_refused : so many refused clouds in a row are a lost track, and the last of them starts a
+        new target frame.
+    keyframe_turn_rad : the target may turn so far from a keyframe before the cloud before becomes
+        a new one.
     keyframe_overlap : and so much of the points must still overlap.
     """
 
@@ -44,13 +47,17 @@ class TargetFix:
     """What one cloud tells.
 
     status, reason : OK, or why there is nothing to publish.
-    pose_sensor_from_target : (4, 4) the target frame in the sensor frame.  covariance : (6, 6) of (rotation vector about
-        the sensor's fixed axes, position of the frame's origin), rad and m; since the target frame was set.
+    pose_sensor_from_target : (4, 4) the target frame in the sensor frame.  covariance : (6, 6) of
+        (rotation vector about the sensor's fixed axes, position of the frame's origin), rad and m;
+        since the target frame was set.
     delta_previous_from_now : (4, 4) the target frame now in the target frame at the previous fix:
-        inv(pose_previous) pose_now; None for the first cloud of a target frame.  delta_covariance : (6, 6) of that step,
-        (rotation vector about the previous target frame's axes, position).  delta_s : stamps' difference.
-    new_frame : this cloud set the target frame, because of ``reason`` (first cloud, gap, lost track, time jumped back).
-    registration : the last one tried; None where there was none.  num_keyframes : kept views of the target.
+        inv(pose_previous) pose_now; None for the first cloud of a target frame.  delta_covariance
+        : (6, 6) of that step, (rotation vector about the previous target frame's axes, position).
+        delta_s : stamps' difference.
+    new_frame : this cloud set the target frame, because of ``reason`` (first cloud, gap, lost
+        track, time jumped back).
+    registration : the last one tried; None where there was none.  num_keyframes : kept views of
+        the target.
     num_points : finite points of the cloud.
     Poses and covariances are NaN unless the status is OK.
     """
@@ -82,7 +89,8 @@ class _Known:
 
 
 class TargetTracker:
-    """Feed clouds in order of time; each comes back as a TargetFix, the same for the same clouds and stamps."""
+    """Feed clouds in order of time; each comes back as a TargetFix, the same for the same clouds
+    and stamps."""
 
     def __init__(self, config: TrackerConfig | None = None) -> None:
         self.config = TrackerConfig() if config is None else config
@@ -97,10 +105,12 @@ class TargetTracker:
         self._stamp_ns: int | None = None
 
     def process(self, points: np.ndarray, stamp_ns: int) -> TargetFix:
-        """Take one cloud, (H, W, 3) organised or (N, 3) plain, metres, in the sensor frame, and its stamp.
+        """Take one cloud, (H, W, 3) organised or (N, 3) plain, metres, in the sensor frame, and
+        its stamp.
 
-        Bad data never raises; a refused cloud changes nothing but the count of refused ones. A repeated stamp
-        is refused; one that lies back in time forgets all there was before. Raises ValueError for another shape.
+        Bad data never raises; a refused cloud changes nothing but the count of refused ones. A
+        repeated stamp is refused; one that lies back in time forgets all there was before. Raises
+        ValueError for another shape.
         """
         why = "first cloud"
         if self._stamp_ns is not None:
@@ -129,7 +139,12 @@ class TargetTracker:
         return self._start(view, stamp_ns, why)
 
     def _refuse(
-        self, status: Status, reason: str, stamp_ns: int, view: TargetView, registration: Registration | None
+        self,
+        status: Status,
+        reason: str,
+        stamp_ns: int,
+        view: TargetView,
+        registration: Registration | None,
     ) -> TargetFix:
         self._refused += 1
         return TargetFix(
@@ -181,7 +196,8 @@ class TargetTracker:
         return last.pose @ pose_matrix(turn, delta[:3, 3] * ratio)
 
     def _candidates(self, pose: np.ndarray) -> list[_Known]:
-        """Keyframes to try: the oldest that the target has not turned too far from; else, and then, the last view."""
+        """Keyframes to try: the oldest that the target has not turned too far from; else, and
+        then, the last view."""
         last = self._last
         assert last is not None
         near = [k for k in self._keyframes if _angle(k.pose, pose) < self.config.keyframe_turn_rad]
@@ -227,8 +243,9 @@ def _angle(pose_a: np.ndarray, pose_b: np.ndarray) -> float:
 def _delta_covariance(last: _Known, now: _Known) -> np.ndarray:
     """(6, 6) covariance of inv(pose_last) pose_now about the axes of the last target frame.
 
-    Both poses' errors enter as far as they are not the same: against one keyframe its noise, half of each registration's
-    variance, is shared; against the last view itself there is but one registration; otherwise both count in full.
+    Both poses' errors enter as far as they are not the same: against one keyframe its noise, half
+    of each registration's variance, is shared; against the last view itself there is but one
+    registration; otherwise both count in full.
     """
     apart = now.pose[:3, 3] - last.pose[:3, 3]
     move = np.eye(6)
