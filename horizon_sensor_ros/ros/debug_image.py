@@ -18,16 +18,19 @@ _SKY_BLUE = (233, 180, 86)
 _YELLOW = (66, 228, 240)
 _WHITE = (255, 255, 255)
 _BLACK = (0, 0, 0)
+# Yellow shows on dark ground, its outline on bright.
+_OUTLINED = ((_BLACK, 3), (_YELLOW, 1))
 
 _MAX_WIDTH = 800
 _LIMB_SAMPLES = 721
+_MAX_DOTS = 50
 
 
 def draw_fix(frames: tuple[Frame, ...], fix: HorizonFix) -> np.ndarray:
     """Return the frames side by side, (H, W, 3) uint8 BGR, with what was found in them.
 
-    Orange: horizon points. Sky blue: the fitted limb. Yellow: nadir, or an arrow towards it. A
-    frame wider than 800 pixels is drawn smaller.
+    Orange: horizon points, some of them. Sky blue: the fitted limb. Yellow: nadir, or an arrow
+    towards it. A frame wider than 800 pixels is drawn smaller.
     """
     tiles = [_draw_frame(frame, limb, fix) for frame, limb in zip(frames, fix.limbs, strict=True)]
     height = max(tile.shape[0] for tile in tiles)
@@ -50,8 +53,9 @@ def _draw_frame(frame: Frame, limb: LimbPoints, fix: HorizonFix) -> np.ndarray:
         for piece in _limb_pieces(frame.view, fix.fit):
             cv2.polylines(picture, [_scaled(piece, scale)], False, _SKY_BLUE, 1, cv2.LINE_AA)
         _draw_nadir(picture, frame.view, fix.fit, scale)
-    for x, y in _scaled(limb.px, scale):
-        cv2.circle(picture, (int(x), int(y)), 1, _ORANGE, -1)
+    # A share of the points, so that the curve under them can be seen.
+    for x, y in _scaled(limb.px, scale)[:: 1 + len(limb.px) // _MAX_DOTS]:
+        cv2.circle(picture, (int(x), int(y)), 2, _ORANGE, -1, cv2.LINE_AA)
     _write(picture, _caption(frame, limb, fix))
     return picture
 
@@ -76,7 +80,10 @@ def _draw_nadir(picture: np.ndarray, view: CameraView, fit: HorizonFit, scale: f
     px = view.camera.pixels(nadir_cam[None])
     if view.camera.in_frame(px)[0]:
         x, y = _scaled(px, scale)[0]
-        cv2.drawMarker(picture, (int(x), int(y)), _YELLOW, cv2.MARKER_CROSS, 15, 1, cv2.LINE_AA)
+        for colour, width in _OUTLINED:
+            cv2.drawMarker(
+                picture, (int(x), int(y)), colour, cv2.MARKER_CROSS, 15, width, cv2.LINE_AA
+            )
         return
     length = float(np.hypot(*nadir_cam[:2]))
     if length == 0:
@@ -84,7 +91,8 @@ def _draw_nadir(picture: np.ndarray, view: CameraView, fit: HorizonFit, scale: f
     centre = np.array([picture.shape[1], picture.shape[0]]) / 2
     tip = centre + nadir_cam[:2] / length * min(picture.shape[:2]) / 4
     start, end = (tuple(int(v) for v in np.round(point)) for point in (centre, tip))
-    cv2.arrowedLine(picture, start, end, _YELLOW, 1, cv2.LINE_AA, tipLength=0.1)
+    for colour, width in _OUTLINED:
+        cv2.arrowedLine(picture, start, end, colour, width, cv2.LINE_AA, tipLength=0.1)
 
 
 def _caption(frame: Frame, limb: LimbPoints, fix: HorizonFix) -> list[str]:
