@@ -62,7 +62,9 @@ def running_nodes(
     nodes: list[NodeProcess] = []
     try:
         for name in names:
-            nodes.append(_start(name, arguments, environment, log_directory / f"{name}.log"))
+            # Interrupted halfway through its start, a node would run on with nobody to end it.
+            with _signals_held():
+                nodes.append(_start(name, arguments, environment, log_directory / f"{name}.log"))
         yield tuple(nodes)
         require_alive(nodes)
         _interrupt(nodes)
@@ -87,6 +89,21 @@ def require_alive(nodes: Sequence[NodeProcess]) -> None:
         code = node.process.poll()
         if code is not None:
             raise NodeFailedError(f"{node.name} ended with exit code {code}:\n{node.last_words()}")
+
+
+@contextmanager
+def _signals_held() -> Iterator[None]:
+    """Put off signals that would end this process until the block is done."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    held: list[int] = []
+    previous = [signal.signal(number, lambda n, _frame: held.append(n)) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, previous, strict=True):
+            signal.signal(number, handler)
+        for held_number in held:
+            signal.raise_signal(held_number)
 
 
 def _start(

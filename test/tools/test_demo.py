@@ -11,6 +11,7 @@ import sys
 import time
 import uuid
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -120,6 +121,29 @@ def test_no_process_is_left_when_the_block_raises(fake_nodes: Path, body: str) -
     assert all(node.process.poll() is not None for node in started)
 
 
+def test_node_that_is_interrupted_while_it_starts_is_not_forgotten(
+    fake_nodes: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    executable(fake_nodes, "time.sleep(100)")
+    started = []
+
+    class InterruptedPopen(subprocess.Popen):  # type: ignore[type-arg]
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            started.append(self)
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(subprocess, "Popen", InterruptedPopen)
+
+    def interrupted() -> None:
+        with running_nodes(["fake_node"], [], os.environ, fake_nodes):
+            pytest.fail("the signal was lost")
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert [process.poll() is not None for process in started] == [True]
+
+
 def test_domains_are_held_by_one_at_a_time() -> None:
     with private_domain() as first, private_domain() as second, private_domain() as third:
         assert len({first, second, third}) == 3
@@ -135,6 +159,14 @@ def processes_with(token: str) -> list[str]:
         except OSError:
             continue  # gone, or somebody else's
     return [line for line in found if line]
+
+
+def left_over(token: str, patience_s: float = 10.0) -> list[str]:
+    """Processes that stay; multiprocessing's own helper goes a moment after its parent."""
+    deadline = time.monotonic() + patience_s
+    while (found := processes_with(token)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return found
 
 
 def command(output: Path, *arguments: str) -> list[str]:
@@ -153,7 +185,7 @@ def test_short_flight_prints_errors_and_leaves_a_report(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert processes_with(token) == []
+    assert left_over(token) == []
     found = re.search(r"local_vertical \d+ of 20 \((\d+)%\), attitude \d+ of 20", done.stdout)
     assert found is not None, done.stdout
     assert int(found[1]) >= 50
@@ -186,7 +218,7 @@ def test_interrupt_leaves_no_process(tmp_path: Path) -> None:
     assert process.returncode == 130
     assert said.endswith("horizon_demo: interrupted\n")
     assert "Traceback" not in said
-    assert processes_with(token) == []
+    assert left_over(token) == []
 
 
 def test_node_that_refuses_its_parameters_fails_the_demo(tmp_path: Path) -> None:
