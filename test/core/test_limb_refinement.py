@@ -47,10 +47,10 @@ def refine(
     """The three passes, each around a limb that is off by `turn_rad` about the base's x axis."""
     rho = PLANET.rho_from_altitude(altitude_m)
     nadir = np.array([0.0, np.sin(turn_rad), np.cos(turn_rad)])
-    _, look = refine_limb(image, view, nadir, rho, SEARCH)
-    assert look is not None
+    _, looks = refine_limb(image, view, nadir, rho, SEARCH)
+    assert looks
     for step in (APPROACH, FINAL):
-        limb, look = refine_limb(image, view, NADIR, rho, step, look)
+        limb, looks = refine_limb(image, view, NADIR, rho, step, looks)
     return limb
 
 
@@ -162,9 +162,9 @@ def test_gray_levels_of_16_bits_give_the_same_points() -> None:
     frame = draw(views, 700e3, clouds(4), Imaging(noise_dn=2.0))[0]
     rho = PLANET.rho_from_altitude(700e3)
     for image in (frame.image.astype(np.uint16) * np.uint16(f) for f in (16, 257)):
-        first, look = refine_limb(frame.image, views[0], NADIR, rho, APPROACH, SHARP)
-        other, other_look = refine_limb(image, views[0], NADIR, rho, APPROACH, SHARP)
-        assert look == other_look
+        first, looks = refine_limb(frame.image, views[0], NADIR, rho, APPROACH, (SHARP,))
+        other, other_looks = refine_limb(image, views[0], NADIR, rho, APPROACH, (SHARP,))
+        assert looks == other_looks
         assert len(other.px) == len(first.px)
         assert np.abs(other.px - first.px).max() < 5e-3
         np.testing.assert_allclose(other.sigma_px, first.sigma_px, rtol=0.01)
@@ -193,12 +193,12 @@ def test_no_edge_where_one_should_be() -> None:
     rng = np.random.default_rng(0)
     noise = np.rint(rng.normal(20.0, 3.0, frame.image.shape)).astype(np.uint8)
     for image in (hidden_limb(frame), np.full_like(frame.image, 255), noise):
-        for look in (None, SHARP):
-            limb, seen = refine_limb(image, views[0], NADIR, rho, APPROACH, look)
+        for looks in ((), (SHARP,)):
+            limb, seen = refine_limb(image, views[0], NADIR, rho, APPROACH, looks)
             assert limb.status is Status.NO_LIMB
             assert limb.reason
             assert len(limb.px) == 0
-            assert seen is None
+            assert seen == ()
 
 
 def test_inverted_planet_is_no_limb() -> None:
@@ -206,18 +206,18 @@ def test_inverted_planet_is_no_limb() -> None:
     views = limb_views(500e3)
     frame = draw(views, 500e3)[0]
     rho = PLANET.rho_from_altitude(500e3)
-    for look in (None, SHARP):
-        limb, _ = refine_limb(255 - frame.image, views[0], NADIR, rho, APPROACH, look)
+    for looks in ((), (SHARP,)):
+        limb, _ = refine_limb(255 - frame.image, views[0], NADIR, rho, APPROACH, looks)
         assert limb.status is Status.NO_LIMB
 
 
 def test_limb_out_of_the_frame() -> None:
     views = limb_views(500e3, above_rad=1.0)
     frame = draw(views, 500e3)[0]
-    limb, look = refine_limb(frame.image, views[0], NADIR, PLANET.rho_from_altitude(500e3), FINAL)
+    limb, looks = refine_limb(frame.image, views[0], NADIR, PLANET.rho_from_altitude(500e3), FINAL)
     assert limb.status is Status.NO_LIMB
     assert "not in the frame" in limb.reason
-    assert look is None
+    assert looks == ()
 
 
 # ---------------------------------------------------------------- profiles
