@@ -181,7 +181,7 @@ def _plain_grid(
             return np.rint((tangent - origin) / pitch).astype(np.int64), 1 / pitch, origin
     # Points strewn at random: some two to a pixel leave one in seven empty.
     area = max(extent * float(np.ptp(tangent, axis=0).min()), (extent / 50) ** 2)
-    pitch = max(2 * distance, extent / _MAX_SIDE_PX, np.sqrt(area / len(tangent)))
+    pitch = max(2 * distance, extent / _MAX_SIDE_PX, np.sqrt(2 * area / len(tangent)))
     origin = tangent.min(axis=0)
     return np.rint((tangent - origin) / pitch).astype(np.int64), 1 / pitch, origin
 

@@ -59,13 +59,3 @@ def orthonormal(rotation: np.ndarray) -> np.ndarray:
     """The rotations nearest to (..., 3, 3) matrices that rounding has spoilt."""
     u, _, vt = np.linalg.svd(rotation)
     return u @ vt
-
-
-def adjoint(pose: np.ndarray) -> np.ndarray:
-    """(6, 6) taking small motions (rotation, translation) about frame b's axes to frame a's, by
-    pose_a_from_b."""
-    rotation = pose[:3, :3]
-    out = np.zeros((6, 6))
-    out[:3, :3] = out[3:, 3:] = rotation
-    out[3:, :3] = skew(pose[:3, 3]) @ rotation
-    return out

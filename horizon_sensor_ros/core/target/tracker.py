@@ -146,7 +146,8 @@ class TargetTracker:
         view: TargetView,
         registration: Registration | None,
     ) -> TargetFix:
-        self._refused += 1
+        # A cloud of no use at all says nothing about the track.
+        self._refused += registration is not None
         return TargetFix(
             status, reason, stamp_ns, registration=registration,
             num_keyframes=len(self._keyframes), num_points=view.image.num_points,

@@ -1,0 +1,166 @@
+"""Any cloud as a range image; rigid motions; what is fitted to the image."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target.range_image import range_image
+from horizon_sensor_ros.core.target.rigid import (
+    inverse_pose,
+    orthonormal,
+    pose_matrix,
+    rotation_from_vector,
+    skew,
+    vector_from_rotation,
+)
+from horizon_sensor_ros.core.target.surfels import surface_view
+from horizon_sensor_ros.sim.shapes import TARGETS, box, sich_n1
+from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFScan
+
+vectors = st.lists(st.floats(-3, 3), min_size=3, max_size=3).map(np.array)
+
+
+def scan_of(name: str, seed: int, noise: float = 0.005) -> ToFScan:
+    pose = pose_matrix(Rotation.random(random_state=seed).as_matrix(), np.array([0.1, -0.1, 5.2]))
+    camera = ToFCamera(range_noise_m=noise)
+    return camera.scan(TARGETS[name](), pose, np.random.default_rng(seed))
+
+
+@given(vectors)
+def test_rotations_are_scipys(vector: np.ndarray) -> None:
+    rotation = rotation_from_vector(vector)
+    assert np.allclose(rotation, Rotation.from_rotvec(vector).as_matrix(), atol=1e-9)
+    back = vector_from_rotation(rotation)
+    assert np.allclose(rotation_from_vector(back), rotation, atol=1e-6)
+    assert np.linalg.norm(back) <= np.pi + 1e-9
+
+
+@given(vectors)
+def test_half_turns_come_back(vector: np.ndarray) -> None:
+    if np.linalg.norm(vector) < 1e-3:
+        return
+    half = Rotation.from_rotvec(vector / np.linalg.norm(vector) * np.pi).as_matrix()
+    assert np.allclose(rotation_from_vector(vector_from_rotation(half)), half, atol=1e-6)
+
+
+def test_small_helpers() -> None:
+    a, b = np.array([1.0, 2, 3]), np.array([-2.0, 0.5, 4])
+    assert np.allclose(skew(a) @ b, np.cross(a, b))
+    pose = pose_matrix(Rotation.random(random_state=1).as_matrix(), a)
+    assert np.allclose(inverse_pose(pose) @ pose, np.eye(4))
+    assert np.allclose(orthonormal(pose[:3, :3] * 1.001), pose[:3, :3])
+
+
+def test_an_organised_cloud_keeps_its_pixels() -> None:
+    scan = scan_of("n5", 0)
+    image = range_image(scan.points)
+    assert image.status is Status.OK
+    assert image.focal_px == pytest.approx(320, rel=1e-5)
+    tan_u, tan_v = image.tangents()
+    row, column = np.nonzero(image.inverse_depth)
+    depth = 1 / image.inverse_depth[row, column]
+    again = np.column_stack([tan_u[column] * depth, tan_v[row] * depth, depth])
+    order = np.lexsort(again.round(3).T)
+    kept = scan.plain()[np.isin(scan.plain()[:, 2].round(4), depth.round(4))]
+    assert len(again) > 0.97 * len(scan.plain())
+    assert np.abs(again[order].mean(axis=0) - kept.mean(axis=0)).max() < 2e-3
+
+
+def test_a_plain_cloud_in_any_order_gives_the_same_image() -> None:
+    scan = scan_of("n5", 1)
+    organised = range_image(scan.points)
+    shuffled = np.random.default_rng(0).permutation(scan.plain())
+    twice = np.concatenate([shuffled, shuffled[::3]])
+    for cloud in (shuffled, twice, twice.astype(np.float64)):
+        plain = range_image(cloud)
+        assert plain.focal_px == pytest.approx(organised.focal_px, rel=1e-4)
+        assert plain.inverse_depth.shape == organised.inverse_depth.shape
+        assert np.allclose(plain.inverse_depth, organised.inverse_depth, atol=1e-6)
+
+
+def test_points_strewn_at_random_make_an_image_with_few_holes() -> None:
+    rng = np.random.default_rng(2)
+    flat = np.column_stack([rng.uniform(-1, 1, (5000, 2)), np.full(5000, 3.0)])
+    image = range_image(flat)
+    inner = image.inverse_depth[12:-12, 12:-12]
+    assert np.mean(inner > 0) > 0.7
+
+
+def test_a_lidars_frame_is_brought_forward() -> None:
+    scan = scan_of("n1", 3)
+    lidar = scan.plain()[:, [2, 0, 1]] * (1, -1, -1)  # x forward, y left, z up
+    image = range_image(lidar)
+    assert image.status is Status.OK
+    assert np.linalg.det(image.rot_sensor_from_view) == pytest.approx(1)
+    centroid = image.rot_sensor_from_view @ image.centroid_m
+    assert np.allclose(centroid, lidar.mean(axis=0), atol=1e-6)
+    assert image.num_used == range_image(scan.plain()).num_used
+
+
+@pytest.mark.parametrize(
+    "cloud",
+    [
+        np.zeros((0, 3)), np.zeros((0, 0, 3)), np.full((300, 3), np.nan), np.zeros((3000, 3)),
+        np.full((300, 3), 1e30), np.tile([0.1, 0.2, 3.0], (500, 1)), np.full((30, 40, 3), np.inf),
+        np.column_stack([np.linspace(-1, 1, 999), np.zeros(999), np.full(999, 4.0)]),
+    ],
+)  # fmt: skip
+def test_clouds_of_no_use_are_refused_with_a_reason(cloud: np.ndarray) -> None:
+    image = range_image(cloud)
+    assert image.status is Status.TOO_FEW_POINTS
+    assert image.reason
+
+
+def test_another_shape_is_the_callers_bug() -> None:
+    with pytest.raises(ValueError, match="points"):
+        range_image(np.zeros((5, 4)))
+    with pytest.raises(ValueError, match="focal_px"):
+        range_image(np.zeros((5, 3)), focal_px=-1.0)
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.005, 0.02])
+def test_range_noise_is_estimated(noise: float) -> None:
+    view = surface_view(range_image(scan_of("n1", 4, noise).points))
+    assert view.sigma_m == pytest.approx(noise, rel=0.1)
+
+
+def test_planes_of_a_box_have_its_normals() -> None:
+    scan = scan_of("n1", 5)
+    view = surface_view(range_image(scan.points))
+    faces = view.surfels.normals[: view.surfels.num_planes]
+    axes = scan.pose_cam_from_target[:3, :3]
+    nearest = np.abs(faces @ axes).max(axis=1)
+    assert np.degrees(np.arccos(np.clip(np.median(nearest), -1, 1))) < 3
+    assert np.mean(nearest > np.cos(np.radians(10))) > 0.9
+    # Towards the sensor.
+    points = view.surfels.points[: view.surfels.num_planes]
+    assert (np.einsum("ij,ij->i", faces, points) < 0).all()
+
+
+@pytest.mark.parametrize("seed", [8, 12, 13])
+def test_edges_of_a_box_lie_on_its_silhouette(seed: int) -> None:
+    scan = scan_of("n1", seed)  # three faces, none of them at a steep slant
+    edges = surface_view(range_image(scan.points)).edges
+    assert len(edges) > 100
+    pose = scan.pose_cam_from_target
+    corners = sich_n1().vertices @ pose[:3, :3].T + pose[:3, 3]
+    spot = corners[:, :2] / corners[:, 2:]
+    turn = np.linspace(0, np.pi, 720)
+    way = np.column_stack([np.cos(turn), np.sin(turn)])
+    low, high = (spot @ way.T).min(axis=0), (spot @ way.T).max(axis=0)
+    along = (edges.points[:, :2] / edges.points[:, 2:]) @ way.T
+    # How far inside the convex outline each edge point lies, in pixels.
+    inside = np.minimum(along - low, high - along).min(axis=1) * 320
+    assert np.quantile(np.abs(inside), 0.9) < 0.4
+    assert abs(np.median(inside)) < 0.1
+
+
+def test_a_plane_is_told_from_a_body() -> None:
+    rng = np.random.default_rng(0)
+    camera = ToFCamera()
+    wall = camera.scan(box((1.5, 1.5, 0.1)), pose_matrix(np.eye(3), np.array([0, 0, 5.0])), rng)
+    assert surface_view(range_image(wall.points)).coplanar
+    assert not surface_view(range_image(scan_of("n5", 7).points)).coplanar

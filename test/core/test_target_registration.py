@@ -1,0 +1,229 @@
+"""Motion between two views: right, honest about its error, and refused where it cannot be known."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target.consistency import view_consistency
+from horizon_sensor_ros.core.target.registration import (
+    Registration,
+    RegistrationConfig,
+    register,
+    target_view,
+)
+from horizon_sensor_ros.core.target.rigid import inverse_pose, pose_matrix, vector_from_rotation
+from horizon_sensor_ros.core.target.search import rotation_starts
+from horizon_sensor_ros.sim.shapes import TARGETS, box
+from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFDisturbances
+
+MESHES = {name: build() for name, build in TARGETS.items()}
+SOLVABLE = [name for name in MESHES if name != "body_of_revolution"]
+
+
+def pair(
+    name: str,
+    seed: int,
+    turn_deg: float = 20.0,
+    disturbances: ToFDisturbances | None = None,
+    noise: float = 0.005,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Two organised clouds and the true motion between them."""
+    rng = np.random.default_rng(seed)
+    camera = ToFCamera(range_noise_m=noise)
+    before = pose_matrix(Rotation.random(random_state=seed).as_matrix(), np.array([0.1, -0.1, 5.3]))
+    axis = rng.normal(size=3)
+    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(turn_deg)).as_matrix()
+    after = pose_matrix(turn @ before[:3, :3], before[:3, 3] + rng.uniform(-0.08, 0.08, 3))
+    a = camera.scan(MESHES[name], before, rng, disturbances).points
+    b = camera.scan(MESHES[name], after, rng, disturbances).points
+    return a, b, after @ inverse_pose(before)
+
+
+def centroid(cloud: np.ndarray) -> np.ndarray:
+    return np.nanmean(cloud.reshape(-1, 3).astype(float), axis=0)
+
+
+def errors(found: Registration, truth: np.ndarray, at: np.ndarray) -> tuple[float, float]:
+    """Degrees, and centimetres of the first cloud's centroid."""
+    pose = found.pose_b_from_a
+    off = (pose[:3, :3] - truth[:3, :3]) @ at + pose[:3, 3] - truth[:3, 3]
+    angle = vector_from_rotation(pose[:3, :3].T @ truth[:3, :3])
+    return float(np.degrees(np.linalg.norm(angle))), float(100 * np.linalg.norm(off))
+
+
+def nees(found: Registration, truth: np.ndarray) -> float:
+    pose, centre = found.pose_b_from_a, found.centre_m
+    at = inverse_pose(pose) @ np.append(centre, 1)
+    turn = vector_from_rotation(truth[:3, :3] @ pose[:3, :3].T)
+    error = np.concatenate([turn, (truth @ at)[:3] - centre])
+    return float(error @ np.linalg.solve(found.covariance, error))
+
+
+@pytest.mark.parametrize("name", SOLVABLE)
+def test_answers_are_right_or_refused(name: str) -> None:
+    right, squared = 0, []
+    for seed in range(8):
+        a, b, truth = pair(name, seed, turn_deg=3.5 * (seed + 1))
+        found = register(target_view(a), target_view(b))
+        if found.status is Status.OK:
+            deg, cm = errors(found, truth, centroid(a))
+            assert deg < 1
+            assert cm < 2
+            right += 1
+            squared.append(nees(found, truth))
+        else:
+            assert found.reason
+            assert np.isnan(found.pose_b_from_a).all()
+    assert right >= 7
+    assert 1.0 < np.median(squared) < 12
+
+
+def test_outliers_and_occlusion_do_not_break_it() -> None:
+    for seed in range(4):
+        a, b, truth = pair("n5", seed, 15.0, ToFDisturbances(0.1, 0.1))
+        found = register(target_view(a), target_view(b))
+        assert found.status is Status.OK
+        deg, cm = errors(found, truth, centroid(a))
+        assert deg < 0.3
+        assert cm < 1
+
+
+def test_without_noise_it_is_exact() -> None:
+    a, b, truth = pair("n5", 1, 8.0, noise=0.0)
+    found = register(target_view(a), target_view(b))
+    deg, cm = errors(found, truth, centroid(a))
+    assert deg < 0.01
+    assert cm < 0.01
+
+
+def test_a_body_of_revolution_is_degenerate_about_its_axis() -> None:
+    axis = []
+    for seed in range(6):
+        a, b, _ = pair("body_of_revolution", seed)
+        found = register(target_view(a), target_view(b))
+        assert found.status is Status.ILL_CONDITIONED
+        assert "not observed" in found.reason
+        turn = found.weak[0, :3] / np.linalg.norm(found.weak[0, :3])
+        # The axis of the target in the second view.
+        rng = np.random.default_rng(seed)
+        way = rng.normal(size=3)
+        move = Rotation.from_rotvec(way / np.linalg.norm(way) * np.radians(20))
+        axis.append(abs(turn @ (move * Rotation.random(random_state=seed)).as_matrix()[:, 2]))
+    assert np.median(axis) > 0.95
+
+
+def test_plain_and_organised_clouds_agree() -> None:
+    a, b, _ = pair("winged_cylinder", 2)
+    organised = register(target_view(a), target_view(b))
+    rng = np.random.default_rng(0)
+    plain = register(
+        *(target_view(rng.permutation(c[np.isfinite(c[..., 0])].astype(float))) for c in (a, b))
+    )
+    assert organised.status is plain.status is Status.OK
+    assert np.abs(organised.pose_b_from_a - plain.pose_b_from_a).max() < 2e-3
+
+
+def test_there_and_back_are_inverse() -> None:
+    a, b, _ = pair("n5", 3)
+    there = register(target_view(a), target_view(b)).pose_b_from_a
+    back = register(target_view(b), target_view(a)).pose_b_from_a
+    assert np.abs(there @ back - np.eye(4)).max() < 3e-3
+
+
+def test_a_sensor_with_another_forward_axis_sees_the_same_motion() -> None:
+    a, b, _ = pair("n5", 4)
+    rot_lidar_from_optical = np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]])
+    plain = [c[np.isfinite(c[..., 0])].astype(float) for c in (a, b)]
+    one = register(*(target_view(c) for c in plain))
+    two = register(*(target_view(c @ rot_lidar_from_optical.T) for c in plain))
+    turn = pose_matrix(rot_lidar_from_optical, np.zeros(3))
+    assert np.allclose(two.pose_b_from_a, turn @ one.pose_b_from_a @ inverse_pose(turn), atol=2e-3)
+    both = np.kron(np.eye(2), rot_lidar_from_optical)
+    assert np.allclose(two.covariance, both @ one.covariance @ both.T, rtol=0.5, atol=1e-7)
+
+
+def test_a_prior_spares_the_search_and_a_wrong_one_does_no_harm() -> None:
+    a, b, truth = pair("n5", 5)
+    near = truth.copy()
+    near[:3, 3] += 0.01
+    good = register(target_view(a), target_view(b), None, near)
+    assert good.status is Status.OK
+    assert not good.searched
+    wrong = truth @ pose_matrix(Rotation.from_euler("x", 80, degrees=True).as_matrix(), np.ones(3))
+    found = register(target_view(a), target_view(b), None, wrong)
+    assert found.status is Status.OK
+    assert np.abs(found.pose_b_from_a - good.pose_b_from_a).max() < 2e-3
+
+
+def test_two_different_targets_have_no_motion() -> None:
+    for seed in range(4):
+        a, _, _ = pair("n5", seed)
+        b, _, _ = pair("plate_with_dish", seed)
+        found = register(target_view(a), target_view(b))
+        assert found.status is not Status.OK
+        assert found.reason
+
+
+def test_one_wall_alone_is_no_pose() -> None:
+    camera, rng = ToFCamera(), np.random.default_rng(0)
+    wall = box((20.0, 20.0, 0.1))
+    clouds = [
+        camera.scan(wall, pose_matrix(np.eye(3), np.array([0, 0, z])), rng).points
+        for z in (5.0, 5.05)
+    ]
+    found = register(*(target_view(c) for c in clouds))
+    assert found.status is not Status.OK
+    assert np.isnan(found.covariance).all()
+
+
+def test_the_covariance_moves_to_another_point() -> None:
+    a, b, _ = pair("n5", 6)
+    found = register(target_view(a), target_view(b))
+    assert np.allclose(found.covariance_at(found.centre_m), found.covariance)
+    values = np.linalg.eigvalsh(found.covariance)
+    assert (values > 0).all()
+    far = found.covariance_at(found.centre_m + (10.0, 0, 0))
+    assert np.trace(far[3:, 3:]) > 10 * np.trace(found.covariance[3:, 3:])
+    assert np.allclose(far[:3, :3], found.covariance[:3, :3])
+
+
+def test_consistency_knows_the_truth_from_a_turn() -> None:
+    a, b, truth = pair("n5", 7, 10.0)
+    one, two = target_view(a).surface, target_view(b).surface
+    assert one is not None
+    assert two is not None
+    off = Rotation.from_euler("y", 12, degrees=True).as_matrix() @ truth[:3, :3]
+    turned = pose_matrix(off, centroid(b) - off @ centroid(a))
+    poses = np.stack([truth, turned])
+    seen = view_consistency(one, two, poses[:, :3, :3], poses[:, :3, 3], 600)
+    assert seen.score[0] > 0.95
+    assert seen.score[1] < 0.85
+    assert seen.overlap[0] > seen.overlap[1]
+
+
+def test_rotation_starts_cover_the_ball() -> None:
+    starts = Rotation.from_matrix(rotation_starts(np.radians(33), np.radians(18)))
+    assert starts[0].magnitude() == 0
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        axis = rng.normal(size=3)
+        some = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(rng.uniform(0, 33)))
+        assert np.degrees((starts * some.inv()).magnitude().min()) < 16
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"focal_px": 0.0}, {"range_noise_m": -1.0}, {"min_score": 1.5}, {"min_points": 0}]
+)
+def test_parameters_that_make_no_sense_are_refused(wrong: dict) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        RegistrationConfig(**wrong)
+
+
+def test_bad_data_comes_back_as_a_status_and_a_bad_prior_raises() -> None:
+    a, b, _ = pair("n1", 0)
+    found = register(target_view(np.zeros((0, 3))), target_view(b))
+    assert found.status is Status.TOO_FEW_POINTS
+    assert "0 finite points" in found.reason
+    with pytest.raises(ValueError, match="prior_b_from_a"):
+        register(target_view(a), target_view(b), None, np.eye(3))

@@ -1,0 +1,195 @@
+"""Clouds in order of time: the contract's frames, deltas, refusals and new beginnings."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target.rigid import (
+    inverse_pose,
+    pose_matrix,
+    rotation_from_vector,
+    vector_from_rotation,
+)
+from horizon_sensor_ros.core.target.tracker import TargetTracker, TrackerConfig
+from horizon_sensor_ros.sim.shapes import TARGETS
+from horizon_sensor_ros.sim.tof_camera import ToFCamera
+
+STEP_NS = 200_000_000
+CAMERA = ToFCamera()
+MESHES = {name: build() for name, build in TARGETS.items()}
+
+
+def tumbling(
+    deg_per_s: float, count: int, name: str = "n5", seed: int = 0
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Clouds at 5 Hz and the target's true poses."""
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=3)
+    axis *= np.radians(deg_per_s) / np.linalg.norm(axis)
+    start = Rotation.from_euler("YXZ", (23.5, 23.5, 1), degrees=True).as_matrix()
+    poses = [
+        pose_matrix(rotation_from_vector(axis * k / 5) @ start, np.array([0.01 * k / 5, 0, 5.3]))
+        for k in range(count)
+    ]
+    return [CAMERA.scan(MESHES[name], pose, rng).points for pose in poses], poses
+
+
+def angle_deg(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.degrees(np.linalg.norm(vector_from_rotation(a[:3, :3].T @ b[:3, :3]))))
+
+
+def test_the_first_cloud_sets_the_frame() -> None:
+    clouds, _ = tumbling(3, 1)
+    fix = TargetTracker().process(clouds[0], 5)
+    assert fix.status is Status.OK
+    assert fix.new_frame
+    assert fix.stamp_ns == 5
+    assert np.array_equal(fix.pose_sensor_from_target[:3, :3], np.eye(3))
+    centroid = np.nanmean(clouds[0].reshape(-1, 3).astype(float), axis=0)
+    assert np.allclose(fix.pose_sensor_from_target[:3, 3], centroid, atol=1e-6)
+    values = np.linalg.eigvalsh(fix.covariance)
+    assert (values > 0).all()
+    assert values.max() < 1e-6
+    assert fix.delta_previous_from_now is None
+    assert fix.delta_covariance is None
+
+
+def test_poses_and_deltas_follow_the_truth_and_agree() -> None:
+    clouds, poses = tumbling(10, 30)
+    tracker = TargetTracker()
+    frame = previous = None
+    squared = []
+    for k, (cloud, pose) in enumerate(zip(clouds, poses, strict=True)):
+        fix = tracker.process(cloud, k * STEP_NS)
+        assert fix.status is Status.OK
+        if k == 0:
+            frame = inverse_pose(pose) @ fix.pose_sensor_from_target
+        else:
+            assert previous is not None
+            assert fix.delta_previous_from_now is not None
+            assert fix.delta_covariance is not None
+            assert fix.delta_s == pytest.approx(0.2)
+            step = inverse_pose(previous) @ fix.pose_sensor_from_target
+            assert np.allclose(fix.delta_previous_from_now, step, atol=1e-12)
+            truth = inverse_pose(poses[k - 1] @ frame) @ poses[k] @ frame
+            turn = vector_from_rotation(truth[:3, :3] @ step[:3, :3].T)
+            error = np.concatenate([turn, truth[:3, 3] - step[:3, 3]])
+            squared.append(error @ np.linalg.solve(fix.delta_covariance, error))
+        truth = pose @ frame
+        assert angle_deg(fix.pose_sensor_from_target, truth) < 0.4
+        assert np.linalg.norm(fix.pose_sensor_from_target[:3, 3] - truth[:3, 3]) < 0.01
+        previous = fix.pose_sensor_from_target
+    assert fix.num_keyframes >= 2
+    assert 1 < np.median(squared) < 12
+
+
+def test_a_refused_cloud_changes_nothing() -> None:
+    clouds, _ = tumbling(3, 5)
+    other, _ = tumbling(3, 1, "plate_with_dish")
+    rng = np.random.default_rng(0)
+    plane = np.column_stack([rng.uniform(-1, 1, (2000, 2)), np.full(2000, 4.0)])
+    line = np.column_stack([np.linspace(-1, 1, 2000), np.zeros(2000), np.full(2000, 5.0)])
+    bad = [
+        np.zeros((0, 3)), np.full((50, 60, 3), np.nan), clouds[0].reshape(-1, 3)[:30],
+        plane, line, clouds[0] * np.float32(1e6), np.zeros((4000, 3)), other[0],
+    ]  # fmt: skip
+    for cloud in bad:
+        tracker, plain = TargetTracker(), TargetTracker()
+        for k in range(3):
+            tracker.process(clouds[k], k * STEP_NS)
+            plain.process(clouds[k], k * STEP_NS)
+        refused = tracker.process(cloud, 3 * STEP_NS - 1)
+        assert refused.status is not Status.OK
+        assert refused.reason
+        assert not refused.new_frame
+        assert refused.delta_previous_from_now is None
+        assert np.isnan(refused.pose_sensor_from_target).all()
+        fix, same = tracker.process(clouds[3], 3 * STEP_NS), plain.process(clouds[3], 3 * STEP_NS)
+        assert fix.status is Status.OK
+        assert np.array_equal(fix.pose_sensor_from_target, same.pose_sensor_from_target)
+        assert fix.delta_s == pytest.approx(0.2)
+
+
+def test_a_bad_first_cloud_sets_no_frame() -> None:
+    clouds, _ = tumbling(3, 2)
+    rng = np.random.default_rng(0)
+    plane = np.column_stack([rng.uniform(-1, 1, (2000, 2)), np.full(2000, 4.0)])
+    for bad in (plane, plane + (0, 0, 0.5) * plane[:, :1], np.zeros((0, 3))):
+        tracker = TargetTracker()
+        fix = tracker.process(bad, 0)
+        assert fix.status is not Status.OK
+        assert fix.reason
+        assert tracker.process(clouds[0], STEP_NS).new_frame
+        assert not tracker.process(clouds[1], 2 * STEP_NS).new_frame
+
+
+def test_a_gap_starts_a_new_frame() -> None:
+    clouds, _ = tumbling(3, 4)
+    tracker = TargetTracker()
+    tracker.process(clouds[0], 0)
+    assert not tracker.process(clouds[1], 2_000_000_000).new_frame
+    fix = tracker.process(clouds[2], 4_100_000_000)
+    assert fix.status is Status.OK
+    assert fix.new_frame
+    assert "2.1 s" in fix.reason
+    assert fix.delta_previous_from_now is None
+    assert np.array_equal(fix.pose_sensor_from_target[:3, :3], np.eye(3))
+    assert tracker.process(clouds[3], 4_300_000_000).delta_previous_from_now is not None
+
+
+def test_a_lost_track_starts_a_new_frame() -> None:
+    clouds, _ = tumbling(3, 1)
+    other, _ = tumbling(3, 5, "plate_with_dish")
+    tracker = TargetTracker(TrackerConfig(max_refused=3))
+    tracker.process(clouds[0], 0)
+    fixes = [tracker.process(cloud, (k + 1) * STEP_NS) for k, cloud in enumerate(other)]
+    assert [fix.status is Status.OK for fix in fixes] == [False, False, True, True, True]
+    assert fixes[2].new_frame
+    assert "lost" in fixes[2].reason
+    assert fixes[3].delta_previous_from_now is not None
+
+
+def test_stamps_that_repeat_or_jump_back() -> None:
+    clouds, _ = tumbling(3, 3)
+    tracker = TargetTracker()
+    tracker.process(clouds[0], 10 * STEP_NS)
+    again = tracker.process(clouds[0], 10 * STEP_NS)
+    assert again.status is Status.REPEATED_STAMP
+    assert tracker.process(clouds[1], 11 * STEP_NS).delta_previous_from_now is not None
+    back = tracker.process(clouds[0], 0)
+    assert back.new_frame
+    assert back.reason == "time jumped back"
+
+
+def test_the_same_clouds_give_the_same_fixes() -> None:
+    clouds, _ = tumbling(10, 6)
+    runs = []
+    for _ in range(2):
+        tracker = TargetTracker()
+        runs.append([tracker.process(c, k * STEP_NS) for k, c in enumerate(clouds)])
+    for one, two in zip(*runs, strict=True):
+        assert np.array_equal(one.pose_sensor_from_target, two.pose_sensor_from_target)
+        assert np.array_equal(one.covariance, two.covariance)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [3.0, 10.0])
+def test_a_long_tumble_does_not_drift(rate: float) -> None:
+    clouds, poses = tumbling(rate, 200)
+    tracker = TargetTracker()
+    for k, (cloud, pose) in enumerate(zip(clouds, poses, strict=True)):
+        fix = tracker.process(cloud, k * STEP_NS)
+        assert fix.status is Status.OK
+        if k == 0:
+            frame = inverse_pose(pose) @ fix.pose_sensor_from_target
+    assert angle_deg(fix.pose_sensor_from_target, pose @ frame) < 0.5
+    assert np.linalg.norm(fix.pose_sensor_from_target[:3, 3] - (pose @ frame)[:3, 3]) < 0.01
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"max_gap_s": 0.0}, {"max_refused": 0}, {"keyframe_overlap": 2.0}]
+)
+def test_parameters_that_make_no_sense_are_refused(wrong: dict) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        TrackerConfig(**wrong)
