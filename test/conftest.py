@@ -12,6 +12,9 @@ from horizon_sensor_ros.tools.private_domain import isolated_environment, privat
 
 ROOT = Path(__file__).parents[1]
 
+# Before anything loads numpy, as in the package's own executables.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
