@@ -183,7 +183,7 @@ def test_the_covariance_moves_to_another_point() -> None:
     assert np.allclose(found.covariance_at(found.centre_m), found.covariance)
     values = np.linalg.eigvalsh(found.covariance)
     assert (values > 0).all()
-    far = found.covariance_at(found.centre_m + (10.0, 0, 0))
+    far = found.covariance_at(found.centre_m + np.array([10.0, 0, 0]))
     assert np.trace(far[3:, 3:]) > 10 * np.trace(found.covariance[3:, 3:])
     assert np.allclose(far[:3, :3], found.covariance[:3, :3])
 

@@ -1,5 +1,6 @@
 """Meshes: closed where they should be, and read back from files as they were written."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -70,7 +71,9 @@ def write_ascii_stl(path: Path, mesh: TriangleMesh) -> None:
     ("name", "write"),
     [("m.obj", write_obj), ("m.STL", write_stl), ("m.stl", write_ascii_stl)],
 )
-def test_files_give_back_the_triangles(tmp_path: Path, name: str, write) -> None:  # noqa: ANN001
+def test_files_give_back_the_triangles(
+    tmp_path: Path, name: str, write: Callable[[Path, TriangleMesh], None]
+) -> None:
     mesh = l_truss()
     write(tmp_path / name, mesh)
     got = read_mesh(tmp_path / name)
@@ -102,7 +105,9 @@ def test_any_bytes_are_a_mesh_or_a_value_error(
 ) -> None:
     path = tmp_path_factory.mktemp("mesh") / f"m.{kind}"
     path.write_bytes(b"solid\nvertex " + data if solid else data)
+    told = ""
     try:
-        assert len(read_mesh(path).faces) > 0
+        mesh = read_mesh(path)
     except ValueError as error:
-        assert str(path) in str(error)
+        told = str(error)
+    assert str(path) in told or len(mesh.faces) > 0
