@@ -99,14 +99,25 @@ class _Score:
     bounds_deg: list[float] = field(default_factory=list)
     refused: int = 0
     seconds: list[float] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
 
-    def add(self, fit: HorizonFit, truth: FrameTruth, bound_deg: float, seconds: float) -> None:
+    def add(
+        self, case: SceneCase, fit: HorizonFit, truth: FrameTruth, bound_deg: float, seconds: float
+    ) -> None:
         self.seconds.append(seconds)
         if not fit.ok:
             self.refused += 1
             return
         self.errors.append(fit_errors(fit, truth.nadir_base, truth.altitude_m))
         self.bounds_deg.append(bound_deg)
+        self.names.append(case.name)
+
+    def worst(self, count: int = 3) -> str:
+        """Return the median nadir error, and the frames with the largest ones."""
+        nadir = np.array([e.nadir_deg for e in self.errors])
+        order = np.argsort(nadir)[::-1][:count]
+        frames = ", ".join(f"{self.names[i]} {nadir[i]:.4f}" for i in order)
+        return f"median {number(percentile(nadir, 50), 4)} deg; largest: {frames or 'none'}"
 
     def row(self, name: str, canny_s: np.ndarray, bar: float | None) -> tuple[str, ...]:
         nadir = np.array([e.nadir_deg for e in self.errors])
@@ -167,12 +178,12 @@ def compare(
             ]
             found[name] = (observations, taken)
             published = fix.fit if fix.ok else HorizonFit.none(fix.status, fix.reason, "")
-            scores[name].add(published, truth, bound_deg, taken)
+            scores[name].add(case, published, truth, bound_deg, taken)
         for name, (source, bare_fit) in contenders.bare.items():
             observations, taken = found[source]
             start = time.perf_counter()
             fit = bare_fit(observations, truth)
-            scores[name].add(fit, truth, bound_deg, taken + time.perf_counter() - start)
+            scores[name].add(case, fit, truth, bound_deg, taken + time.perf_counter() - start)
         canny_s.append(float(np.median(passes)))
     rows = [
         score.row(name, np.array(canny_s), bar if name == DEFAULT else None)
@@ -184,6 +195,7 @@ def compare(
         COLUMNS,
         tuple(rows),
         (
+            f"{DEFAULT}: {scores[DEFAULT].worst()}.",
             f"Cramer-Rao bound over this set: {root_mean_square(bounds_deg):.4f} deg RMS, from an "
             f"edge sigma of {edge:.4f} px per pixel of limb (median; noise {noise_dn:g} DN).",
         ),
