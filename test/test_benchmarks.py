@@ -49,7 +49,7 @@ def test_parts_print_their_tables_and_write_them(tmp_path: Path) -> None:
     methods = (tmp_path / "out" / "horizon_methods.md").read_text()
     for heading in ("Set A (2)", "Set B (2)", "Two cameras (1)"):
         assert heading in methods
-    default = [line for line in methods.splitlines() if "(default)" in line]
+    default = [line for line in methods.splitlines() if "(default) " in line]
     assert len(default) == 3
     assert "nan" not in methods
     paper_c = (tmp_path / "out" / "paper_c.md").read_text().splitlines()
