@@ -51,7 +51,7 @@ def uncertainty(refined: Refined, b: SurfaceView) -> Uncertainty:
     j_b = jacobian(pairs.point_a, pairs.normal_b, centre)
     product = (j_a * weight[:, None]).T @ j_b
     information = (product + product.T) / 2 - _feigned(pairs.point_a - centre, weight * pairs.tilt2)
-    residual = pairs.residual()
+    residual = pairs.residual
     rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else np.nan
     block = np.floor(pairs.point_b / (_BLOCK_PX * b.footprint_m)).astype(np.int64)
     key = ((block[:, 0] * 4099 + block[:, 1]) * 4099 + block[:, 2]) * 4 + pairs.kind

@@ -4,12 +4,16 @@ and thin parts."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from .consistency import project
 from .rigid import orthonormal, rotation_from_vector
 from .surfels import SurfaceView, normal_noise
+
+# Before the last gate a part of the planes does.
+_COARSE_STEP = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,14 +36,16 @@ class Pairs:
     tilt2: np.ndarray
     kind: np.ndarray
 
+    @cached_property
     def residual(self) -> np.ndarray:
         """(N,) distances along the mean normal, metres."""
-        return np.einsum("ij,ij->i", self.point_a - self.point_b, self.normal())
+        return np.einsum("ij,ij->i", self.point_a - self.point_b, self.normal)
 
+    @cached_property
     def normal(self) -> np.ndarray:
         """(N, 3) mean of both normals."""
         normal = self.normal_a + self.normal_b
-        return normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        return normal / np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +70,15 @@ class Matcher:
         self.a, self.b = a, b
         self._tree = cKDTree(b.edges.points)
 
-    def pairs(self, rotation: np.ndarray, translation: np.ndarray, gate_m: float) -> Pairs:
-        """Pairs whose distance along the normal is below ``gate_m``."""
+    def pairs(
+        self, rotation: np.ndarray, translation: np.ndarray, gate_m: float, step: int = 1
+    ) -> Pairs:
+        """Pairs whose distance along the normal is below ``gate_m``; of planes each ``step``-th."""
         a, b = self.a, self.b
         back, shift = rotation.T, -rotation.T @ translation
-        pb, pa, nb, na, *rest = _to_planes(b, a, back, shift, gate_m)
+        pb, pa, nb, na, *rest = _to_planes(b, a, back, shift, gate_m, step)
         sets = [
-            _to_planes(a, b, rotation, translation, gate_m),
+            _to_planes(a, b, rotation, translation, gate_m, step),
             (pa @ back + translation, pb @ back + translation, na @ back, nb @ back, *rest),
         ]
         kinds = [np.zeros(len(s[0]), np.int8) for s in sets]
@@ -121,22 +129,28 @@ class Matcher:
 
 
 def _to_planes(
-    a: SurfaceView, b: SurfaceView, rotation: np.ndarray, translation: np.ndarray, gate_m: float
+    a: SurfaceView,
+    b: SurfaceView,
+    rotation: np.ndarray,
+    translation: np.ndarray,
+    gate_m: float,
+    step: int,
 ) -> tuple[np.ndarray, ...]:
     """a's surfels, moved into b's frame, against the planes that b sees in the same direction."""
     surfels = a.surfels
-    point = surfels.points @ rotation.T + translation
+    turned = surfels.points[::step] @ rotation.T
+    point = turned + translation
     index = project(b, point[:, 0], point[:, 1], point[:, 2])
-    near = np.flatnonzero(b.plane[index])
-    index, point = index[near], point[near]
+    seen = np.flatnonzero(b.plane[index])
+    index, point, ray = index[seen], point[seen], turned[seen]
+    near = seen * step
     other, n = b.point_map[index].astype(float), b.normal_map[index].astype(float)
     normal = surfels.normals[near] @ rotation.T
     bare = near >= surfels.num_planes
-    ray = surfels.points[near] @ rotation.T
     # A thin plate's far side is another surface: a bare return must have been able to see the
     # plane.
     agree = np.where(
-        bare, np.einsum("ij,ij->i", n, ray) < -0.06 * np.linalg.norm(ray, axis=1),
+        bare, np.einsum("ij,ij->i", n, ray) < -0.06 * np.sqrt(np.einsum("ij,ij->i", ray, ray)),
         np.einsum("ij,ij->i", normal, n) > 0.85,
     )  # fmt: skip
     keep = agree & (np.abs(np.einsum("ij,ij->i", point - other, n)) < gate_m)
@@ -144,23 +158,24 @@ def _to_planes(
         part[keep] for part in (near, index, bare, point, other, n)
     )
     normal = np.where(bare[:, None], n, normal[keep])
-    cosine = -np.einsum("ij,ij->i", n, other) / np.linalg.norm(other, axis=1)
+    cosine = -np.einsum("ij,ij->i", n, other) / np.sqrt(np.einsum("ij,ij->i", other, other))
     noise = normal_noise(b.sigma_m, b.footprint_m, cosine, b.tilt_rad[index])
     sigma = np.hypot(np.where(bare, noise, surfels.sigma_m[near]), noise)
     tilt2 = surfels.tilt_rad[near] * np.where(bare, b.normal_noise_rad, b.tilt_rad[index])
-    return point, other, normal, n, sigma, surfels.weight[near], tilt2
+    return point, other, normal, n, sigma, step * surfels.weight[near], tilt2
 
 
 def robust_weights(pairs: Pairs) -> np.ndarray:
     """(N,) Cauchy weights of the residuals."""
-    ratio = pairs.residual() / (1.5 * pairs.sigma_m)
+    ratio = pairs.residual / (1.5 * pairs.sigma_m)
     return 1 / (1 + ratio * ratio)
 
 
 def jacobian(point: np.ndarray, normal: np.ndarray, centre: np.ndarray) -> np.ndarray:
     """(N, 6) change of the distance along ``normal`` with a small turn about ``centre`` and a
     shift."""
-    return np.hstack([np.cross(point - centre, normal), normal])
+    (x, y, z), (a, b, c) = (point - centre).T, normal.T
+    return np.stack([y * c - z * b, z * a - x * c, x * b - y * a, a, b, c], axis=1)
 
 
 def refine(
@@ -177,13 +192,15 @@ def refine(
     converged = False
     iteration = 0
     for iteration in range(1, max_iterations + 1):
-        pairs = matcher.pairs(rotation, translation, gates_m[min(iteration, len(gates_m)) - 1])
+        coarse = iteration < len(gates_m)
+        gate = gates_m[iteration - 1] if coarse else gates_m[-1]
+        pairs = matcher.pairs(rotation, translation, gate, _COARSE_STEP if coarse else 1)
         robust = robust_weights(pairs)
-        j = jacobian(pairs.point_a, pairs.normal(), centre)
+        j = jacobian(pairs.point_a, pairs.normal, centre)
         w = robust * pairs.weight / pairs.sigma_m**2
         weighted = j * w[:, None]
         information = weighted.T @ j
-        gradient = weighted.T @ pairs.residual()
+        gradient = weighted.T @ pairs.residual
         information[np.diag_indices(6)] += 1e-6 * np.trace(information) / 6 + 1e-9
         step = -np.linalg.solve(information, gradient)
         turn = rotation_from_vector(step[:3])
@@ -191,7 +208,7 @@ def refine(
         translation = turn @ (translation - centre) + centre + step[3:]
         # The step in units of its own standard deviation, squared.
         moved = -step @ gradient
-        converged = iteration >= len(gates_m) and moved < 0.5
+        converged = not coarse and moved < 0.5
         if converged and moved < 0.05:
             break
     return Refined(orthonormal(rotation), translation, pairs, robust, converged, iteration)

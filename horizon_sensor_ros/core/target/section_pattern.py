@@ -132,17 +132,23 @@ def rotation_n_from_v(theta: float, phi: float, psi: float) -> np.ndarray:
     return _rotations(np.array([[theta, phi, psi]]))[0]
 
 
+def patterns_of(
+    sections: Sections, points: np.ndarray, candidate: np.ndarray
+) -> tuple[SectionPattern, ...]:
+    """Patterns of the current cloud (N, 3) cut by the planes moved by ``candidate``."""
+    turn = rotation_n_from_v(*candidate[:3])
+    coordinates = (sections.frame.coordinates(points) - candidate[3:]) @ turn
+    return tuple(
+        section_pattern(section_points(coordinates, plane, sections.pitch_m), grid)
+        for plane, grid in enumerate(sections.grids)
+    )
+
+
 def objective(sections: Sections, points: np.ndarray, candidate: np.ndarray) -> float:
     """Likeness (equation 2) of the previous cloud's sections and the current cloud's (N, 3) by the
     moved planes."""
-    turn = rotation_n_from_v(*candidate[:3])
-    coordinates = (sections.frame.coordinates(points) - candidate[3:]) @ turn
-    values = []
-    for plane in range(3):
-        flat = section_points(coordinates, plane, sections.pitch_m)
-        now = section_pattern(flat, sections.grids[plane])
-        values.append(likeness(sections.patterns[plane], now))
-    return float(np.mean(values))
+    now = patterns_of(sections, points, candidate)
+    return float(np.mean([likeness(*pair) for pair in zip(sections.patterns, now, strict=True)]))
 
 
 def motion(sections: Sections, candidate: np.ndarray) -> np.ndarray:
