@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits import METHODS, fit_horizon
+from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
 from horizon_sensor_ros.core.fits.limb_rays import gather
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.limb.candidates import reduce_image
@@ -24,6 +26,7 @@ LIMB_SOURCES = ("subpixel", "canny")
 # The sphere that stands in for an ellipsoid whose orientation is not known: worst latitude and
 # heading, short arcs in low orbit, one sigma (0.24 deg at most).
 _ELLIPSOID_SIGMA_RAD = np.radians(0.1)
+_STRETCHES = 6
 _ELLIPSOID_ALTITUDE_SIGMA_M = 10.7e3  # half of the polar flattening
 # Two cameras that see the limb each for itself contradict each other when farther apart than both.
 _DISAGREEMENT_SIGMAS = 5.0
@@ -61,7 +64,7 @@ class HorizonConfig:
     planet: Planet = field(default_factory=Planet)
     altitude_min_m: float = 10e3
     altitude_max_m: float = 100e6
-    max_nadir_sigma_rad: float = float(np.radians(1.0))
+    max_nadir_sigma_rad: float = float(np.radians(0.5))
     max_residual_px: float = 1.2
     min_limb_share: float = 0.35
     max_bright_sky: float = 0.25
@@ -205,11 +208,12 @@ class HorizonSensor:
         doubtful = self._doubts(frames, detection, limbs, fit)
         if doubtful:
             return HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), doubtful
+        fit = self._with_model_error(fit, observations)
         refusal = self._judge(frames, observations, fit)
         if refusal is not None:
             none = HorizonFit.none(*refusal, self.config.method, fit.num_points)
             return HorizonFix(*refusal, none, limbs, ()), {}
-        return HorizonFix(Status.OK, "", self._with_model_error(fit), limbs, fit.cameras), {}
+        return HorizonFix(Status.OK, "", fit, limbs, fit.cameras), {}
 
     def _doubts(
         self,
@@ -294,16 +298,43 @@ class HorizonSensor:
                 )
         return None
 
-    def _with_model_error(self, fit: HorizonFit) -> HorizonFit:
-        """Add what the mean sphere leaves out of an ellipsoid to the covariance."""
-        if self.config.planet.flattening == 0.0:
-            return fit
-        cov = fit.cov_nadir_altitude.copy()
-        across = np.eye(3) - np.outer(fit.nadir_base, fit.nadir_base)
-        cov[:3, :3] += _ELLIPSOID_SIGMA_RAD**2 * across
-        cov[3, 3] += _ELLIPSOID_ALTITUDE_SIGMA_M**2
+    def _with_model_error(
+        self, fit: HorizonFit, observations: Sequence[LimbObservation]
+    ) -> HorizonFit:
+        """Add to the covariance what the points' own scatter cannot show.
+
+        That is the error that stretches of the limb share, and for an ellipsoid what its mean
+        sphere leaves out.
+        """
+        cov = fit.cov_nadir_altitude + _coherent_covariance(fit, observations, self._sphere)
+        if self.config.planet.flattening > 0.0:
+            across = np.eye(3) - np.outer(fit.nadir_base, fit.nadir_base)
+            cov[:3, :3] += _ELLIPSOID_SIGMA_RAD**2 * across
+            cov[3, 3] += _ELLIPSOID_ALTITUDE_SIGMA_M**2
         values = {name: getattr(fit, name) for name in fit.__dataclass_fields__}
         return HorizonFit(**{**values, "cov_nadir_altitude": cov})
+
+
+def _coherent_covariance(
+    fit: HorizonFit, observations: Sequence[LimbObservation], sphere: Planet
+) -> np.ndarray:
+    """Covariance (4, 4) of nadir and altitude from the errors that neighbouring points share.
+
+    Each camera's limb counts as `_STRETCHES` independent stretches, whatever the number of points.
+    """
+    basis = tangent_basis(fit.nadir_base)
+    information = np.zeros((3, 3))
+    for observation in observations:
+        rays = gather([observation])
+        coherent_px = observation.limb.coherent_px
+        if len(rays) == 0 or observation.view.name not in fit.cameras:
+            continue
+        if coherent_px == 0.0:
+            return np.zeros((4, 4))
+        rows = rays.design(fit.nadir_base, basis) / rays.angles(fit.nadir_base)[1][:, None]
+        information += rows.T @ rows * (_STRETCHES / (len(rays) * coherent_px**2))
+    cov = np.linalg.pinv(information, hermitian=True)
+    return covariance_nadir_altitude(cov, basis, fit.rho_rad, sphere)
 
 
 def full_scale(gray: np.ndarray) -> float:

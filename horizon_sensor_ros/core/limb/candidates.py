@@ -49,8 +49,9 @@ def reduce_image(gray: np.ndarray) -> tuple[np.ndarray, int]:
         return gray.astype(np.float32), 1
     height, width = gray.shape[0] // factor, gray.shape[1] // factor
     trimmed = gray[: height * factor, : width * factor]
-    return cv2.resize(trimmed, (width, height), interpolation=cv2.INTER_AREA).astype(
-        np.float32
+    # In floats: rounded means would make 8-bit images another search than the same in 16 bits.
+    return cv2.resize(
+        trimmed.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA
     ), factor
 
 
@@ -59,10 +60,10 @@ def space_level_and_noise(small: np.ndarray) -> tuple[float, float]:
 
     Darkest by its brighter part: the median of a tile that is just over half space is as dark.
     """
-    tile_h, tile_w = max(4, small.shape[0] // 8), max(4, small.shape[1] // 8)
+    tile_h, tile_w = max(4, small.shape[0] // 16), max(4, small.shape[1] // 16)
     rows, cols = small.shape[0] // tile_h, small.shape[1] // tile_w
     tiles = small[: rows * tile_h, : cols * tile_w].reshape(rows, tile_h, cols, tile_w)
-    tiles = np.sort(tiles.transpose(0, 2, 1, 3).reshape(rows * cols, -1)[:, ::3], axis=1)
+    tiles = np.sort(tiles.transpose(0, 2, 1, 3).reshape(rows * cols, -1)[:, ::2], axis=1)
     count = tiles.shape[1]
     low, median, high = (tiles[:, int(share * count)] for share in (0.16, 0.5, 0.84))
     darkest = int(np.argmin(high))

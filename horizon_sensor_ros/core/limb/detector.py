@@ -16,8 +16,9 @@ from horizon_sensor_ros.core.limb.candidates import (
     canny_candidates,
     space_boundary_candidates,
 )
+from horizon_sensor_ros.core.limb.edge_model import EdgeLook
 from horizon_sensor_ros.core.limb.points import LimbPoints
-from horizon_sensor_ros.core.limb.refinement import EdgeLook, RefinePass, refine_limb
+from horizon_sensor_ros.core.limb.refinement import RefinePass, refine_limb
 from horizon_sensor_ros.core.limb.selection import (
     MIN_INLIERS,
     Consensus,
@@ -29,6 +30,7 @@ from horizon_sensor_ros.core.status import Status
 
 # From the consensus, good to a grid step or two, to the last tenths of a pixel.
 _SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0)
+_NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0)
 _APPROACH = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0)
 _FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0)
 _CANNY_REACH_PX = 2.0
@@ -69,10 +71,10 @@ def detect_limb(
         predicted = HorizonFit.none(consensus.status, consensus.reason, "ml")
         return Detection((none,) * len(views), predicted, candidates, consensus)
     nadir, rho = consensus.nadir_base, consensus.rho_rad
-    looks: list[EdgeLook | None] = [None] * len(views)
+    looks: list[tuple[EdgeLook, ...]] = [()] * len(views)
     predicted = HorizonFit.none(Status.NO_LIMB, "", "ml")
     limbs: list[LimbPoints] = []
-    for step in (_SEARCH, _APPROACH, _FINAL):
+    for step in (_SEARCH, _NEAR, _APPROACH, _FINAL):
         limbs = []
         for i, (view, image) in enumerate(zip(views, images, strict=True)):
             here, part = step, image
@@ -80,8 +82,10 @@ def detect_limb(
                 factor = max(1, int(candidates[i].pitch_px) // 2)
                 here = RefinePass(step.reach_px, step.grid_px, step.spacing_px, factor)
                 part = _reduced(image, factor)
-            limb, looks[i] = refine_limb(part, view, nadir, rho, here, looks[i])
+            limb, seen = refine_limb(part, view, nadir, rho, here, looks[i])
             limbs.append(limb)
+            # The search sees a reduced image, whose edges look sharper than they are.
+            looks[i] = () if step is _SEARCH else seen
         if step is _FINAL:
             break
         predicted = fit_horizon(
@@ -99,7 +103,7 @@ def _reduced(image: np.ndarray, factor: int) -> np.ndarray:
         return image
     height, width = image.shape[0] // factor, image.shape[1] // factor
     trimmed = image[: height * factor, : width * factor]
-    return cv2.resize(trimmed, (width, height), interpolation=cv2.INTER_AREA)
+    return cv2.resize(trimmed.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
 
 
 def canny_limbs(

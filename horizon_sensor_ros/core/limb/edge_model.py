@@ -1,20 +1,22 @@
-"""What the brightness across a sharp limb looks like, and where such an edge most likely lies.
+"""What the brightness across a limb looks like, and where such an edge most likely lies.
 
 Along the normal, position d (pixels, outwards), the model of one profile with the edge at e is
 
-    I(d) = background + step * F(e - d) + texture(d) + noise
+    I(d) = background + level * (F(e - d) + glow * G(d - e)) + texture(d) + noise
 
-F is a step blurred by the point-spread function (normal law, sigma `psf_px`); texture is whatever
-cloud and ground do inside: a Gaussian process with the covariance of surface detail seen at
-grazing incidence, blurred alike. Background and step are free for every profile. For each e on a
-grid the profile likelihood (restricted, so that the free amplitudes cost what they should) is one
-matrix product; the table of matrices depends on the shape alone and is kept. Texture beside the
-limb thereby widens the answer instead of moving it: the weight shifts to the outer flank of the
-edge. Where air glows above the limb the model does not hold; see `steepest`.
+F is a step blurred by the point-spread function (normal law, sigma `psf_px`); G is air glow: an
+exponential outside the edge, blurred alike, whose height is a share `glow` (0 to 1) of the level
+just inside; texture is whatever cloud and ground do inside: a Gaussian process with the covariance
+of surface detail seen at grazing incidence, blurred alike. Background and level are free for every
+profile. For each e on a grid the profile likelihood (restricted, so that the free amplitudes cost
+what they should) is one matrix product; the table of matrices depends on the shape alone and is
+kept. Texture beside the limb thereby widens the answer instead of moving it, and glow that is
+strong over dark ground and weak over bright cloud does not bend the limb.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -22,15 +24,17 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid
 
-TEXTURES = (
-    0.0,
-    0.08,
-    0.25,
-    0.8,
-)  # strength of texture over the step, the kinds that are considered
+# The kinds of profile that are considered: texture inside, over the level; glow outside, over it.
+SHARP_KINDS = tuple((texture, 0.0) for texture in (0.0, 0.08, 0.25, 0.8))
+GLOW_KINDS = tuple((texture, glow) for texture in (0.06, 0.25) for glow in (0.25, 0.6, 1.0))
+PSF_LADDER_PX = (0.5, 0.6, 0.75, 0.9, 1.1, 1.4, 1.8, 2.4, 3.2)
+GLOW_LADDER_PX = (1.0, 1.6, 2.5, 4.0, 6.3, 10.0)
 _TEXTURE_ROOT_LENGTH = 1.5  # correlation length of texture, in the root of the depth in pixels
+_LOOK_PROFILES = 48  # profiles that decide on the look
+_MAX_LEVEL = 256.0  # brightness over noise beyond which more says nothing
 _FINE_PX = 0.1  # grid on which the texture's covariance is blurred
-_SHAPE_ERROR = 0.01  # what interpolation and a not quite normal blur add, over the step
+_SHAPE_ERROR = 0.01  # what interpolation and a not quite normal blur add, over the level
+_GLOW_ERROR = 0.03  # the same with glow, which is never quite exponential
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,47 @@ def normal_cdf(x: np.ndarray) -> np.ndarray:
     return np.asarray(ndtr(x))
 
 
+@dataclass(frozen=True)
+class EdgeLook:
+    """What the edge looks like in one image.
+
+    psf_px : its blur, one sigma. glow_px : length over which air glow fades by e; 0 without glow.
+    """
+
+    psf_px: float
+    glow_px: float
+
+    def neighbours(self) -> tuple[EdgeLook, ...]:
+        """Looks one step of their ladders away: blur, and where there is glow its length."""
+        psf = [EdgeLook(value, self.glow_px) for value in _beside(PSF_LADDER_PX, self.psf_px)]
+        if self.glow_px == 0:
+            return tuple(psf)
+        glow = [EdgeLook(self.psf_px, value) for value in _beside(GLOW_LADDER_PX, self.glow_px)]
+        return tuple(psf + glow)
+
+    @property
+    def kinds(self) -> tuple[tuple[float, float], ...]:
+        """(texture, glow) of the profiles to consider."""
+        return GLOW_KINDS if self.glow_px > 0 else SHARP_KINDS
+
+
+def _beside(ladder: tuple[float, ...], value: float) -> list[float]:
+    index = int(np.argmin(np.abs(np.log(np.array(ladder) / value))))
+    return [ladder[i] for i in (index - 1, index + 1) if 0 <= i < len(ladder)]
+
+
+def edge_profile(x_px: np.ndarray, look: EdgeLook, glow: float) -> np.ndarray:
+    """Brightness (K,) at signed distances from the edge, for level one and no background."""
+    x = x_px / look.psf_px
+    profile = normal_cdf(-x)
+    if glow > 0:
+        k = look.psf_px / look.glow_px
+        # exp(-d / L) for d > 0, convolved with the normal law.
+        tail = np.exp(np.minimum(0.5 * k * k - k * x, 50.0)) * normal_cdf(x - k)
+        profile = profile + glow * tail
+    return profile
+
+
 def texture_covariance(x_px: np.ndarray, psf_px: float) -> np.ndarray:
     """Covariance of unit surface texture at signed distances x_px from the limb (planet: x < 0),
     blurred; (K, K).
@@ -61,8 +106,8 @@ def texture_covariance(x_px: np.ndarray, psf_px: float) -> np.ndarray:
     Ground distance grows with the square root of the depth below the limb, so detail of one size
     is squeezed together towards the edge: an exponential covariance in the root of the depth.
     """
-    fine = np.arange(min(x_px[0], 0.0) - 3.0 * psf_px, 0.0, _FINE_PX) + 0.5 * _FINE_PX
-    fine = fine[fine < 0]
+    # Counted from the limb inwards: the texture begins at the limb, wherever the samples lie.
+    fine = -_FINE_PX * (np.arange(np.ceil((3.0 * psf_px - min(x_px[0], 0.0)) / _FINE_PX)) + 0.5)
     root = np.sqrt(-fine)
     covariance = np.exp(-np.abs(np.subtract.outer(root, root)) / _TEXTURE_ROOT_LENGTH)
     blur = np.exp(-0.5 * ((x_px[:, None] - fine) / psf_px) ** 2)
@@ -70,23 +115,24 @@ def texture_covariance(x_px: np.ndarray, psf_px: float) -> np.ndarray:
     return blur @ covariance @ blur.T
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=2048)
 def edge_table(
-    psf_px: float, step_over_noise: float, texture: float, grid: ProfileGrid
+    look: EdgeLook, kind: tuple[float, float], level: float, grid: ProfileGrid
 ) -> EdgeTable:
     """Likelihood table for one kind of profile.
 
-    step_over_noise : how strong the edge is. texture : strength of the surface's texture over the
-    step.
+    kind : (texture, glow). level : brightness just inside the limb, over the noise.
     """
     d_px, e_px, num = grid.d_px, grid.e_px, grid.num
     # All that depends on d - e alone is computed once over the differences that occur.
     stride = round(1.0 / grid.grid_px)
     x_px = d_px[0] - e_px[-1] + grid.grid_px * np.arange(stride * (num - 1) + len(e_px))
-    relative = texture**2 * texture_covariance(x_px, psf_px) if texture > 0 else 0.0
-    relative = relative + np.diag((_SHAPE_ERROR * normal_cdf(-x_px / psf_px)) ** 2)
-    relative = step_over_noise**2 * relative
-    basis = np.stack([np.ones_like(x_px), normal_cdf(-x_px / psf_px)], axis=1)
+    texture, glow = kind
+    profile = edge_profile(x_px, look, glow)
+    relative = texture**2 * texture_covariance(x_px, look.psf_px) if texture > 0 else 0.0
+    relative = relative + np.diag(((_GLOW_ERROR if glow else _SHAPE_ERROR) * profile) ** 2)
+    relative = level**2 * relative
+    basis = np.stack([np.ones_like(x_px), profile], axis=1)
     taken = (len(e_px) - 1 - np.arange(len(e_px)))[:, None] + stride * np.arange(num)
     lower = np.linalg.cholesky(relative[taken[:, :, None], taken[:, None, :]] + np.eye(num))
     whiten = np.linalg.inv(lower)
@@ -103,35 +149,40 @@ def edge_table(
     )
 
 
-def place_edges(profiles: np.ndarray, noise: float, psf_px: float, grid: ProfileGrid) -> EdgePlaces:
+def place_edges(
+    profiles: np.ndarray, noise: float, look: EdgeLook, grid: ProfileGrid
+) -> EdgePlaces:
     """Maximum-likelihood place of the edge in each profile.
 
     profiles : (N, J) gray levels sampled at ``grid.d_px``. noise : one-sigma pixel noise, gray
     levels. How strong the texture is differs from profile to profile and is not known: the
-    likelihood is averaged over `TEXTURES`, so that a clean profile speaks loudly and one beside a
-    cloud's border softly.
+    likelihood is averaged over the look's kinds, so that a clean profile speaks loudly and one
+    beside a cloud's border softly.
     """
     scaled = (profiles * (1.0 / noise)).astype(np.float32)
     height = scaled.max(axis=1) - np.median(scaled[:, -3:], axis=1)
-    octave = np.rint(np.log2(np.clip(height, 4.0, 256.0)))
-    places = np.empty((len(TEXTURES), 6, len(profiles)))
+    # Where noise is next to nothing the model's own error takes its place.
+    excess = np.maximum(height / _MAX_LEVEL, 1.0)
+    scaled /= excess[:, None]
+    octave = 2.0 * np.rint(0.5 * np.log2(np.clip(height / excess, 4.0, _MAX_LEVEL)))
+    places = np.empty((len(look.kinds), 6, len(profiles)))
     for value in np.unique(octave):
         rows = np.flatnonzero(octave == value)
-        for kind, texture in enumerate(TEXTURES):
-            table = edge_table(psf_px, float(2.0**value), texture, grid)
-            places[kind][:, rows] = _place(scaled[rows], table)
+        for i, kind in enumerate(look.kinds):
+            table = edge_table(look, kind, float(2.0**value), grid)
+            places[i][:, rows] = _place(scaled[rows], table)
     offset, sigma, step, chi2, cost, at_border = places.transpose(1, 0, 2)
     # How common each kind of profile is in this image, from the image itself
     # (expectation-maximisation).
     evidence = sigma * np.exp(-0.5 * (cost - cost.min(axis=0)))
-    share = np.full(len(TEXTURES), 1.0 / len(TEXTURES))
+    share = np.full(len(look.kinds), 1.0 / len(look.kinds))
     for _ in range(4):
         weight = share[:, None] * evidence
         weight /= weight.sum(axis=0)
         share = weight.mean(axis=1)
     mean = (weight * offset).sum(axis=0)
     variance = (weight * (sigma**2 + (offset - mean) ** 2)).sum(axis=0)
-    height = (weight * step).sum(axis=0)
+    height = (weight * step).sum(axis=0) * excess
     return EdgePlaces(
         mean,
         np.sqrt(variance),
@@ -139,6 +190,7 @@ def place_edges(profiles: np.ndarray, noise: float, psf_px: float, grid: Profile
         height,
         (weight * chi2).sum(axis=0) / (profiles.shape[1] - 3),
         (weight * at_border).sum(axis=0) > 0.5,
+        np.log((share[:, None] * evidence).sum(axis=0)) - 0.5 * cost.min(axis=0),
     )
 
 
@@ -172,3 +224,23 @@ def _place(scaled: np.ndarray, table: EdgeTable) -> np.ndarray:
             (best == 0) | (best == num_places - 1),
         ]
     )
+
+
+def likeliest_look(
+    profiles: np.ndarray, noise: float, guesses: Sequence[EdgeLook], grid: ProfileGrid
+) -> EdgeLook:
+    """Climb from the best of some guesses to the look under which the profiles (N, J) are
+    likeliest.
+    """
+    few = profiles[:: max(1, len(profiles) // _LOOK_PROFILES)]
+
+    def evidence(look: EdgeLook) -> float:
+        return float(place_edges(few, noise, look, grid).log_evidence.sum())
+
+    tried = {guess: evidence(guess) for guess in guesses}
+    while True:
+        look = max(tried, key=lambda key: tried[key])
+        fresh = [other for other in look.neighbours() if other not in tried]
+        if not fresh:
+            return look
+        tried.update({other: evidence(other) for other in fresh})

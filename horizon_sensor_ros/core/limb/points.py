@@ -19,7 +19,8 @@ class LimbPoints:
 
     px : (N, 2) float64, raw (distorted) pixels, x right, y down, pixel centres at integers.
     normal_px : (N, 2) unit vectors in the image, across the limb, towards space.
-    sigma_px : (N,) one sigma of each point along its normal.
+    sigma_px : (N,) one sigma of each point along its normal, on its own.
+    coherent_px : one sigma of the error that neighbours share (air glow bends long stretches).
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -28,6 +29,7 @@ class LimbPoints:
     px: np.ndarray = field(default_factory=lambda: _empty(2))
     normal_px: np.ndarray = field(default_factory=lambda: _empty(2))
     sigma_px: np.ndarray = field(default_factory=lambda: np.empty(0))
+    coherent_px: float = 0.0
 
     @classmethod
     def none(cls, status: Status, reason: str) -> LimbPoints:

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.curve import limb_curve
-from horizon_sensor_ros.core.limb.edge_model import normal_cdf, place_edges
+from horizon_sensor_ros.core.limb.edge_model import (
+    GLOW_LADDER_PX,
+    PSF_LADDER_PX,
+    EdgeLook,
+    likeliest_look,
+    normal_cdf,
+    place_edges,
+)
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.profiles import (
     EdgePlaces,
@@ -25,8 +33,20 @@ _OUTER_PX = 6.0
 _MIN_SIGNIFICANCE = 5.0
 _MAX_MISFIT = 6.0
 _MIN_PROFILES = 8
+_MODEL_SHARE = 0.7  # of the edges found without a model, the least share that must follow it
+# Error that neighbours share, by whether air glows and whether edges were placed without a model:
+# the scatter, beyond noise, of whole stretches of simulated limbs about the true ones.
+_COHERENT_PX = {
+    (False, False): 0.0,
+    (False, True): 0.1,
+    (True, False): 0.15,
+    (True, True): 0.4,
+}
 # Brightness left 2.5 px outside the edge, over the step, from which air glow is taken to be there.
 _GLOW_SHARE = 0.04
+_USUAL_PSF_PX = (
+    0.75  # with the pixel's own width; the guess to start from where glow hides the blur
+)
 
 
 @dataclass(frozen=True)
@@ -42,79 +62,89 @@ class RefinePass:
     factor: int = 1
 
 
-@dataclass(frozen=True)
-class EdgeLook:
-    """What the edge looks like in one image. psf_px : its blur, one sigma; glows : air glows above
-    the limb.
-    """
-
-    psf_px: float
-    glows: bool
-
-
 def refine_limb(
     gray: np.ndarray,
     view: CameraView,
     nadir_base: np.ndarray,
     rho_rad: float,
     step: RefinePass,
-    look: EdgeLook | None = None,
-) -> tuple[LimbPoints, EdgeLook | None]:
+    looks: Sequence[EdgeLook] = (),
+) -> tuple[LimbPoints, tuple[EdgeLook, ...]]:
     """Measure the limb near its predicted place in one image.
 
     gray : (H, W) uint8 or uint16, already reduced by ``step.factor``; pixels of the result are
-    those of the full image. look : what the edge looks like, as returned by an earlier pass;
-    without it, or with glow, the place of steepest fall is taken, else the likeliest edge under
-    the model of `edge_model`. Returns the limb and the look of its edge. Too few significant
-    edges: status NO_LIMB, and None.
+    those of the full image. looks : what the edge may look like, as returned by the pass before;
+    of several the likeliest is chosen. Without any the place of steepest fall is taken.
+    Returns the limb and the look of its edge (after a pass without one, guesses). Too few
+    significant edges: status NO_LIMB, and no looks.
     """
     curve = limb_curve(view, nadir_base, rho_rad, spacing_px=step.spacing_px * step.factor)
     if len(curve) < _MIN_PROFILES:
-        return LimbPoints.none(Status.NO_LIMB, "the limb is not in the frame"), None
+        return LimbPoints.none(Status.NO_LIMB, "the limb is not in the frame"), ()
     first = -(step.reach_px + _INNER_PX)
     num = round(2 * step.reach_px + _INNER_PX + _OUTER_PX) + 1
     grid = ProfileGrid(first, num, step.reach_px, step.grid_px)
     profiles, valid = sample_profiles(gray, curve, grid.d_px, step.factor)
     if valid.sum() < _MIN_PROFILES:
-        return LimbPoints.none(Status.NO_LIMB, "the limb runs along the frame's border"), None
+        return LimbPoints.none(Status.NO_LIMB, "the limb runs along the frame's border"), ()
     profiles, px, normal_px = profiles[valid], curve.px[valid], curve.normal_px[valid]
     noise = pixel_noise(profiles)
-    if look is None or look.glows:
-        places = steepest_fall(profiles, noise, grid)
-    else:
-        places = place_edges(profiles, noise, look.psf_px, grid)
-    good = (
-        (places.significance > _MIN_SIGNIFICANCE)
-        & ~places.at_border
-        & (places.misfit < _MAX_MISFIT)
-    )
+    places = steepest_fall(profiles, noise, grid)
+    good = _believable(places)
+    model_free = True
+    if looks:
+        looks = (likeliest_look(profiles, noise, looks, grid),) if len(looks) > 1 else looks
+        likely = place_edges(profiles, noise, looks[0], grid)
+        fits = _believable(likely)
+        # A model that most of the edges do not follow is the wrong one.
+        if fits.sum() > _MODEL_SHARE * good.sum():
+            places, good, model_free = likely, fits, False
     if good.sum() < _MIN_PROFILES:
         reason = f"{int(good.sum())} of {len(profiles)} profiles across the limb show an edge"
-        return LimbPoints.none(Status.NO_LIMB, reason), None
+        return LimbPoints.none(Status.NO_LIMB, reason), ()
     places = places.take(good)
+    looks = tuple(looks) or guess_looks(profiles[good], grid.d_px, places)
+    glows = any(look.glow_px > 0 for look in looks)
+    coherent = _COHERENT_PX[(glows, model_free)]
     limb = LimbPoints(
         Status.OK,
         "",
         px[good] + (places.offset_px * step.factor)[:, None] * normal_px[good],
         normal_px[good],
         places.sigma_px * step.factor,
+        coherent * step.factor,
     )
-    return limb, measure_look(profiles[good], grid.d_px, places)
+    return limb, looks
 
 
-def measure_look(profiles: np.ndarray, d_px: np.ndarray, places: EdgePlaces) -> EdgeLook:
-    """Blur and glow of the edge from the mean profile, each profile aligned at its own edge."""
-    where, mean = mean_profile(profiles, d_px, places)
-    just_inside = float(np.interp(-1.5, where, mean))
-    glow = float(np.interp(2.5, where, mean)) / max(just_inside, 1e-6)
+def _believable(places: EdgePlaces) -> np.ndarray:
+    return (
+        (places.significance > _MIN_SIGNIFICANCE)
+        & ~places.at_border
+        & (places.misfit < _MAX_MISFIT)
+    )
+
+
+def guess_looks(profiles: np.ndarray, d_px: np.ndarray, places: EdgePlaces) -> tuple[EdgeLook, ...]:
+    """First guesses of the edge's look, at least two, from profiles aligned at their own edges."""
+    middle = np.median(places.offset_px)
+    apart = np.abs(places.offset_px - middle)
+    together = apart <= 3.0 * np.median(apart) + 0.3
+    where, mean = mean_profile(profiles[together], d_px, places.take(together))
     near = (where > -2.5) & (where < 4.0)
-    where, mean = where[near], mean[near]
-    best_psf, best_cost = 0.75, np.inf
-    for psf in (0.5, 0.6, 0.7, 0.75, 0.8, 0.9, 1.0, 1.2, 1.5, 1.9, 2.4):
-        rise = normal_cdf(-where / psf)
-        design = np.stack([np.ones_like(where), rise, rise * np.minimum(where, 0.0)], axis=1)
-        solution, *_ = np.linalg.lstsq(design, mean, rcond=None)
-        cost = float(np.sum((design @ solution - mean) ** 2))
-        if cost < best_cost:
-            best_psf, best_cost = psf, cost
-    return EdgeLook(best_psf, glow > _GLOW_SHARE)
+    costs = []
+    for psf in PSF_LADDER_PX:
+        rise = normal_cdf(-where[near] / psf)
+        slope = rise * np.minimum(where[near], 0.0)
+        design = np.stack([np.ones_like(rise), rise, slope], axis=1)
+        solution, *_ = np.linalg.lstsq(design, mean[near], rcond=None)
+        costs.append(float(np.sum((design @ solution - mean[near]) ** 2)))
+    sharp = EdgeLook(PSF_LADDER_PX[int(np.argmin(costs))], 0.0)
+    usual = EdgeLook(_USUAL_PSF_PX, 0.0)
+    inside, tail = (float(np.interp(at, where, mean)) for at in (-1.5, 2.5))
+    if tail < _GLOW_SHARE * inside:
+        return (sharp, usual) if sharp != usual else (sharp, *sharp.neighbours())
+    beyond = (where > 2.2) & (mean > 0.15 * tail)
+    slope = np.polyfit(where[beyond], np.log(mean[beyond]), 1, w=mean[beyond])[0]
+    length = np.abs(np.log(np.array(GLOW_LADDER_PX) * max(-slope, 0.05)))
+    return (sharp, usual, EdgeLook(_USUAL_PSF_PX, GLOW_LADDER_PX[int(np.argmin(length))]))

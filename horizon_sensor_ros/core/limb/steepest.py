@@ -13,7 +13,7 @@ from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid
 
 _SMOOTH = np.array([0.25, 0.5, 0.25])
 # A fall of this share of the steepest one is an edge of its own, and the outermost counts.
-_OUTERMOST = 0.35
+_OUTERMOST = 0.15
 # Profiles of textured planets scatter by this much about the limb, whatever the noise.
 _TEXTURE_SIGMA_PX = 0.15
 
@@ -35,7 +35,10 @@ def steepest_fall(profiles: np.ndarray, noise: float, grid: ProfileGrid) -> Edge
     peak = (fall[:, 1:-1] >= fall[:, :-2]) & (fall[:, 1:-1] > fall[:, 2:])
     inside = np.abs(d_px[1:-1]) <= grid.reach_px
     strong = np.maximum(_OUTERMOST * fall.max(axis=1, keepdims=True), 4.0 * fall_noise)
-    counts = peak & inside & (fall[:, 1:-1] > strong)
+    # A peak stands out from what lies just beyond it; the even slope of glow does not.
+    beyond = np.minimum(fall[:, 2:], np.pad(fall[:, 3:], ((0, 0), (0, 1)), mode="edge"))
+    beyond = np.minimum(beyond, np.pad(fall[:, 4:], ((0, 0), (0, 2)), mode="edge"))
+    counts = peak & inside & (fall[:, 1:-1] - beyond > strong)
     found = counts.any(axis=1)
     last = counts.shape[1] - 1 - np.argmax(counts[:, ::-1], axis=1)
     rows = np.arange(len(profiles))
@@ -55,4 +58,5 @@ def steepest_fall(profiles: np.ndarray, noise: float, grid: ProfileGrid) -> Edge
         np.where(found, top / fall_noise, 0.0),
         np.ones(len(profiles)),
         ~found,
+        np.zeros(len(profiles)),
     )
