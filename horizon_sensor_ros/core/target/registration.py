@@ -182,7 +182,8 @@ def _find(
     tried = []
     if prior is not None:
         tried.append(finish(*prior, False))
-        if tried[-1].score >= _SURE:
+        # What a good start leads to need not be better than what is accepted in the end.
+        if tried[-1].score >= config.min_score:
             return tried[-1]
     shift = b.image.centroid_m - a.image.centroid_m
     first = align_batch(a, b, np.eye(3)[None], shift[None], b.size_m * _SINGLE_GATES, 250)
