@@ -17,11 +17,14 @@ from .surfels import SurfaceView, surface_view
 
 # View consistency from which a motion is taken without looking for a better one.
 _SURE = 0.95
+# And one from which the search goes no further.
+_LIKELY = 0.9
 # Starts of the search lie so far apart.
 _START_SPACING_RAD = np.radians(18.0)
 # Reach of the coarse alignments, step by step, in rms radii of the target.
 _SINGLE_GATES = np.array([0.3, 0.3, 0.22, 0.22, 0.15, 0.15, 0.1, 0.08])
 _FIRST_GATES = np.array([0.16, 0.16, 0.12, 0.1])
+_WIDE_GATES = np.array([0.3, 0.3, 0.25, 0.2, 0.15])
 _SECOND_GATES = np.array([0.16, 0.12, 0.1, 0.08])
 
 
@@ -190,22 +193,23 @@ def _find(
     tried.append(finish(first[0][0], first[1][0], False))
     if tried[-1].score >= _SURE:
         return tried[-1]
-    for k, (rotation, translation) in enumerate(_search(a, b, config.search_rad)):
-        # A second candidate only where the first is no answer.
-        if k and tried[-1].score >= config.min_score:
-            break
-        tried.append(finish(rotation, translation, True))
+    # A second candidate, and another reach, only where there is no likely answer yet.
+    for reach in (_FIRST_GATES, _WIDE_GATES):
+        for rotation, translation in _search(a, b, config.search_rad, reach):
+            tried.append(finish(rotation, translation, True))
+            if tried[-1].score >= _LIKELY:
+                return max(tried, key=lambda found: found.merit)
     return max(tried, key=lambda found: found.merit)
 
 
 def _search(
-    a: SurfaceView, b: SurfaceView, search_rad: float
+    a: SurfaceView, b: SurfaceView, search_rad: float, reach: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """The most consistent motions found from starts all over a ball of rotations, best first."""
     rotations = rotation_starts(search_rad, _START_SPACING_RAD)
     translations = b.image.centroid_m - rotations @ a.image.centroid_m
     for gates, align_samples, view_samples, kept in (
-        (_FIRST_GATES, 150, 200, 8),
+        (reach, 150, 200, 8),
         (_SECOND_GATES, 250, 400, 2),
     ):
         rotations, translations = align_batch(
@@ -250,10 +254,10 @@ def _tell(weak: np.ndarray, covariance: np.ndarray) -> str:
     turn, shift = weak[:3], weak[3:]
     if np.linalg.norm(turn) > np.linalg.norm(shift):
         axis = turn / np.linalg.norm(turn)
-        std = f"{np.degrees(np.sqrt(axis @ covariance[:3, :3] @ axis)):.2f} deg"
+        std = f"{min(np.degrees(np.sqrt(axis @ covariance[:3, :3] @ axis)), 180.0):.2f} deg"
         what = "a turn about"
     else:
         axis = shift / np.linalg.norm(shift)
-        std = f"{1e3 * np.sqrt(axis @ covariance[3:, 3:] @ axis):.1f} mm"
+        std = f"{min(1e3 * np.sqrt(axis @ covariance[3:, 3:] @ axis), 9999.0):.1f} mm"
         what = "a shift along"
     return f"{what} ({axis[0]:.2f}, {axis[1]:.2f}, {axis[2]:.2f}) is not observed: std {std}"
