@@ -100,6 +100,9 @@ class _World:
             light = cloud_brightness(
                 points, scene.texture_seed, scene.cloud_cover, scene.ground_dn, scene.cloud_dn
             )
+            if scene.cloud_contrast != 1.0:
+                middle = np.float32(scene.uniform_dn)
+                light = middle + np.float32(scene.cloud_contrast) * (light - middle)
         else:
             light = np.full(len(points), scene.uniform_dn, np.float32)
         if self.lamp is not None:

@@ -39,6 +39,7 @@ class EarthScene:
     ground_dn: float = 50.0
     cloud_dn: float = 250.0
     cloud_cover: float = 0.5  # 0..1, share of the surface that is clouded
+    cloud_contrast: float = 1.0  # of clouds and ground about uniform_dn; 0: a uniform planet
 
     sun_direction: Vector3 | None = None  # None: the whole planet is evenly lit
     even_light: bool = False  # the Sun is in the sky, but the planet is lit evenly all the same

@@ -16,6 +16,7 @@ import numpy as np
 # thing, and the cost of the search stays nearly the same for any sensor.
 WORKING_SIZE_PX = 320
 _OUTWARD_STEPS_PX = np.array([3.0, 4.5, 6.5, 9.0, 13.0, 19.0, 28.0, 40.0])  # working pixels
+_FARTHER_PX = np.arange(4.0, 25.0)
 _INWARD_STEPS_PX = np.array([-2.0, -4.5])
 
 
@@ -25,7 +26,8 @@ class LimbCandidates:
 
     px : (N, 2) float64 raw pixels of the full image. normal_px : (N, 2) unit vectors towards the
     dark side.
-    contrast : (N,) gray-level step across the edge. pitch_px : spacing of the candidates' grid,
+    contrast : (N,) gray-level step across the edge. outermost : (N,) False where another candidate
+    lies farther out along the normal. pitch_px : spacing of the candidates' grid,
     full-image pixels.
     space_level, noise : gray level of empty space and its one-sigma noise, as seen in the working
     image.
@@ -34,6 +36,7 @@ class LimbCandidates:
     px: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     normal_px: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     contrast: np.ndarray = field(default_factory=lambda: np.empty(0))
+    outermost: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=bool))
     pitch_px: float = 1.0
     space_level: float = np.nan
     noise: float = np.nan
@@ -86,7 +89,7 @@ def canny_candidates(gray: np.ndarray, low: float = 50.0, high: float = 150.0) -
     gradient = np.stack([dx[v, u], dy[v, u]], axis=1).astype(np.float64)
     magnitude = np.linalg.norm(gradient, axis=1)
     px = np.stack([u, v], axis=1).astype(np.float64)
-    return LimbCandidates(px, -gradient / magnitude[:, None], magnitude / 4.0)
+    return LimbCandidates(px, -gradient / magnitude[:, None], magnitude / 4.0, np.ones(len(px), bool))
 
 
 def space_boundary_candidates(gray: np.ndarray, *, max_candidates: int = 600) -> LimbCandidates:
@@ -143,15 +146,32 @@ def space_boundary_candidates(gray: np.ndarray, *, max_candidates: int = 600) ->
     known = in_frame.sum(axis=1)
     keep = (known >= 3) & ((dark & in_frame).sum(axis=1) >= 0.8 * known)
     u, v, out_x, out_y, step = u[keep], v[keep], out_x[keep], out_y[keep], step[keep]
+    outermost = _outermost(u, v, out_x, out_y, smooth.shape)
     if len(u) > max_candidates:
         pick = np.linspace(0, len(u) - 1, max_candidates).astype(np.intp)
         u, v, out_x, out_y, step = u[pick], v[pick], out_x[pick], out_y[pick], step[pick]
+        outermost = outermost[pick]
     px = (np.stack([u, v], axis=1) + 0.5) * factor - 0.5
     return LimbCandidates(
         px.astype(np.float64),
         np.stack([out_x, out_y], axis=1).astype(np.float64),
         step.astype(np.float64),
+        outermost,
         float(factor),
         level,
         noise,
     )
+
+
+def _outermost(
+    u: np.ndarray, v: np.ndarray, out_x: np.ndarray, out_y: np.ndarray, shape: tuple[int, ...]
+) -> np.ndarray:
+    """Candidates (N,) with no other one farther out along their normals: a cloud's has the limb."""
+    there = np.zeros(shape, dtype=np.uint8)
+    there[v, u] = 1
+    there = cv2.dilate(there, np.ones((3, 3), dtype=np.uint8))
+    x = np.rint(u[:, None] + out_x[:, None] * _FARTHER_PX).astype(np.intp)
+    y = np.rint(v[:, None] + out_y[:, None] * _FARTHER_PX).astype(np.intp)
+    in_frame = (x >= 0) & (x < shape[1]) & (y >= 0) & (y < shape[0])
+    farther = there[np.clip(y, 0, shape[0] - 1), np.clip(x, 0, shape[1] - 1)]
+    return ~((farther > 0) & in_frame).any(axis=1)

@@ -164,7 +164,7 @@ def place_edges(
     # Where noise is next to nothing the model's own error takes its place.
     excess = np.maximum(height / _MAX_LEVEL, 1.0)
     scaled /= excess[:, None]
-    octave = 2.0 * np.rint(0.5 * np.log2(np.clip(height / excess, 4.0, _MAX_LEVEL)))
+    octave = np.rint(np.log2(np.clip(height / excess, 4.0, _MAX_LEVEL)))
     places = np.empty((len(look.kinds), 6, len(profiles)))
     for value in np.unique(octave):
         rows = np.flatnonzero(octave == value)

@@ -34,6 +34,8 @@ _MIN_SIGNIFICANCE = 5.0
 _MAX_MISFIT = 6.0
 _MIN_PROFILES = 8
 _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that must follow it
+_CLEAN_SIGMA_PX = 2.2  # sigma of the place of an edge without texture, for a step as high as the noise
+_TEXTURE_SHARED = 0.55  # share of the texture's error that counts as common to a stretch of limb
 # Error that neighbours share, by whether air glows and whether edges were placed without a model:
 # the scatter, beyond noise, of whole stretches of simulated limbs about the true ones.
 _COHERENT_PX = {
@@ -106,6 +108,11 @@ def refine_limb(
     looks = tuple(looks) or guess_looks(profiles[good], grid.d_px, places)
     glows = any(look.glow_px > 0 for look in looks)
     coherent = _COHERENT_PX[(glows, model_free)]
+    if coherent == 0.0:
+        # What the surface's texture adds to noise is the same for neighbouring profiles.
+        clean = _CLEAN_SIGMA_PX * noise / np.maximum(places.step, noise)
+        texture2 = float(np.median(places.sigma_px**2 - clean**2))
+        coherent = _TEXTURE_SHARED * np.sqrt(max(texture2, 0.0))
     limb = LimbPoints(
         Status.OK,
         "",

@@ -22,6 +22,7 @@ _PRESELECT = 128  # candidates that the first scoring looks at
 _FINALISTS = 24
 _COS_POLARITY = 0.8  # the edge's normal lies within 37 deg of the hypothesis' outward direction
 MIN_INLIERS = 12
+_INNER_TRUST = 0.5  # of a candidate that has another one farther out
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,9 @@ def rays_of_candidates(
         outward.append((along[ok] / angle_per_px[ok, None]) @ view.rot_base_from_cam.T)
         pitch.append(angle_per_px[ok] * found.pitch_px)
         strong = np.percentile(found.contrast, 90)
-        weight.append(np.clip(found.contrast[ok] / (0.3 * strong), 0.2, 1.0))
+        trust = np.clip(found.contrast / (0.3 * strong), 0.2, 1.0)
+        trust[~found.outermost] *= _INNER_TRUST
+        weight.append(trust[ok])
         index.append(np.full(int(ok.sum()), i))
     if not rays:
         none = np.empty((0, 3))
