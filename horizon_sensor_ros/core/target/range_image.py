@@ -169,16 +169,15 @@ def _plain_grid(
     grid is found and every point gets its own pixel; otherwise the pixels are made coarse enough
     to leave few holes.
     """
-    distance = _nearest_distance(tangent)
     extent = float(np.ptp(tangent, axis=0).max())
-    pitch = 1 / focal_px if focal_px else distance
-    pitch = max(pitch, extent / _MAX_SIDE_PX)
-    grid = [_grid_of(tangent[:, axis], pitch) for axis in (0, 1)]
-    if all(g is not None for g in grid):
-        (pitch_x, x0), (pitch_y, y0) = grid  # type: ignore[misc]
+    expected = 1 / focal_px if focal_px else None
+    grid = [_grid_of(tangent[:, axis], expected, extent / _MAX_SIDE_PX) for axis in (0, 1)]
+    if grid[0] is not None and grid[1] is not None:
+        (pitch_x, x0), (pitch_y, y0) = grid[0], grid[1]
         if abs(pitch_x / pitch_y - 1) < 0.02:
             pitch, origin = (pitch_x + pitch_y) / 2, np.array([x0, y0])
             return np.rint((tangent - origin) / pitch).astype(np.int64), 1 / pitch, origin
+    distance = _nearest_distance(tangent, extent)
     # Points strewn at random: some two to a pixel leave one in seven empty.
     area = max(extent * float(np.ptp(tangent, axis=0).min()), (extent / 50) ** 2)
     pitch = max(2 * distance, extent / _MAX_SIDE_PX, np.sqrt(2 * area / len(tangent)))
@@ -186,20 +185,30 @@ def _plain_grid(
     return np.rint((tangent - origin) / pitch).astype(np.int64), 1 / pitch, origin
 
 
-def _nearest_distance(tangent: np.ndarray) -> float:
+def _nearest_distance(tangent: np.ndarray, extent: float) -> float:
     """Median distance of a point to its nearest other one, over at most 500 of them."""
-    from scipy.spatial import cKDTree  # noqa: PLC0415  organised clouds do without it
+    from scipy.spatial import cKDTree  # noqa: PLC0415  a camera's clouds do without it
 
-    unique = np.unique(np.round(tangent, 7), axis=0)
+    cell = np.rint((tangent - tangent.min(axis=0)) * (1e6 / extent)).astype(np.int64)
+    unique = tangent[np.unique(cell[:, 0] * 2_000_003 + cell[:, 1], return_index=True)[1]]
     sample = unique[:: max(1, len(unique) // 500)]
     distance = cKDTree(unique).query(sample, k=2)[0][:, 1]
     return float(np.median(distance))
 
 
-def _grid_of(values: np.ndarray, pitch: float) -> tuple[float, float] | None:
-    """Pitch and origin of the regular grid near ``pitch`` that the values lie on, or None."""
-    levels = np.unique(np.round(values / pitch, 2)) * pitch
+def _grid_of(
+    values: np.ndarray, expected: float | None, smallest: float
+) -> tuple[float, float] | None:
+    """Pitch and origin of the regular grid that the values lie on, or None.
+
+    expected : its pitch, where it is known.  smallest : pitch that is still taken for one.
+    """
+    ordered = np.sort(values)
+    levels = ordered[np.concatenate([[True], np.diff(ordered) > 0.1 * smallest])]
     if len(levels) < 4:
+        return None
+    pitch = float(np.median(np.diff(levels))) if expected is None else expected
+    if pitch < smallest:
         return None
     steps = np.diff(levels)
     steps = steps[steps > 0.5 * pitch]
@@ -239,13 +248,12 @@ def _assemble(
         # Of several points in one pixel the nearest counts, whatever their order.
         np.maximum.at(inverse, index, depth)
     inverse = inverse.reshape(height, width)
+    frame = _likely_frame(inverse) if frame is None else frame - np.tile(low, 2)
     unknown = np.zeros((height, width), bool)
-    if frame is not None:
-        edge = frame - np.tile(low, 2)
-        unknown[: max(edge[1], 0)] = True
-        unknown[edge[3] + 1 :] = True
-        unknown[:, : max(edge[0], 0)] = True
-        unknown[:, edge[2] + 1 :] = True
+    unknown[: max(frame[1], 0)] = True
+    unknown[frame[3] + 1 :] = True
+    unknown[:, : max(frame[0], 0)] = True
+    unknown[:, frame[2] + 1 :] = True
     speckle = _speckle(inverse, focal)
     inverse[speckle] = 0
     unknown |= speckle
@@ -258,6 +266,27 @@ def _assemble(
     turn = np.eye(3) if view is None else view
     return RangeImage(
         Status.OK, "", inverse, unknown, focal, corner, len(used), count, centre, turn
+    )
+
+
+def _likely_frame(inverse: np.ndarray) -> np.ndarray:
+    """First column and row, last column and row of the sensor's frame, as far as a plain cloud tells.
+
+    Where the returns end in a row or column that is mostly filled, the target leaves the frame.
+    """
+    seen = inverse > 0
+    height, width = seen.shape
+    edge = _MARGIN_PX
+    last_u, last_v = width - 1 - edge, height - 1 - edge
+    ends = (seen[:, edge], seen[edge], seen[:, last_u], seen[last_v])
+    left, top, right, bottom = (end[edge:-edge].mean() > 0.6 for end in ends)
+    return np.array(
+        [
+            edge if left else 0,
+            edge if top else 0,
+            last_u if right else width - 1,
+            last_v if bottom else height - 1,
+        ]
     )
 
 
