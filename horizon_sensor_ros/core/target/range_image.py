@@ -270,7 +270,7 @@ def _assemble(
 
 
 def _likely_frame(inverse: np.ndarray) -> np.ndarray:
-    """First column and row, last column and row of the sensor's frame, as far as a plain cloud tells.
+    """First column and row, last column and row of the frame, as far as a plain cloud tells.
 
     Where the returns end in a row or column that is mostly filled, the target leaves the frame.
     """
