@@ -326,11 +326,16 @@ def _coherent_covariance(
     information = np.zeros((3, 3))
     for observation in observations:
         rays = gather([observation])
-        coherent_px = observation.limb.coherent_px
-        if len(rays) == 0 or observation.view.name not in fit.cameras:
+        if len(rays) < 2 * _STRETCHES or observation.view.name not in fit.cameras:
             continue
-        if coherent_px == 0.0:
+        if observation.limb.coherent_px == 0.0:
             return np.zeros((4, 4))
+        # What the stretches show of it counts too, more than it seems: the fit has bent to them.
+        residual = rays.residuals_px(fit.nadir_base, fit.rho_rad)[rays.along_limb(fit.nadir_base)]
+        stretches = [np.median(part) for part in np.array_split(residual, _STRETCHES)]
+        freedom = max(1.0 - 3.0 / (_STRETCHES * len(fit.cameras)), 0.25)
+        seen_px = np.sqrt(np.mean(np.square(stretches)) / freedom)
+        coherent_px = float(max(observation.limb.coherent_px, np.nan_to_num(seen_px, posinf=9.0)))
         rows = rays.design(fit.nadir_base, basis) / rays.angles(fit.nadir_base)[1][:, None]
         information += rows.T @ rows * (_STRETCHES / (len(rays) * coherent_px**2))
     cov = np.linalg.pinv(information, hermitian=True)
