@@ -46,8 +46,8 @@ class RegistrationConfig:
     min_points: int = 100
     min_score: float = 0.85
     min_overlap: float = 0.3
-    max_rotation_std_rad: float = np.radians(0.45)
-    max_shift_std_m: float = 0.008
+    max_rotation_std_rad: float = np.radians(0.43)
+    max_shift_std_m: float = 0.0076
     search_rad: float = np.radians(33.0)
 
     def __post_init__(self) -> None:
