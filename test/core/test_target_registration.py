@@ -62,7 +62,7 @@ def nees(found: Registration, truth: np.ndarray) -> float:
 
 @pytest.mark.parametrize("name", SOLVABLE)
 def test_answers_are_right_or_refused(name: str) -> None:
-    right, squared = 0, []
+    right = 0
     for seed in range(8):
         a, b, truth = pair(name, seed, turn_deg=3.5 * (seed + 1))
         found = register(target_view(a), target_view(b))
@@ -71,12 +71,23 @@ def test_answers_are_right_or_refused(name: str) -> None:
             assert deg < 1
             assert cm < 2
             right += 1
-            squared.append(nees(found, truth))
         else:
             assert found.reason
             assert np.isnan(found.pose_b_from_a).all()
     assert right >= 7
-    assert 1.0 < np.median(squared) < 12
+
+
+def test_the_covariance_is_that_of_the_errors() -> None:
+    squared = []
+    for name in SOLVABLE:
+        for seed in range(20, 32):
+            a, b, truth = pair(name, seed, turn_deg=1.5 * (seed - 19))
+            found = register(target_view(a), target_view(b))
+            if found.status is Status.OK:
+                squared.append(nees(found, truth))
+    assert len(squared) > 50
+    assert 3.5 < np.median(squared) < 8  # 5.35 for six degrees of freedom
+    assert np.quantile(squared, 0.9) < 25
 
 
 def test_outliers_and_occlusion_do_not_break_it() -> None:
