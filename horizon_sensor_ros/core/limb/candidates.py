@@ -30,16 +30,17 @@ class LimbCandidates:
     lies farther out along the normal. pitch_px : spacing of the candidates' grid,
     full-image pixels.
     space_level, noise : gray level of empty space and its one-sigma noise, as seen in the working
-    image.
+    image. outermost : (N,) False where another candidate lies farther out along the normal; None
+    where that was not looked at.
     """
 
     px: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     normal_px: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     contrast: np.ndarray = field(default_factory=lambda: np.empty(0))
-    outermost: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=bool))
     pitch_px: float = 1.0
     space_level: float = np.nan
     noise: float = np.nan
+    outermost: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.px)
@@ -89,7 +90,7 @@ def canny_candidates(gray: np.ndarray, low: float = 50.0, high: float = 150.0) -
     gradient = np.stack([dx[v, u], dy[v, u]], axis=1).astype(np.float64)
     magnitude = np.linalg.norm(gradient, axis=1)
     px = np.stack([u, v], axis=1).astype(np.float64)
-    return LimbCandidates(px, -gradient / magnitude[:, None], magnitude / 4.0, np.ones(len(px), bool))
+    return LimbCandidates(px, -gradient / magnitude[:, None], magnitude / 4.0)
 
 
 def space_boundary_candidates(gray: np.ndarray, *, max_candidates: int = 600) -> LimbCandidates:
@@ -156,10 +157,10 @@ def space_boundary_candidates(gray: np.ndarray, *, max_candidates: int = 600) ->
         px.astype(np.float64),
         np.stack([out_x, out_y], axis=1).astype(np.float64),
         step.astype(np.float64),
-        outermost,
         float(factor),
         level,
         noise,
+        outermost,
     )
 
 
@@ -169,9 +170,9 @@ def _outermost(
     """Candidates (N,) with no other one farther out along their normals: a cloud's has the limb."""
     there = np.zeros(shape, dtype=np.uint8)
     there[v, u] = 1
-    there = cv2.dilate(there, np.ones((3, 3), dtype=np.uint8))
+    near = cv2.dilate(there, np.ones((3, 3), dtype=np.uint8))
     x = np.rint(u[:, None] + out_x[:, None] * _FARTHER_PX).astype(np.intp)
     y = np.rint(v[:, None] + out_y[:, None] * _FARTHER_PX).astype(np.intp)
     in_frame = (x >= 0) & (x < shape[1]) & (y >= 0) & (y < shape[0])
-    farther = there[np.clip(y, 0, shape[0] - 1), np.clip(x, 0, shape[1] - 1)]
+    farther = near[np.clip(y, 0, shape[0] - 1), np.clip(x, 0, shape[1] - 1)]
     return ~((farther > 0) & in_frame).any(axis=1)

@@ -34,7 +34,7 @@ _MIN_SIGNIFICANCE = 5.0
 _MAX_MISFIT = 6.0
 _MIN_PROFILES = 8
 _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that must follow it
-_CLEAN_SIGMA_PX = 2.2  # sigma of the place of an edge without texture, for a step as high as the noise
+_CLEAN_SIGMA_PX = 2.2  # sigma of an untextured edge's place, for a step as high as the noise
 _TEXTURE_SHARED = 0.55  # share of the texture's error that counts as common to a stretch of limb
 # Error that neighbours share, by whether air glows and whether edges were placed without a model:
 # the scatter, beyond noise, of whole stretches of simulated limbs about the true ones.

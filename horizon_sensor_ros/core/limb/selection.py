@@ -73,7 +73,8 @@ def rays_of_candidates(
         pitch.append(angle_per_px[ok] * found.pitch_px)
         strong = np.percentile(found.contrast, 90)
         trust = np.clip(found.contrast / (0.3 * strong), 0.2, 1.0)
-        trust[~found.outermost] *= _INNER_TRUST
+        if found.outermost is not None:
+            trust[~found.outermost] *= _INNER_TRUST
         weight.append(trust[ok])
         index.append(np.full(int(ok.sum()), i))
     if not rays:
