@@ -148,10 +148,9 @@ def guess_looks(profiles: np.ndarray, d_px: np.ndarray, places: EdgePlaces) -> t
         costs.append(float(np.sum((design @ solution - mean[near]) ** 2)))
     sharp = EdgeLook(PSF_LADDER_PX[int(np.argmin(costs))], 0.0)
     usual = EdgeLook(_USUAL_PSF_PX, 0.0)
-    inside, tail = (float(np.interp(at, where, mean)) for at in (-1.5, 2.5))
+    inside, tail, far = (float(np.interp(at, where, mean)) for at in (-1.5, 2.5, 4.5))
     if tail < _GLOW_SHARE * inside:
         return (sharp, usual) if sharp != usual else (sharp, *sharp.neighbours())
-    beyond = (where > 2.2) & (mean > 0.15 * tail)
-    slope = np.polyfit(where[beyond], np.log(mean[beyond]), 1, w=mean[beyond])[0]
+    slope = 0.5 * np.log(max(far, 0.02 * tail) / tail)
     length = np.abs(np.log(np.array(GLOW_LADDER_PX) * max(-slope, 0.05)))
     return (sharp, usual, EdgeLook(_USUAL_PSF_PX, GLOW_LADDER_PX[int(np.argmin(length))]))
