@@ -27,6 +27,7 @@ LIMB_SOURCES = ("subpixel", "canny")
 # heading, short arcs in low orbit, one sigma (0.24 deg at most).
 _ELLIPSOID_SIGMA_RAD = np.radians(0.1)
 _STRETCHES = 6
+_CAMERA_SHIFT = 1.5  # error of a camera's whole limb, over that of its stretches
 _ELLIPSOID_ALTITUDE_SIGMA_M = 10.7e3  # half of the polar flattening
 # Two cameras that see the limb each for itself contradict each other when farther apart than both.
 _DISAGREEMENT_SIGMAS = 5.0
@@ -324,21 +325,28 @@ def _coherent_covariance(
     """
     basis = tangent_basis(fit.nadir_base)
     information = np.zeros((3, 3))
+    shifts = []
     for observation in observations:
         rays = gather([observation])
         if len(rays) < 2 * _STRETCHES or observation.view.name not in fit.cameras:
             continue
-        if observation.limb.coherent_px == 0.0:
+        claimed_px = observation.limb.coherent_px
+        if claimed_px == 0.0:
             return np.zeros((4, 4))
         # What the stretches show of it counts too, more than it seems: the fit has bent to them.
         residual = rays.residuals_px(fit.nadir_base, fit.rho_rad)[rays.along_limb(fit.nadir_base)]
         stretches = [np.median(part) for part in np.array_split(residual, _STRETCHES)]
         freedom = max(1.0 - 3.0 / (_STRETCHES * len(fit.cameras)), 0.25)
         seen_px = np.sqrt(np.mean(np.square(stretches)) / freedom)
-        coherent_px = float(max(observation.limb.coherent_px, np.nan_to_num(seen_px, posinf=9.0)))
+        coherent_px = float(max(claimed_px, np.nan_to_num(seen_px, posinf=9.0)))
         rows = rays.design(fit.nadir_base, basis) / rays.angles(fit.nadir_base)[1][:, None]
-        information += rows.T @ rows * (_STRETCHES / (len(rays) * coherent_px**2))
-    cov = np.linalg.pinv(information, hermitian=True)
+        weight = _STRETCHES / (len(rays) * coherent_px**2)
+        information += weight * rows.T @ rows
+        # The limb of a camera as a whole may be off by as much: cameras see different air.
+        shifts.append(_CAMERA_SHIFT * claimed_px * weight * rows.sum(axis=0))
+    gain = np.linalg.pinv(information, hermitian=True)
+    moved = [gain @ shift for shift in shifts]
+    cov = gain + sum((np.outer(move, move) for move in moved), np.zeros((3, 3)))
     return covariance_nadir_altitude(cov, basis, fit.rho_rad, sphere)
 
 

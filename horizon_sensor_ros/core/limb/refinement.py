@@ -41,7 +41,7 @@ _TEXTURE_SHARED = 0.55  # share of the texture's error that counts as common to 
 _COHERENT_PX = {
     (False, False): 0.0,
     (False, True): 0.1,
-    (True, False): 0.15,
+    (True, False): 0.2,
     (True, True): 0.4,
 }
 # Brightness left 2.5 px outside the edge, over the step, from which air glow is taken to be there.
