@@ -67,7 +67,7 @@ class HorizonConfig:
     altitude_max_m: float = 100e6
     max_nadir_sigma_rad: float = float(np.radians(0.5))
     max_residual_px: float = 1.2
-    min_limb_share: float = 0.35
+    min_limb_share: float = 0.5
     max_bright_sky: float = 0.25
     min_clear_sky: float = 0.72
     min_contrast: float = 12.0
