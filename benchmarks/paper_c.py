@@ -120,8 +120,7 @@ def _paper_row(drawing: _Drawing) -> tuple[str, ...]:
 def _sensor_row(drawing: _Drawing, config: HorizonConfig) -> tuple[str, ...]:
     fix = HorizonSensor(config).process([drawing.frame])
     if not fix.ok:
-        bar = f"MISSED ({STEPS_BAR})" if config.method == "gauss_newton" else ""
-        return (fix.status.value, "-", "-", "-", "-", bar)
+        return (fix.status.value, "-", "-", "-", "-", "")
     fit: HorizonFit = fix.fit
     steps = ("", "")
     if config.method == "gauss_newton":

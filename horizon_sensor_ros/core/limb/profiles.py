@@ -57,6 +57,12 @@ class EdgePlaces:
     at_border: np.ndarray
     log_evidence: np.ndarray
 
+    def scatter_px(self) -> float:
+        """One sigma of the places from one profile to the next, robust; NaN for less than three."""
+        if len(self.offset_px) < 3:
+            return np.nan
+        return 1.4826 * float(np.median(np.abs(np.diff(self.offset_px)))) / np.sqrt(2.0)
+
     def take(self, keep: np.ndarray) -> EdgePlaces:
         """Those of the profiles that a mask (N,) keeps."""
         return EdgePlaces(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))

@@ -36,6 +36,7 @@ _MIN_PROFILES = 8
 _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that must follow it
 _CLEAN_SIGMA_PX = 2.2  # sigma of an untextured edge's place, for a step as high as the noise
 _TEXTURE_SHARED = 0.55  # share of the texture's error that counts as common to a stretch of limb
+_CALM, _CALM_PX = 3.0, 0.2  # jumps from profile to profile: over those without a model, and at all
 # Error that neighbours share, by whether air glows and whether edges were placed without a model:
 # the scatter, beyond noise, of whole stretches of simulated limbs about the true ones.
 _COHERENT_PX = {
@@ -98,8 +99,9 @@ def refine_limb(
         looks = (likeliest_look(profiles, noise, looks, grid),) if len(looks) > 1 else looks
         likely = place_edges(profiles, noise, looks[0], grid)
         fits = _believable(likely)
-        # A model that most of the edges do not follow is the wrong one.
-        if fits.sum() > _MODEL_SHARE * good.sum():
+        # A model that most of the edges do not follow, or that makes them jump about, is wrong.
+        calm = max(_CALM * places.take(good).scatter_px(), _CALM_PX)
+        if fits.sum() > _MODEL_SHARE * good.sum() and likely.take(fits).scatter_px() < calm:
             places, good, model_free = likely, fits, False
     if good.sum() < _MIN_PROFILES:
         reason = f"{int(good.sum())} of {len(profiles)} profiles across the limb show an edge"
@@ -108,6 +110,8 @@ def refine_limb(
     looks = tuple(looks) or guess_looks(profiles[good], grid.d_px, places)
     glows = any(look.glow_px > 0 for look in looks)
     coherent = _COHERENT_PX[(glows, model_free)]
+    if model_free and not glows:
+        coherent = min(coherent, places.scatter_px())
     if coherent == 0.0:
         # What the surface's texture adds to noise is the same for neighbouring profiles.
         clean = _CLEAN_SIGMA_PX * noise / np.maximum(places.step, noise)

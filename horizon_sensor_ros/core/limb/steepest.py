@@ -7,6 +7,8 @@ along the limb, so that it shifts the altitude and hardly nadir.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid
@@ -14,8 +16,9 @@ from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid
 _SMOOTH = np.array([0.25, 0.5, 0.25])
 # A fall of this share of the steepest one is an edge of its own, and the outermost counts.
 _OUTERMOST = 0.15
-# Profiles of textured planets scatter by this much about the limb, whatever the noise.
+# Profiles of textured planets scatter by up to this much about the limb, whatever the noise.
 _TEXTURE_SIGMA_PX = 0.15
+_LEAST_SIGMA_PX = 0.02
 
 
 def steepest_fall(profiles: np.ndarray, noise: float, grid: ProfileGrid) -> EdgePlaces:
@@ -51,12 +54,15 @@ def steepest_fall(profiles: np.ndarray, noise: float, grid: ProfileGrid) -> Edge
     # From the top of the fall inwards to the level of space: the step.
     background = np.median(profiles[:, -3:], axis=1)
     step = smooth[rows, np.maximum(last - 1, 0)] - background
-    return EdgePlaces(
+    places = EdgePlaces(
         d_px[last + 1] + shift,
-        np.sqrt(sigma**2 + _TEXTURE_SIGMA_PX**2),
+        sigma,
         step,
         np.where(found, top / fall_noise, 0.0),
         np.ones(len(profiles)),
         ~found,
         np.zeros(len(profiles)),
     )
+    scatter = places.take(found).scatter_px()
+    texture = _TEXTURE_SIGMA_PX if not np.isfinite(scatter) else min(scatter, _TEXTURE_SIGMA_PX)
+    return replace(places, sigma_px=np.hypot(sigma, max(texture, _LEAST_SIGMA_PX)))
