@@ -30,6 +30,7 @@ GLOW_KINDS = tuple((texture, glow) for texture in (0.06, 0.25) for glow in (0.25
 PSF_LADDER_PX = (0.5, 0.6, 0.75, 0.9, 1.1, 1.4, 1.8, 2.4, 3.2)
 GLOW_LADDER_PX = (1.0, 1.6, 2.5, 4.0, 6.3, 10.0)
 _TEXTURE_ROOT_LENGTH = 1.5  # correlation length of texture, in the root of the depth in pixels
+_MOST_EVIDENCE = 8.0  # of one profile, for one look over another
 _LOOK_PROFILES = 48  # profiles that decide on the look
 _MAX_LEVEL = 128.0  # brightness over noise beyond which more says nothing
 _FINE_PX = 0.1  # grid on which the texture's covariance is blurred
@@ -229,18 +230,25 @@ def _place(scaled: np.ndarray, table: EdgeTable) -> np.ndarray:
 def likeliest_look(
     profiles: np.ndarray, noise: float, guesses: Sequence[EdgeLook], grid: ProfileGrid
 ) -> EdgeLook:
-    """Climb from the best of some guesses to the look under which the profiles (N, J) are
-    likeliest.
+    """Climb from the best of some guesses to the likeliest look of the profiles (N, J).
+
+    No profile counts for more than `_MOST_EVIDENCE`: one across a boom fits no look at all.
     """
     few = profiles[:: max(1, len(profiles) // _LOOK_PROFILES)]
 
-    def evidence(look: EdgeLook) -> float:
-        return float(place_edges(few, noise, look, grid).log_evidence.sum())
+    def evidence(look: EdgeLook) -> np.ndarray:
+        return place_edges(few, noise, look, grid).log_evidence
 
-    tried = {guess: evidence(guess) for guess in guesses}
+    first = evidence(guesses[0])
+
+    def merit(look: EdgeLook) -> float:
+        gain = evidence(look) - first
+        return float(np.clip(gain, -_MOST_EVIDENCE, _MOST_EVIDENCE).sum())
+
+    tried = {guess: merit(guess) for guess in guesses}
     while True:
         look = max(tried, key=lambda key: tried[key])
         fresh = [other for other in look.neighbours() if other not in tried]
         if not fresh:
             return look
-        tried.update({other: evidence(other) for other in fresh})
+        tried.update({other: merit(other) for other in fresh})

@@ -96,7 +96,9 @@ def refine_limb(
     good = _believable(places)
     model_free = True
     if looks:
-        looks = (likeliest_look(profiles, noise, looks, grid),) if len(looks) > 1 else looks
+        if len(looks) > 1:
+            known = profiles[good] if good.sum() >= _MIN_PROFILES else profiles
+            looks = (likeliest_look(known, noise, looks, grid),)
         likely = place_edges(profiles, noise, looks[0], grid)
         fits = _believable(likely)
         # A model that most of the edges do not follow, or that makes them jump about, is wrong.
