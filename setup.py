@@ -9,6 +9,7 @@ PACKAGE = "horizon_sensor_ros"
 COMMANDS = {
     "local_vertical_node": "ros.local_vertical_node",
     "attitude_node": "ros.attitude_node",
+    "target_pose_node": "ros.target_pose_node",
     "horizon_sensor": "ros.horizon_sensor",
     "horizon_replay": "tools.replay",
     "horizon_applicability": "tools.applicability",

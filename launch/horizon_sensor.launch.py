@@ -1,4 +1,4 @@
-"""Start the horizon nodes.
+"""Start the horizon nodes and the target's.
 
     ros2 launch horizon_sensor_ros horizon_sensor.launch.py params_file:=mine.yaml
 
@@ -14,7 +14,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 PACKAGE = "horizon_sensor_ros"
-NODES = ("local_vertical_node", "attitude_node")
+NODES = ("local_vertical_node", "attitude_node", "target_pose_node")
 
 
 def _node(name: str) -> Node:
@@ -31,7 +31,7 @@ def _node(name: str) -> Node:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Both nodes, each of which can be left out; they bring themselves to active."""
+    """All nodes, each of which can be left out; they bring themselves to active."""
     default_params = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "params.yaml"])
     arguments = [
         DeclareLaunchArgument("namespace", default_value="", description="Namespace of the nodes"),

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from horizon_sensor_ros.tools.private_domain import isolated_environment, private_domain
+
+if TYPE_CHECKING:
+    from node_processes import Program
 
 ROOT = Path(__file__).parents[1]
 
@@ -41,3 +45,30 @@ def ros_domain() -> Iterator[int]:
 def ros_environment(ros_domain: int) -> dict[str, str]:
     """Environment for a process with a node in it: private domain, this machine only."""
     return isolated_environment(ros_domain)
+
+
+@pytest.fixture(scope="module")
+def environment(ros_domain: int) -> Iterator[dict[str, str]]:
+    """Environment of all processes, this one included: isolated, with the shipped transport."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(ros_domain))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(ROOT / "config" / "fastdds.xml"))
+        yield dict(os.environ)
+
+
+@pytest.fixture
+def start(environment: dict[str, str]) -> Iterator[Callable[..., Program]]:
+    """Start a named executable, with ROS arguments, in a process that ends with the test."""
+    # Not above: it loads ROS, which most tests do without.
+    from node_processes import Program
+
+    programs: list[Program] = []
+
+    def start_one(name: str, *arguments: str) -> Program:
+        programs.append(Program(name, environment, *arguments))
+        return programs[-1]
+
+    yield start_one
+    for program in programs:
+        program.kill()

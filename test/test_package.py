@@ -21,12 +21,13 @@ PACKAGE = "horizon_sensor_ros"
 COMMANDS = {
     "local_vertical_node",
     "attitude_node",
+    "target_pose_node",
     "horizon_sensor",
     "horizon_replay",
     "horizon_applicability",
     "horizon_demo",
 }
-NODES = ("local_vertical_node", "attitude_node")
+NODES = ("local_vertical_node", "attitude_node", "target_pose_node")
 EXTRINSICS = (
     "-p",
     "camera_1.rotation:=[0.5, 0.5, 0.5, 0.5]",

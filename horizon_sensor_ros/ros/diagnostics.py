@@ -31,6 +31,38 @@ class Health:
     reason: str
 
 
+class Pace:
+    """Latency and rate of the last estimates; all times are given to it, in nanoseconds."""
+
+    def __init__(self) -> None:
+        self._latencies_ns: deque[int] = deque(maxlen=_LATENCIES)
+        self._published_ns: deque[int] = deque(maxlen=_LATENCIES)
+
+    def on_published(self, stamp: int, now: int) -> None:
+        """Take note of an estimate that went out."""
+        self._latencies_ns.append(now - stamp)
+        self._published_ns.append(now)
+
+    def values(self, now: int) -> dict[str, str]:
+        """Return what /diagnostics says of it."""
+        values = {}
+        if self._latencies_ns:
+            latencies_ms = np.array(self._latencies_ns) / 1e6
+            values["latency_ms"] = f"{np.median(latencies_ms):.2f}"
+            values["latency_max_ms"] = f"{latencies_ms.max():.2f}"
+        return {**values, "rate_hz": f"{self._rate_hz(now):.2f}"}
+
+    def _rate_hz(self, now: int) -> float:
+        """Estimates a second, over the last ones; falls when they stop coming."""
+        times = self._published_ns
+        while times and times[0] > now:
+            times.popleft()
+        if len(times) < 2:
+            return 0.0
+        span = max(now, times[-1]) - times[0]
+        return (len(times) - 1) * NANOSECONDS / span if span > 0 else 0.0
+
+
 @dataclass
 class _CameraHealth:
     last_ns: int | None = None
@@ -53,8 +85,7 @@ class HorizonMonitor:
         self._cameras = {camera: _CameraHealth() for camera in cameras}
         self._last_set_ns: int | None = None
         self._fix: HorizonFix | None = None
-        self._latencies_ns: deque[int] = deque(maxlen=_LATENCIES)
-        self._published_ns: deque[int] = deque(maxlen=_LATENCIES)
+        self._pace = Pace()
         self._reported: tuple[bytes, str, str] | None = None
 
     def on_step(self, step: Step, now: int) -> None:
@@ -72,8 +103,7 @@ class HorizonMonitor:
 
     def on_published(self, stamp: int, now: int) -> None:
         """Take note of an estimate that went out."""
-        self._latencies_ns.append(now - stamp)
-        self._published_ns.append(now)
+        self._pace.on_published(stamp, now)
 
     def health(self, now: int) -> Health:
         """State at a time."""
@@ -151,26 +181,17 @@ class HorizonMonitor:
             values["cameras_used"] = ", ".join(self._fix.cameras_used)
         for name in ("frames", "sets", "fixes", "time_jumps"):
             values[name] = str(pipeline.counts[name])
-        values["rejected"] = str(sum(pipeline.rejected.values()))
-        for cause, count in sorted(pipeline.rejected.items()):
-            values[f"rejected_{cause}"] = str(count)
-        if self._live and self._latencies_ns:
-            latencies_ms = np.array(self._latencies_ns) / 1e6
-            values["latency_ms"] = f"{np.median(latencies_ms):.2f}"
-            values["latency_max_ms"] = f"{latencies_ms.max():.2f}"
+        values.update(rejected_values(pipeline.rejected))
         if self._live:
-            values["rate_hz"] = f"{self._rate_hz(now):.2f}"
+            values.update(self._pace.values(now))
         return values
 
-    def _rate_hz(self, now: int) -> float:
-        """Estimates a second, over the last ones; falls when they stop coming."""
-        times = self._published_ns
-        while times and times[0] > now:
-            times.popleft()
-        if len(times) < 2:
-            return 0.0
-        span = max(now, times[-1]) - times[0]
-        return (len(times) - 1) * NANOSECONDS / span if span > 0 else 0.0
+
+def rejected_values(rejected: Mapping[str, int]) -> dict[str, str]:
+    """Return how many were rejected, in all and by cause."""
+    values = {"rejected": str(sum(rejected.values()))}
+    values.update({f"rejected_{cause}": str(count) for cause, count in sorted(rejected.items())})
+    return values
 
 
 def diagnostic_message(

@@ -14,9 +14,14 @@ from importlib import import_module
 from types import FrameType
 from typing import Any
 
-NODES = {
+# These share the work on each frame.
+_IMAGE_NODES = {
     "local_vertical_node": "horizon_sensor_ros.ros.horizon_node:LocalVerticalNode",
     "attitude_node": "horizon_sensor_ros.ros.horizon_node:AttitudeNode",
+}
+NODES = {
+    **_IMAGE_NODES,
+    "target_pose_node": "horizon_sensor_ros.ros.target_node:TargetPoseNode",
 }
 
 _WAKE_UP_S = 0.5
@@ -35,7 +40,6 @@ class _QuietEnd:
         self.asked_for = True
         if self.immediately:
             os._exit(0)
-        # Else rclpy's own handler, which calls this one, has ended the spinning.
 
 
 def run(names: Sequence[str] = ()) -> int:
@@ -47,20 +51,18 @@ def run(names: Sequence[str] = ()) -> int:
     # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     import rclpy  # noqa: PLC0415 - takes time, and signals are taken care of only now
-    from rclpy.executors import ExternalShutdownException  # noqa: PLC0415
+    from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415
 
     nodes: list[Any] = []
-    initialised = False
     try:
-        classes = {name: _load(where) for name, where in NODES.items()}
+        classes = {name: _load(NODES[name]) for name in names or NODES}
         end.immediately = False
-        rclpy.init()
-        initialised = True
+        # rclpy's own handlers would take the context from under a callback that is publishing.
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         if not names:
             nodes.append(rclpy.create_node("horizon_sensor"))
             names = _nodes_parameter(nodes[0])
-        feeds = _load("horizon_sensor_ros.ros.image_feed:ImageFeeds")()
-        managed = [classes[name](feeds=feeds) for name in names]
+        managed = _made({name: classes[name] for name in names})
         nodes += managed
         executor = _executor()
         for node in nodes:
@@ -70,12 +72,7 @@ def run(names: Sequence[str] = ()) -> int:
         while not end.asked_for:
             # Not spin(): in rclpy 7.1.6 that of the EventsExecutor outlives its context.
             executor.spin_once(timeout_sec=_WAKE_UP_S)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        return 0
     except Exception as error:
-        if end.asked_for or (initialised and not rclpy.ok()):
-            # Interrupted: what was half made, or half done, complains about its context.
-            return 0
         program = names[0] if len(names) == 1 else "horizon_sensor"
         print(f"{program}: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
@@ -89,6 +86,14 @@ def run(names: Sequence[str] = ()) -> int:
 def _load(where: str) -> Any:
     module, name = where.split(":")
     return getattr(import_module(module), name)
+
+
+def _made(classes: dict[str, Any]) -> list[Any]:
+    """Return the nodes of these classes."""
+    shared = {}
+    if not classes.keys().isdisjoint(_IMAGE_NODES):
+        shared["feeds"] = _load("horizon_sensor_ros.ros.image_feed:ImageFeeds")()
+    return [make(**shared) if name in _IMAGE_NODES else make() for name, make in classes.items()]
 
 
 def _nodes_parameter(node: Any) -> list[str]:

@@ -2,37 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
-from rclpy.clock import Clock, ClockType
-from rclpy.lifecycle import LifecyclePublisher
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.timer import Timer
 from sensor_msgs.msg import Image
 
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.debug_image import draw_fix
-from horizon_sensor_ros.ros.diagnostics import Health, HorizonMonitor, diagnostic_message
+from horizon_sensor_ros.ros.diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.extrinsics import TfExtrinsics
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
 from horizon_sensor_ros.ros.image_feed import ImageFeed, ImageFeeds
-from horizon_sensor_ros.ros.managed_node import ManagedNode
 from horizon_sensor_ros.ros.messages import (
     attitude_message,
     image_message,
     local_vertical_message,
 )
-from horizon_sensor_ros.ros.parameters import HorizonSettings
+from horizon_sensor_ros.ros.parameters import (
+    HorizonSettings,
+    Parameter,
+    horizon_parameters,
+    horizon_settings,
+)
+from horizon_sensor_ros.ros.reporting_node import ReportingNode
 
-OUTPUT_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
-
-class HorizonNode(ManagedNode):
+class HorizonNode(ReportingNode[HorizonSettings]):
     """Publishes one kind of estimate of the horizon, a debug image and diagnostics.
 
     feeds : shared by the nodes of a process, so that each frame is processed once.
@@ -45,8 +43,6 @@ class HorizonNode(ManagedNode):
         self._feeds = feeds or ImageFeeds()
         self._feed: ImageFeed | None = None
         self._monitor: HorizonMonitor | None = None
-        self._publishers_made: list[LifecyclePublisher] = []
-        self._timer: Timer | None = None
         self._working = False
         super().__init__(name, **node_arguments)
 
@@ -54,6 +50,19 @@ class HorizonNode(ManagedNode):
     def node(self) -> Node:
         """This node, as a member of a feed."""
         return self
+
+    @property
+    def subject(self) -> str:
+        """Name under which the node reports."""
+        return f"{self.get_name()}: horizon"
+
+    def parameters_of(self, values: Mapping[str, Any]) -> tuple[Parameter, ...]:
+        """Return all parameters of a node to which these values were given."""
+        return horizon_parameters(values)
+
+    def settings_of(self, values: Mapping[str, Any]) -> HorizonSettings:
+        """Return validated settings; ParameterError says what is wrong with the values."""
+        return horizon_settings(values)
 
     def encode(self, result: HorizonResult) -> Any:
         """Message of a result whose fix is OK."""
@@ -63,30 +72,23 @@ class HorizonNode(ManagedNode):
         """Make the pipeline, warm, and the publishers."""
         settings = self.settings
         self._monitor = HorizonMonitor(
-            f"{self.get_name()}: horizon",
+            self.subject,
             settings.pipeline.cameras,
             settings.stale_after_ns,
             live=True,
         )
         self._feed = self._feed_of(settings)
         self._feed.pipeline.warm_up()
-        self._estimates = self._make_publisher(self.message, self.topic)
-        self._pictures = self._make_publisher(Image, "~/debug_image")
-        # Not managed: an inactive node says so.
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        # Steady: diagnostics go on when simulated time stands still.
-        self._timer = self.create_timer(
-            settings.diagnostics_period_s,
-            self._publish_diagnostics,
-            clock=Clock(clock_type=ClockType.STEADY_TIME),
-        )
+        self._estimates = self.make_publisher(self.message, self.topic)
+        self._pictures = self.make_publisher(Image, "~/debug_image")
+        self.begin_reports(settings.diagnostics_period_s)
 
     def start(self) -> None:
         """Subscribe."""
         assert self._feed is not None
         self._working = True
         self._feed.join(self)
-        self._publish_diagnostics()
+        self.report()
 
     def stop(self) -> None:
         """Unsubscribe."""
@@ -97,13 +99,7 @@ class HorizonNode(ManagedNode):
     def close(self) -> None:
         """Give back pipeline, publishers and timer."""
         self._feed = self._monitor = None
-        if self._timer is not None:
-            self.destroy_timer(self._timer)
-            self.destroy_publisher(self._diagnostics)
-        self._timer = None
-        for publisher in self._publishers_made:
-            self.destroy_lifecycle_publisher(publisher)
-        self._publishers_made.clear()
+        super().close()
 
     def apply(self, settings: HorizonSettings) -> None:
         """Go on with other settings; calibrations and counts stay."""
@@ -118,17 +114,17 @@ class HorizonNode(ManagedNode):
     def on_step(self, step: Step) -> None:
         """Publish what an image completed; report a change of state at once."""
         assert self._monitor is not None
-        self._monitor.on_step(step, self._now())
+        self._monitor.on_step(step, self.now())
         for result in step.results:
             if result.fix.status is Status.OK:
                 self._estimates.publish(self.encode(result))
-                self._monitor.on_published(result.stamp, self._now())
+                self._monitor.on_published(result.stamp, self.now())
             if self._pictures.get_subscription_count():
                 picture = draw_fix(result.frames, result.fix)
                 frame_id = self.settings.pipeline.base_frame
                 self._pictures.publish(image_message(picture, result.stamp, frame_id))
-        if self._monitor.changed(self._now()):
-            self._publish_diagnostics()
+        if self._monitor.changed(self.now()):
+            self.report()
 
     def _feed_of(
         self, settings: HorizonSettings, previous: HorizonPipeline | None = None
@@ -156,29 +152,13 @@ class HorizonNode(ManagedNode):
         owner = self.get_fully_qualified_name() if None in settings.pipeline.rotations else ""
         return settings.pipeline, topics, owner
 
-    def _make_publisher(self, message: type, topic: str) -> LifecyclePublisher:
-        publisher = self.create_lifecycle_publisher(
-            message,
-            topic,
-            OUTPUT_QOS,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
-        self._publishers_made.append(publisher)
-        return publisher
-
-    def _publish_diagnostics(self) -> None:
+    def diagnosis(self, now: int) -> DiagnosticArray | None:
+        """Message for /diagnostics; None while the node is not active."""
+        if not self._working:
+            return None
         assert self._monitor is not None
         assert self._feed is not None
-        now = self._now()
-        if self._working:
-            message = self._monitor.message(now, self._feed.pipeline)
-        else:
-            inactive = Health(DiagnosticStatus.OK, "inactive", "the node is not active")
-            message = diagnostic_message(self._monitor.name, inactive, {}, now)
-        self._diagnostics.publish(message)
-
-    def _now(self) -> int:
-        return self.get_clock().now().nanoseconds
+        return self._monitor.message(now, self._feed.pipeline)
 
 
 class LocalVerticalNode(HorizonNode):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -14,13 +15,12 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter as RosParameter
 
 from horizon_sensor_ros.ros.parameters import (
-    HorizonSettings,
     Parameter,
     ParameterError,
-    horizon_settings,
-    parameters_of,
     unknown_parameters,
 )
+
+Settings = TypeVar("Settings")
 
 _KINDS = {
     "string": RosParameter.Type.STRING,
@@ -32,11 +32,12 @@ _KINDS = {
 }
 
 
-class ManagedNode(LifecycleNode):
+class ManagedNode(LifecycleNode, Generic[Settings]):
     """Base of the nodes: parameters, lifecycle with clear failures, autostart.
 
-    A subclass makes its resources in `open`, uses them between `start` and `stop`, and gives them
-    back in `close`. Raises ParameterError when the node cannot run with its parameters.
+    A subclass says what its parameters are and makes settings of them. It makes its resources in
+    `open`, uses them between `start` and `stop`, and gives them back in `close`. Raises
+    ParameterError when the node cannot run with its parameters.
     """
 
     def __init__(self, name: str, **node_arguments: Any) -> None:
@@ -44,6 +45,7 @@ class ManagedNode(LifecycleNode):
             name, automatically_declare_parameters_from_overrides=True, **node_arguments
         )
         self._failure = ""
+        self._parameter_names: list[str] = []
         try:
             self.settings = self._declare_parameters()
         except BaseException:
@@ -53,6 +55,14 @@ class ManagedNode(LifecycleNode):
         self.add_post_set_parameters_callback(self._take_parameters)
 
     # What a subclass does.
+
+    def parameters_of(self, values: Mapping[str, Any]) -> tuple[Parameter, ...]:
+        """Return all parameters of a node to which these values were given."""
+        raise NotImplementedError
+
+    def settings_of(self, values: Mapping[str, Any]) -> Settings:
+        """Return validated settings; ParameterError says what is wrong with the values."""
+        raise NotImplementedError
 
     def open(self) -> None:
         """Make publishers and whatever takes time."""
@@ -70,7 +80,7 @@ class ManagedNode(LifecycleNode):
         """Give back what `open` made; also called when there is nothing."""
         raise NotImplementedError
 
-    def apply(self, settings: HorizonSettings) -> None:
+    def apply(self, settings: Settings) -> None:
         """Take settings that changed while the node runs."""
         raise NotImplementedError
 
@@ -136,7 +146,7 @@ class ManagedNode(LifecycleNode):
 
     # Parameters.
 
-    def _declare_parameters(self) -> HorizonSettings:
+    def _declare_parameters(self) -> Settings:
         # What was given was declared just as it was given; now it is declared as the table has it.
         declared: dict[str, Any] = self.get_parameters_by_prefix("")
         given = {
@@ -148,8 +158,9 @@ class ManagedNode(LifecycleNode):
             self.undeclare_parameter(name)
         for name in unknown_parameters(given):
             self.get_logger().warning(f"unknown parameter {name} is ignored")
-        settings = horizon_settings(given)
-        for parameter in parameters_of(given):
+        settings = self.settings_of(given)
+        for parameter in self.parameters_of(given):
+            self._parameter_names.append(parameter.name)
             value = given.get(parameter.name, parameter.default)
             descriptor = _descriptor(parameter)
             if value is None:
@@ -160,23 +171,19 @@ class ManagedNode(LifecycleNode):
         return settings
 
     def _values(self, changes: list[RosParameter]) -> dict[str, Any]:
-        names = [parameter.name for parameter in parameters_of(self._cameras_only())]
-        values = {p.name: p.value for p in self.get_parameters(names)}
+        values = {p.name: p.value for p in self.get_parameters(self._parameter_names)}
         values.update({p.name: p.value for p in changes if p.name in values})
         return values
 
-    def _cameras_only(self) -> dict[str, Any]:
-        return {"cameras": self.get_parameter("cameras").value}
-
     def _check_parameters(self, changes: list[RosParameter]) -> SetParametersResult:
         try:
-            horizon_settings(self._values(changes))
+            self.settings_of(self._values(changes))
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _take_parameters(self, _changes: list[RosParameter]) -> None:
-        settings = horizon_settings(self._values([]))
+        settings = self.settings_of(self._values([]))
         if settings != self.settings:
             self.settings = settings
             self.apply(settings)

@@ -12,7 +12,11 @@ from typing import Any
 import cv2
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from geometry_msgs.msg import (
+    PoseWithCovarianceStamped,
+    TwistWithCovarianceStamped,
+    Vector3Stamped,
+)
 from sensor_msgs.msg import Image
 
 from horizon_sensor_ros.core.attitude import (
@@ -181,6 +185,45 @@ def attitude_message(fit: HorizonFit, stamp: int, level_z: str) -> PoseWithCovar
         fit.cov_nadir_altitude, rot_level_from_base, level_z
     ).ravel()
     return msg
+
+
+def pose_message(
+    pose: np.ndarray, covariance: np.ndarray, stamp: int, frame_id: str
+) -> PoseWithCovarianceStamped:
+    """Message of a pose (4, 4) in a frame.
+
+    covariance : (6, 6) of (small rotations about that frame's axes, position), rad and m. The
+    message has the position first.
+    """
+    msg = PoseWithCovarianceStamped()
+    msg.header.stamp = time_from_ns(stamp)
+    msg.header.frame_id = frame_id
+    position, orientation = msg.pose.pose.position, msg.pose.pose.orientation
+    position.x, position.y, position.z = map(float, pose[:3, 3])
+    q = quaternion_from_rotation(pose[:3, :3])
+    orientation.x, orientation.y, orientation.z, orientation.w = map(float, q)
+    msg.pose.covariance = _position_first(covariance)
+    return msg
+
+
+def twist_message(
+    twist: np.ndarray, covariance: np.ndarray, stamp: int, frame_id: str
+) -> TwistWithCovarianceStamped:
+    """Message of a velocity (6,), rotation (rad/s) before translation (m/s), in a frame.
+
+    covariance : (6, 6) in the same order. The message has the translation first.
+    """
+    msg = TwistWithCovarianceStamped()
+    msg.header.stamp = time_from_ns(stamp)
+    msg.header.frame_id = frame_id
+    linear, angular = msg.twist.twist.linear, msg.twist.twist.angular
+    angular.x, angular.y, angular.z, linear.x, linear.y, linear.z = map(float, twist)
+    msg.twist.covariance = _position_first(covariance)
+    return msg
+
+
+def _position_first(covariance: np.ndarray) -> np.ndarray:
+    return np.roll(covariance, (3, 3), axis=(0, 1)).ravel()
 
 
 def image_message(bgr: np.ndarray, stamp: int, frame_id: str) -> Image:

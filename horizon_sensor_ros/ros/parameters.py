@@ -20,6 +20,8 @@ from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.fits import METHODS
 from horizon_sensor_ros.core.horizon_sensor import LIMB_SOURCES, HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.target.registration import RegistrationConfig
+from horizon_sensor_ros.core.target.tracker import TrackerConfig
 
 _MAX_FILE_BYTES = 1_000_000
 _CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -273,11 +275,141 @@ HORIZON_PARAMETERS = (
         minimum=2,
         maximum=100,
     ),
+)
+
+TARGET_PARAMETERS = (
+    Parameter(
+        "target_frame",
+        "string",
+        "target",
+        "Frame of the target, set at its first cloud: origin in its centroid, axes parallel to the "
+        "sensor's.",
+    ),
+    Parameter(
+        "max_gap",
+        "double",
+        TrackerConfig.max_gap_s,
+        "After a longer time without a fix a new target frame starts.",
+        unit="s",
+        minimum=0.001,
+        maximum=1e6,
+        live=True,
+    ),
+    Parameter(
+        "max_refused",
+        "integer",
+        TrackerConfig.max_refused,
+        "So many clouds in a row that do not fit the track are a lost track: a new target frame "
+        "starts.",
+        minimum=1,
+        maximum=1000000,
+        live=True,
+    ),
+    Parameter(
+        "range_noise",
+        "double",
+        0.0,
+        "Standard deviation of the range sensor's noise; 0: estimated from each cloud.",
+        unit="m",
+        minimum=0.0,
+        maximum=10.0,
+    ),
+    Parameter(
+        "pixel_angle",
+        "double",
+        0.0,
+        "Angle between neighbouring pixels in the middle of the range sensor, for clouds that are "
+        "not organised; 0: estimated from each cloud.",
+        unit="rad",
+        minimum=0.0,
+        maximum=0.5,
+    ),
+    Parameter(
+        "min_points",
+        "integer",
+        RegistrationConfig.min_points,
+        "A cloud with fewer points is refused.",
+        minimum=4,
+        maximum=1000000,
+        live=True,
+    ),
+    Parameter(
+        "min_score",
+        "double",
+        RegistrationConfig.min_score,
+        "Least share of the points at which the two views of the target must agree.",
+        minimum=0.0,
+        maximum=1.0,
+        live=True,
+    ),
+    Parameter(
+        "min_overlap",
+        "double",
+        RegistrationConfig.min_overlap,
+        "Least share of the points that both views must show.",
+        minimum=0.0,
+        maximum=1.0,
+        live=True,
+    ),
+    Parameter(
+        "max_rotation_sigma",
+        "double",
+        float(RegistrationConfig.max_rotation_std_rad),
+        "A motion whose rotation is less certain than this about any axis is withheld.",
+        unit="rad",
+        minimum=1e-06,
+        maximum=3.2,
+        live=True,
+    ),
+    Parameter(
+        "max_shift_sigma",
+        "double",
+        float(RegistrationConfig.max_shift_std_m),
+        "A motion whose translation is less certain than this in any direction is withheld.",
+        unit="m",
+        minimum=1e-06,
+        maximum=1000.0,
+        live=True,
+    ),
+    Parameter(
+        "search_angle",
+        "double",
+        float(RegistrationConfig.search_rad),
+        "Largest turn between two clouds that is searched for.",
+        unit="rad",
+        minimum=0.01,
+        maximum=3.2,
+        live=True,
+    ),
+    Parameter(
+        "keyframe_turn",
+        "double",
+        float(TrackerConfig.keyframe_turn_rad),
+        "A target that has turned farther from a view kept for reference is compared with a newer "
+        "one.",
+        unit="rad",
+        minimum=0.001,
+        maximum=3.2,
+        live=True,
+    ),
+    Parameter(
+        "keyframe_overlap",
+        "double",
+        TrackerConfig.keyframe_overlap,
+        "The same for a target that shares less of its points with that view.",
+        minimum=0.0,
+        maximum=1.0,
+        live=True,
+    ),
+)
+
+# Of every node, and of its part in a replay.
+COMMON_PARAMETERS = (
     Parameter(
         "stale_after",
         "double",
         2.0,
-        "A camera silent for longer is reported on /diagnostics.",
+        "A sensor silent for longer is reported on /diagnostics.",
         unit="s",
         minimum=0.1,
         maximum=3600.0,
@@ -331,9 +463,25 @@ _SENSOR_FIELDS = {
 }
 
 
+_REGISTRATION_FIELDS = {
+    "min_points": "min_points",
+    "min_score": "min_score",
+    "min_overlap": "min_overlap",
+    "max_rotation_sigma": "max_rotation_std_rad",
+    "max_shift_sigma": "max_shift_std_m",
+    "search_angle": "search_rad",
+}
+_TRACKER_FIELDS = {
+    "max_gap": "max_gap_s",
+    "max_refused": "max_refused",
+    "keyframe_turn": "keyframe_turn_rad",
+    "keyframe_overlap": "keyframe_overlap",
+}
+
+
 @dataclass(frozen=True)
 class PipelineSettings:
-    """Everything that the estimates depend on.
+    """Everything that the estimates of the horizon depend on.
 
     rotations : a quaternion (x, y, z, w) a camera, optical to base frame; None: from TF.
     """
@@ -348,10 +496,27 @@ class PipelineSettings:
 
 @dataclass(frozen=True)
 class HorizonSettings:
-    """Settings of a node, or of its part in a replay."""
+    """Settings of a horizon node, or of its part in a replay."""
 
     pipeline: PipelineSettings
     level_z: str
+    stale_after_ns: int
+    diagnostics_period_s: float
+
+
+@dataclass(frozen=True)
+class TargetPipelineSettings:
+    """Everything that the estimates of the target depend on."""
+
+    target_frame: str
+    tracker: TrackerConfig
+
+
+@dataclass(frozen=True)
+class TargetSettings:
+    """Settings of the target's node, or of its part in a replay."""
+
+    pipeline: TargetPipelineSettings
     stale_after_ns: int
     diagnostics_period_s: float
 
@@ -361,14 +526,7 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
 
     Raises ParameterError with everything that is wrong, in one line.
     """
-    problems: list[str] = []
-    accepted: dict[str, Any] = {}
-    for parameter in HORIZON_PARAMETERS:
-        value = values.get(parameter.name, parameter.default)
-        try:
-            accepted[parameter.name] = parameter.accept(value)
-        except ParameterError as error:
-            problems.append(str(error))
+    accepted, problems = _accepted((*HORIZON_PARAMETERS, *COMMON_PARAMETERS), values)
     rotations: list[tuple[float, ...] | None] = []
     cameras = accepted.get("cameras", [])
     problems += _camera_name_problems(cameras) if "cameras" in accepted else []
@@ -396,6 +554,51 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
         stale_after_ns=round(accepted["stale_after"] * 1e9),
         diagnostics_period_s=accepted["diagnostics_period"],
     )
+
+
+def target_settings(values: Mapping[str, Any]) -> TargetSettings:
+    """Return validated settings of parameter values; what is not given has its default.
+
+    Raises ParameterError with everything that is wrong, in one line.
+    """
+    accepted, problems = _accepted((*TARGET_PARAMETERS, *COMMON_PARAMETERS), values)
+    if not str(accepted.get("target_frame", "target")).strip():
+        problems.append("target_frame is empty")
+    if problems:
+        raise ParameterError("; ".join(problems))
+    noise, angle = accepted["range_noise"], accepted["pixel_angle"]
+    try:
+        registration = RegistrationConfig(
+            focal_px=1.0 / angle if angle > 0 else None,
+            range_noise_m=noise if noise > 0 else None,
+            **{field: accepted[name] for name, field in _REGISTRATION_FIELDS.items()},
+        )
+        tracker = TrackerConfig(
+            registration=registration,
+            **{field: accepted[name] for name, field in _TRACKER_FIELDS.items()},
+        )
+    except ValueError as error:
+        raise ParameterError(str(error)) from None
+    return TargetSettings(
+        pipeline=TargetPipelineSettings(accepted["target_frame"], tracker),
+        stale_after_ns=round(accepted["stale_after"] * 1e9),
+        diagnostics_period_s=accepted["diagnostics_period"],
+    )
+
+
+def _accepted(
+    parameters: Sequence[Parameter], values: Mapping[str, Any]
+) -> tuple[dict[str, Any], list[str]]:
+    """Values, each as its parameter's kind, and what is wrong with the others."""
+    accepted: dict[str, Any] = {}
+    problems: list[str] = []
+    for parameter in parameters:
+        try:
+            value = values.get(parameter.name, parameter.default)
+            accepted[parameter.name] = parameter.accept(value)
+        except ParameterError as error:
+            problems.append(str(error))
+    return accepted, problems
 
 
 def _sensor_config(values: Mapping[str, Any]) -> HorizonConfig:
@@ -443,17 +646,36 @@ def _rotation(camera: str, values: Mapping[str, Any]) -> tuple[float, ...]:
     return tuple(quaternion)  # type: ignore[arg-type]
 
 
-def parameters_of(values: Mapping[str, Any]) -> tuple[Parameter, ...]:
-    """Return all parameters of a node whose values are these: the rotations depend on `cameras`."""
+def cameras_of(values: Mapping[str, Any]) -> list[str]:
+    """Return the cameras that a horizon node uses; ParameterError when they cannot be."""
+    accepted, problems = _accepted(HORIZON_PARAMETERS[:1], values)
+    problems += _camera_name_problems(accepted["cameras"]) if accepted else []
+    if problems:
+        raise ParameterError("; ".join(problems))
+    return accepted["cameras"]
+
+
+def horizon_parameters(values: Mapping[str, Any]) -> tuple[Parameter, ...]:
+    """Return all parameters of a horizon node with these values: rotations depend on `cameras`."""
     cameras = _as_kind(values.get("cameras", HORIZON_PARAMETERS[0].default), "string_array")
     names = dict.fromkeys(cameras) if isinstance(cameras, list) else ()
     rotations = tuple(rotation_parameter(str(camera)) for camera in names)
-    return (*HORIZON_PARAMETERS[:1], *rotations, *HORIZON_PARAMETERS[1:], *NODE_PARAMETERS)
+    own = (*HORIZON_PARAMETERS[:1], *rotations, *HORIZON_PARAMETERS[1:])
+    return (*own, *COMMON_PARAMETERS, *NODE_PARAMETERS)
+
+
+def target_parameters() -> tuple[Parameter, ...]:
+    """Return all parameters of the target's node."""
+    return (*TARGET_PARAMETERS, *COMMON_PARAMETERS, *NODE_PARAMETERS)
 
 
 def unknown_parameters(values: Mapping[str, Any]) -> list[str]:
-    """Names among these values that mean nothing here; a rotation of an unused camera is known."""
-    known = {parameter.name for parameter in parameters_of(values)}
+    """Names among these values that mean nothing to any node.
+
+    One file serves all nodes, so another node's parameter is known, and so is a rotation of an
+    unused camera.
+    """
+    known = {p.name for p in (*horizon_parameters(values), *TARGET_PARAMETERS)}
     return [
         name
         for name in values
@@ -563,7 +785,8 @@ def _shown(value: Any) -> str:
 def parameter_reference() -> str:
     """Return the table of all parameters, Markdown, for the README."""
     lines = ["| parameter | default | unit | values | live | |", "|---|---|---|---|---|---|"]
-    for parameter in (*HORIZON_PARAMETERS, rotation_parameter("camera_N"), *NODE_PARAMETERS):
+    rotation = rotation_parameter("camera_N")
+    for parameter in (*HORIZON_PARAMETERS, rotation, *target_parameters()):
         default = "none" if parameter.default is None else _yaml_value(parameter.default)
         values = parameter.range_text.replace("|", r"\|")
         live = "yes" if parameter.live else ""
@@ -581,7 +804,7 @@ def parameter_file() -> str:
         "/**:",
         "  ros__parameters:",
     ]
-    for parameter in (*HORIZON_PARAMETERS, *NODE_PARAMETERS):
+    for parameter in (*HORIZON_PARAMETERS, *target_parameters()):
         lines += _comment(parameter)
         lines.append(f"    {parameter.name}: {_yaml_value(parameter.default)}")
         if parameter.name == "cameras":

@@ -3,311 +3,154 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 import sys
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
-from rclpy.serialization import serialize_message
-from rosbags.interfaces import (
-    Connection,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader, StoragePlugin
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.diagnostics import HorizonMonitor
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult
-from horizon_sensor_ros.ros.messages import attitude_message, local_vertical_message
+from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.parameters import (
     HorizonSettings,
     ParameterError,
     PipelineSettings,
+    TargetSettings,
+    cameras_of,
     horizon_settings,
     read_parameter_file,
+    target_settings,
     unknown_parameters,
+)
+from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TargetPipeline
+from horizon_sensor_ros.tools.output_bag import OutputBag, ReplayError, in_one_line
+from horizon_sensor_ros.tools.replayed_node import (
+    HORIZON_NODES,
+    ReplayedHorizonNode,
+    ReplayedNode,
+    ReplayedTargetNode,
+    TopicNames,
 )
 
 _IMAGE = "sensor_msgs/msg/Image"
 _CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+_POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+_TARGET_NODE = "target_pose_node"
+_NODES = (*HORIZON_NODES, _TARGET_NODE)
 _STORAGE = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
-# The bag's own name is in its bytes; with a fixed one they do not depend on where it is written.
-_BAG_NAME = "horizon"
-_FOREVER = QosTime(9223372036, 854775807)
-_OUTPUT_QOS = Qos(
-    QosHistory.KEEP_LAST,
-    10,
-    QosReliability.RELIABLE,
-    QosDurability.VOLATILE,
-    _FOREVER,
-    _FOREVER,
-    QosLiveliness.AUTOMATIC,
-    _FOREVER,
-    False,
-)
+# A topic and its type.
+_Input = tuple[str, str]
 
 
-class ReplayError(Exception):
-    """Why there is no replay, for a person."""
+@dataclass(frozen=True)
+class _Plan:
+    """Settings of the nodes that take part."""
+
+    horizon: dict[str, HorizonSettings]
+    target: TargetSettings | None
 
 
-class _Output(NamedTuple):
-    """What a node publishes: topic, message type, and how to make the message."""
-
-    topic: str
-    message: type
-    encode: Callable[[HorizonResult, HorizonSettings], Any]
-
-
-_NODES = {
-    "local_vertical_node": _Output(
-        "local_vertical",
-        Vector3Stamped,
-        lambda result, settings: local_vertical_message(
-            result.fix.fit, result.stamp, settings.pipeline.base_frame
-        ),
-    ),
-    "attitude_node": _Output(
-        "attitude",
-        PoseWithCovarianceStamped,
-        lambda result, settings: attitude_message(result.fix.fit, result.stamp, settings.level_z),
-    ),
-}
-
-
-class TopicNames:
-    """Relative names to full ones, as the nodes' namespace and remappings make them."""
-
-    def __init__(self, namespace: str, remappings: Sequence[str]) -> None:
-        self._namespace = "/" + namespace.strip("/")
-        self._remapped: dict[str, str] = {}
-        for rule in remappings:
-            source, found, target = rule.partition(":=")
-            if not (found and source and target):
-                raise ReplayError(f"--remap must be FROM:=TO, got {rule!r}")
-            self._remapped[self._full(source)] = self._full(target)
-
-    def __call__(self, name: str) -> str:
-        """Full name of a topic."""
-        full = self._full(name)
-        return self._remapped.get(full, full)
-
-    def _full(self, name: str) -> str:
-        return name if name.startswith("/") else f"{self._namespace.rstrip('/')}/{name}"
-
-
-class OutputBag:
-    """A bag being written in a directory of its own; it appears in its place only when whole."""
-
-    def __init__(self, path: Path, storage: StoragePlugin) -> None:
-        self._path = path
-        self._typestore = get_typestore(Stores.ROS2_JAZZY)
-        self._connections: dict[tuple[str, type], Connection] = {}
-        with self._writing():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._directory = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
-        self._writer = Writer(self._directory / _BAG_NAME, version=9, storage_plugin=storage)
-        try:
-            with self._writing():
-                self._writer.open()
-        except BaseException:
-            self.discard()
-            raise
-
-    def add_topic(self, topic: str, message: type) -> None:
-        """Declare a topic, so that it is in the bag even when nothing is written to it."""
-        if (topic, message) in self._connections:
-            return
-        with self._writing():
-            self._connections[topic, message] = self._writer.add_connection(
-                topic,
-                _type_name(message),
-                typestore=self._typestore,
-                offered_qos_profiles=[_OUTPUT_QOS],
-            )
-
-    def write(self, topic: str, time: int, msg: Any) -> None:
-        """Write a message; time in nanoseconds."""
-        kind = _type_name(type(msg))
-        # A second pass through CDR: in the first the bytes of padding are whatever memory held.
-        plain = self._typestore.deserialize_cdr(serialize_message(msg), kind)
-        raw = self._typestore.serialize_cdr(plain, kind, little_endian=True)
-        with self._writing():
-            self._writer.write(self._connections[topic, type(msg)], time, raw)
-
-    def finish(self) -> None:
-        """Put the bag in its place; an older one there makes room."""
-        with self._writing():
-            self._writer.close()
-            if self._path.exists():
-                shutil.rmtree(self._path)
-            (self._directory / _BAG_NAME).rename(self._path)
-            self._directory.rmdir()
-
-    def discard(self) -> None:
-        """Remove what was written."""
-        with suppress(Exception):
-            self._writer.abort()
-        shutil.rmtree(self._directory, ignore_errors=True)
-
-    @contextmanager
-    def _writing(self) -> Iterator[None]:
-        try:
-            yield
-        except Exception as error:
-            # Of the system or of a storage library: a full disk, most likely.
-            raise ReplayError(f"cannot write {self._path}: {_line(error)}") from None
-
-
-def _type_name(message: type) -> str:
-    return f"{message.__module__.split('.')[0]}/msg/{message.__name__}"
-
-
-class ReplayedNode:
-    """What a node would publish, given its pipeline's steps in bag time."""
-
-    def __init__(
-        self,
-        name: str,
-        settings: HorizonSettings,
-        pipeline: HorizonPipeline,
-        names: TopicNames,
-        bag: OutputBag,
-    ) -> None:
-        self._output = _NODES[name]
-        self._settings = settings
-        self._pipeline = pipeline
-        self._bag = bag
-        self._topic = names(self._output.topic)
-        self._diagnostics = names("/diagnostics")
-        self._monitor = HorizonMonitor(
-            f"{name}: horizon", settings.pipeline.cameras, settings.stale_after_ns, live=False
-        )
-        self._period = round(settings.diagnostics_period_s * 1e9)
-        self._due: int | None = None
-        self._now = 0
-        bag.add_topic(self._topic, self._output.message)
-        bag.add_topic(self._diagnostics, DiagnosticArray)
-
-    def advance(self, time: int) -> None:
-        """Let bag time go on to `time`; diagnostics that were due meanwhile are written."""
-        if self._due is None:
-            self._now = self._due = time
-            self._diagnose()
-        # Nothing changes in a long pause once every camera has been reported silent.
-        silent = self._now + self._settings.stale_after_ns + 2 * self._period
-        while self._due <= time:
-            if self._due > silent:
-                self._due += (time - self._due) // self._period * self._period
-            self._now = self._due
-            self._diagnose()
-        self._now = max(self._now, time)
-
-    def on_step(self, step: Any) -> None:
-        """Write what an image completed, and a change of state at once."""
-        self._monitor.on_step(step, self._now)
-        for result in step.results:
-            if result.fix.status is Status.OK:
-                message = self._output.encode(result, self._settings)
-                self._bag.write(self._topic, self._now, message)
-        if self._monitor.changed(self._now):
-            self._write_diagnostics()
-
-    def _diagnose(self) -> None:
-        assert self._due is not None
-        self._due += self._period
-        self._write_diagnostics()
-
-    def _write_diagnostics(self) -> None:
-        self._bag.write(
-            self._diagnostics, self._now, self._monitor.message(self._now, self._pipeline)
-        )
-
-
-@dataclass
 class _Replay:
     """The nodes' pipelines, each distinct one once, and where their messages come from."""
 
-    settings: dict[str, HorizonSettings]
-    names: TopicNames
+    def __init__(self, plan: _Plan, names: TopicNames, bag: OutputBag) -> None:
+        self._names = names
+        self._bag = bag
+        self._nodes: list[ReplayedNode] = []
+        self._handlers: dict[_Input, list[Callable[[Any], None]]] = {}
+        self._pipelines: list[tuple[str, HorizonPipeline | TargetPipeline]] = []
+        self._unreadable: Counter[str] = Counter()
+        together: dict[PipelineSettings, list[str]] = {}
+        for name, settings in plan.horizon.items():
+            together.setdefault(settings.pipeline, []).append(name)
+        for members in together.values():
+            self._add_horizon({name: plan.horizon[name] for name in members})
+        if plan.target is not None:
+            self._add_target(plan.target)
 
-    def __post_init__(self) -> None:
-        self.pipelines: dict[PipelineSettings, HorizonPipeline] = {
-            s.pipeline: HorizonPipeline(s.pipeline) for s in self.settings.values()
-        }
-        # Topic and type: the pipelines and their names for the camera.
-        self.inputs: dict[tuple[str, str], list[tuple[HorizonPipeline, str]]] = {}
-        for pipeline in self.pipelines.values():
-            for camera in pipeline.settings.cameras:
-                for topic, kind in (("image_raw", _IMAGE), ("camera_info", _CAMERA_INFO)):
-                    key = (self.names(f"{camera}/{topic}"), kind)
-                    self.inputs.setdefault(key, []).append((pipeline, camera))
-        self.unreadable: Counter[str] = Counter()
+    def _add_horizon(self, members: dict[str, HorizonSettings]) -> None:
+        """Let nodes take part that have a pipeline in common."""
+        settings = next(iter(members.values())).pipeline
+        pipeline = HorizonPipeline(settings)
+        nodes = [
+            ReplayedHorizonNode(name, s, pipeline, self._names, self._bag)
+            for name, s in members.items()
+        ]
+        for camera in settings.cameras:
+            image, camera_info = (
+                self._handlers.setdefault(source, [])
+                for source in _camera_inputs(camera, self._names)
+            )
+            image.append(partial(_hand_on, partial(pipeline.on_image, camera), nodes))
+            camera_info.append(partial(pipeline.on_camera_info, camera))
+        self._nodes += nodes
+        self._pipelines.append((", ".join(members), pipeline))
 
-    def run(self, reader: Reader, bag: OutputBag, stopped: Callable[[], bool]) -> None:
+    def _add_target(self, settings: TargetSettings) -> None:
+        pipeline = TargetPipeline(settings.pipeline)
+        node = ReplayedTargetNode(_TARGET_NODE, settings, pipeline, self._names, self._bag)
+        self._handlers[_cloud_input(self._names)] = [partial(_hand_on, pipeline.on_cloud, [node])]
+        self._nodes.append(node)
+        self._pipelines.append((_TARGET_NODE, pipeline))
+
+    def run(self, reader: Reader, stopped: Callable[[], bool]) -> None:
         """Read all, write all; KeyboardInterrupt between two messages when asked to stop."""
-        nodes: dict[int, list[ReplayedNode]] = {}
-        for name, settings in self.settings.items():
-            pipeline = self.pipelines[settings.pipeline]
-            node = ReplayedNode(name, settings, pipeline, self.names, bag)
-            nodes.setdefault(id(pipeline), []).append(node)
-        everybody = [node for members in nodes.values() for node in members]
         typestore = get_typestore(Stores.ROS2_JAZZY)
-        wanted = [c for c in reader.connections if (c.topic, c.msgtype) in self.inputs]
+        wanted = [c for c in reader.connections if (c.topic, c.msgtype) in self._handlers]
         total = sum(c.msgcount for c in wanted)
         with tqdm(_messages(reader, wanted), total=total, unit="msg", file=sys.stderr) as progress:
             for connection, time, raw in progress:
                 if stopped():
                     raise KeyboardInterrupt
-                for node in everybody:
+                for node in self._nodes:
                     node.advance(time)
                 try:
                     msg = typestore.deserialize_cdr(raw, connection.msgtype)
                 except SerdeError:
-                    self.unreadable[connection.topic] += 1
+                    self._unreadable[connection.topic] += 1
                     continue
-                for pipeline, camera in self.inputs[connection.topic, connection.msgtype]:
-                    if connection.msgtype == _CAMERA_INFO:
-                        pipeline.on_camera_info(camera, msg)
-                        continue
-                    step = pipeline.on_image(camera, msg)
-                    for node in nodes[id(pipeline)]:
-                        node.on_step(step)
+                for handle in self._handlers[connection.topic, connection.msgtype]:
+                    handle(msg)
 
     def summary(self) -> str:
         """Return what was processed, for a person."""
         lines = []
-        for pipeline in self.pipelines.values():
-            names = [n for n, s in self.settings.items() if s.pipeline == pipeline.settings]
+        for names, pipeline in self._pipelines:
             counts = pipeline.counts
-            lines.append(
-                f"{', '.join(names)}: {counts['frames']} frames, {counts['sets']} sets, "
-                f"{counts['fixes']} fixes"
-            )
+            what = ("clouds",) if isinstance(pipeline, TargetPipeline) else ("frames", "sets")
+            figures = ", ".join(f"{counts[name]} {name}" for name in (*what, "fixes"))
+            lines.append(f"{names}: {figures}")
             lines += [
                 f"  rejected, {cause}: {count}"
                 for cause, count in sorted(pipeline.rejected.items())
             ]
         lines += [
             f"unreadable messages skipped on {topic}: {count}"
-            for topic, count in sorted(self.unreadable.items())
+            for topic, count in sorted(self._unreadable.items())
         ]
         return "\n".join(lines)
+
+
+def _hand_on(process: Callable[[Any], Any], nodes: Sequence[ReplayedNode], msg: Any) -> None:
+    step = process(msg)
+    for node in nodes:
+        node.on_step(step)
+
+
+def _camera_inputs(camera: str, names: TopicNames) -> tuple[_Input, _Input]:
+    return (names(f"{camera}/image_raw"), _IMAGE), (names(f"{camera}/camera_info"), _CAMERA_INFO)
+
+
+def _cloud_input(names: TopicNames) -> _Input:
+    return names(CLOUD_TOPIC), _POINT_CLOUD
 
 
 def _messages(
@@ -321,7 +164,9 @@ def _messages(
             return
         except Exception as error:
             # Whatever a damaged file makes the storage libraries raise.
-            raise ReplayError(f"{reader.path} is truncated or damaged: {_line(error)}") from None
+            raise ReplayError(
+                f"{reader.path} is truncated or damaged: {in_one_line(error)}"
+            ) from None
         yield message
 
 
@@ -333,12 +178,8 @@ def _open_bag(path: Path) -> Reader:
         reader.open()
     except Exception as error:
         # As above; rosbags says in its own words what it misses.
-        raise ReplayError(f"{path} cannot be read as a rosbag2: {_line(error)}") from None
+        raise ReplayError(f"{path} cannot be read as a rosbag2: {in_one_line(error)}") from None
     return reader
-
-
-def _line(error: Exception) -> str:
-    return " ".join(f"{error or type(error).__name__}".split())
 
 
 def _storage_of(path: Path) -> str:
@@ -346,37 +187,70 @@ def _storage_of(path: Path) -> str:
     return "sqlite3" if any(".db3" in file.suffixes for file in files) else "mcap"
 
 
-def _check_topics(replay: _Replay, reader: Reader) -> None:
+def _inputs_of(
+    values: dict[str, dict[str, Any]], names: TopicNames
+) -> dict[str, frozenset[_Input]]:
+    """What each node listens to."""
+    inputs = {}
+    for node, given in values.items():
+        if node == _TARGET_NODE:
+            inputs[node] = frozenset([_cloud_input(names)])
+            continue
+        with _blamed_on(node):
+            cameras = cameras_of(given)
+        inputs[node] = frozenset(i for camera in cameras for i in _camera_inputs(camera, names))
+    return inputs
+
+
+def _taking_part(inputs: dict[str, frozenset[_Input]], reader: Reader) -> list[str]:
+    """Nodes that the bag has a topic for; what it has not is said."""
     present = {(c.topic, c.msgtype) for c in reader.connections}
-    if not present & set(replay.inputs):
-        looked_for = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(replay.inputs))
+    wanted = frozenset[_Input]().union(*inputs.values())
+    if not present & wanted:
+        looked_for = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(wanted))
         there = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(present)) or "  nothing"
         raise ReplayError(
             f"{reader.path} has none of the topics looked for:\n{looked_for}\nIt has:\n{there}"
         )
-    for topic, kind in sorted(set(replay.inputs) - present):
+    for topic, kind in sorted(wanted - present):
         print(f"{reader.path} has no {topic} ({kind})", file=sys.stderr)
+    return [node for node, listened_to in inputs.items() if listened_to & present]
 
 
-def _read_settings(params: Path | None, namespace: str) -> dict[str, HorizonSettings]:
-    settings = {}
-    warned = set()
-    for node in _NODES:
-        values = read_parameter_file(params, node, namespace) if params else {}
-        for name in unknown_parameters(values):
-            if name not in warned:
-                warned.add(name)
-                print(f"unknown parameter {name} is ignored ({params})", file=sys.stderr)
-        try:
-            settings[node] = horizon_settings(values)
-        except ParameterError as error:
-            raise ReplayError(f"{node}: {error}") from None
-        if None in settings[node].pipeline.rotations:
+def _read_values(params: Path | None, namespace: str) -> dict[str, dict[str, Any]]:
+    """Parameters that the file has for each node."""
+    if params is None:
+        return {node: {} for node in _NODES}
+    values = {node: read_parameter_file(params, node, namespace) for node in _NODES}
+    unknown = [name for given in values.values() for name in unknown_parameters(given)]
+    for name in dict.fromkeys(unknown):
+        print(f"unknown parameter {name} is ignored ({params})", file=sys.stderr)
+    return values
+
+
+def _plan(values: dict[str, dict[str, Any]]) -> _Plan:
+    horizon = {}
+    target = None
+    for node, given in values.items():
+        with _blamed_on(node):
+            if node == _TARGET_NODE:
+                target = target_settings(given)
+                continue
+            horizon[node] = horizon_settings(given)
+        if None in horizon[node].pipeline.rotations:
             raise ReplayError(
                 f"{node}: extrinsics_source is tf, and a replay has no TF; set the rotations as "
                 "parameters"
             )
-    return settings
+    return _Plan(horizon, target)
+
+
+@contextmanager
+def _blamed_on(node: str) -> Iterator[None]:
+    try:
+        yield
+    except ParameterError as error:
+        raise ReplayError(f"{node}: {error}") from None
 
 
 def _check_output(path: Path, source: Path, *, force: bool) -> None:
@@ -397,19 +271,20 @@ def replay(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) ->
     """
     names = TopicNames(arguments.namespace, arguments.remap)
     try:
-        settings = _read_settings(arguments.params, arguments.namespace)
+        values = _read_values(arguments.params, arguments.namespace)
     except ParameterError as error:
         raise ReplayError(str(error)) from None
     reader = _open_bag(arguments.in_bag)
     try:
-        run = _Replay(settings, names)
-        _check_topics(run, reader)
+        nodes = _taking_part(_inputs_of(values, names), reader)
+        plan = _plan({node: values[node] for node in nodes})
         _check_output(arguments.out_bag, arguments.in_bag, force=arguments.force)
         bag = OutputBag(
             arguments.out_bag, _STORAGE[arguments.storage or _storage_of(arguments.in_bag)]
         )
         try:
-            run.run(reader, bag, stopped)
+            run = _Replay(plan, names, bag)
+            run.run(reader, stopped)
             bag.finish()
         except BaseException:
             bag.discard()

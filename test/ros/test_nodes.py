@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -14,8 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from horizon_messages import (
     CAMERAS,
@@ -33,58 +30,25 @@ from horizon_messages import (
     write_parameters,
 )
 from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import ChangeState, GetState
+from node_processes import Listener, Program
 from rcl_interfaces.srv import DescribeParameters, SetParameters
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import CameraInfo, Image
 
-ROOT = Path(__file__).parents[2]
-PATIENCE_S = 20.0
 ESTIMATES = {"local_vertical": Vector3Stamped, "attitude": PoseWithCovarianceStamped}
 NODES = ("local_vertical_node", "attitude_node")
 
-
-class Program:
-    """An executable of the package in a process of its own."""
-
-    def __init__(self, name: str, environment: dict[str, str], *arguments: str) -> None:
-        command = [sys.executable, "-m", f"horizon_sensor_ros.ros.{name}"]
-        if arguments:
-            command += ["--ros-args", *arguments]
-        self.process = subprocess.Popen(
-            command, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-
-    def end(self, how: int = signal.SIGTERM) -> tuple[int, str]:
-        """Signal the process; exit code and what it wrote to stderr."""
-        self.process.send_signal(how)
-        return self.wait()
-
-    def wait(self) -> tuple[int, str]:
-        _, errors = self.process.communicate(timeout=PATIENCE_S)
-        return self.process.returncode, errors
-
-    def kill(self) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-        self.process.communicate()
+pytestmark = pytest.mark.usefixtures("environment")
 
 
-class Craft:
+class Craft(Listener):
     """The rest of the craft: two camera drivers, and somebody who listens."""
 
     def __init__(self, domain: int) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node("craft", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.heard: list[tuple[str, Any]] = []
+        super().__init__(domain)
         self._publishers: dict[str, Any] = {}
         for camera in CAMERAS:
             for kind, name in ((Image, "image_raw"), (CameraInfo, "camera_info")):
@@ -92,24 +56,6 @@ class Craft:
                 self._publishers[topic] = self.node.create_publisher(kind, topic, 10)
         for topic, kind in ESTIMATES.items():
             self.listen(kind, f"/{topic}", QoSProfile(depth=100))
-        self.listen(DiagnosticArray, "/diagnostics", 100)
-
-    def listen(self, kind: type, topic: str, qos: Any) -> Any:
-        return self.node.create_subscription(
-            kind, topic, lambda msg: self.heard.append((topic, msg)), qos
-        )
-
-    def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
-    def wait(self, condition: Callable[[], Any], what: str) -> Any:
-        deadline = time.monotonic() + PATIENCE_S
-        while not (found := condition()):
-            assert time.monotonic() < deadline, f"waited in vain for {what}"
-            self.executor.spin_once(timeout_sec=0.02)
-        return found
 
     def match(
         self,
@@ -135,16 +81,6 @@ class Craft:
                 self.insist(probe, node, f"{camera}: camera_info is uncalibrated")
         self.heard.clear()
 
-    def insist(self, send: Callable[[], None], node: str, words: str) -> None:
-        """Send something again and again until a node says the words."""
-        deadline = time.monotonic() + PATIENCE_S
-        while not any(words in status.message for status in self.statuses(node)):
-            assert time.monotonic() < deadline, f"waited in vain for {words!r}"
-            send()
-            pause = time.monotonic() + 0.1
-            while time.monotonic() < pause:
-                self.executor.spin_once(timeout_sec=0.02)
-
     def send(self, topic: str, msg: Any) -> None:
         self._publishers[topic].publish(msg)
 
@@ -169,63 +105,10 @@ class Craft:
         stamps = [msg.header.stamp for msg in self.estimates(topic)]
         return [(s.sec * 10**9 + s.nanosec - START_NS) // PERIOD_NS for s in stamps]
 
-    def statuses(self, node: str = "") -> list[Any]:
-        return [
-            msg.status[0]
-            for name, msg in self.heard
-            if name == "/diagnostics" and msg.status[0].name.startswith(node)
-        ]
-
-    def wait_for_state(self, state: str, words: str = "", node: str = "") -> Any:
-        def said() -> Any:
-            return [
-                s for s in self.statuses(node) if s.values[0].value == state and words in s.message
-            ]
-
-        return self.wait(said, f"state {state!r} with {words!r}")[-1]
-
     def expect_pair(self, index: int, topics: tuple[str, ...] = tuple(ESTIMATES)) -> None:
         """Send a good pair and wait for its estimates."""
         self.send_pair(index)
         self.wait(lambda: all(index in self.stamps(topic) for topic in topics), f"estimate {index}")
-
-    def call(self, kind: type, name: str, request: Any) -> Any:
-        client = self.node.create_client(kind, name)
-        self.wait(client.service_is_ready, name)
-        future = client.call_async(request)
-        self.wait(future.done, f"answer of {name}")
-        self.node.destroy_client(client)
-        return future.result()
-
-    def transition(self, node: str, transition: int) -> bool:
-        request = ChangeState.Request(transition=Transition(id=transition))
-        return self.call(ChangeState, f"/{node}/change_state", request).success
-
-    def state(self, node: str) -> int:
-        return self.call(GetState, f"/{node}/get_state", GetState.Request()).current_state.id
-
-
-@pytest.fixture(scope="module", autouse=True)
-def environment(ros_domain: int) -> Iterator[dict[str, str]]:
-    """Environment of all processes, this one included: isolated, with the shipped transport."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(ros_domain))
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(ROOT / "config" / "fastdds.xml"))
-        yield dict(os.environ)
-
-
-@pytest.fixture
-def start(environment: dict[str, str]) -> Iterator[Callable[..., Program]]:
-    programs: list[Program] = []
-
-    def start_one(name: str, *arguments: str) -> Program:
-        programs.append(Program(name, environment, *arguments))
-        return programs[-1]
-
-    yield start_one
-    for program in programs:
-        program.kill()
 
 
 @pytest.fixture

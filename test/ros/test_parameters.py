@@ -13,14 +13,28 @@ from hypothesis import strategies as st
 
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.parameters import (
+    COMMON_PARAMETERS,
     HORIZON_PARAMETERS,
     NODE_PARAMETERS,
+    TARGET_PARAMETERS,
     ParameterError,
     horizon_settings,
     parameter_file,
     parameter_reference,
     read_parameter_file,
+    target_settings,
     unknown_parameters,
+)
+
+ALL_PARAMETERS = (*HORIZON_PARAMETERS, *TARGET_PARAMETERS, *COMMON_PARAMETERS, *NODE_PARAMETERS)
+ANY_VALUE = (
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text()
+    | st.lists(st.floats() | st.text() | st.integers(), max_size=5)
+    | st.dictionaries(st.text(), st.integers())
 )
 
 
@@ -67,6 +81,57 @@ def test_refused_with_name_and_reason_in_one_line(values: dict, words: list[str]
         assert word in message
 
 
+def test_the_targets_defaults_are_the_contracts() -> None:
+    settings = target_settings({})
+    assert settings.pipeline.target_frame == "target"
+    assert settings.pipeline.tracker.max_gap_s == 2.0
+    registration = settings.pipeline.tracker.registration
+    assert (registration.focal_px, registration.range_noise_m) == (None, None)
+
+
+def test_what_is_known_of_the_range_sensor_reaches_the_core() -> None:
+    values = {"range_noise": 0.004, "pixel_angle": 0.003125, "max_gap": 5, "min_points": 7}
+    tracker = target_settings(values).pipeline.tracker
+    assert tracker.registration.range_noise_m == 0.004
+    assert tracker.registration.focal_px == pytest.approx(320.0)
+    assert tracker.registration.min_points == 7
+    assert tracker.max_gap_s == 5.0
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"max_gap": 0.0}, ["max_gap", "0.0"]),
+        ({"max_gap": float("nan")}, ["max_gap"]),
+        ({"range_noise": -1.0}, ["range_noise", "-1.0"]),
+        ({"pixel_angle": "small"}, ["pixel_angle must be a double", "small"]),
+        ({"min_score": 1.5}, ["min_score", "1.5"]),
+        ({"target_frame": " "}, ["target_frame is empty"]),
+        ({"min_points": 2.5}, ["min_points must be a integer"]),
+    ],
+)
+def test_the_targets_are_refused_likewise(values: dict, words: list[str]) -> None:
+    with pytest.raises(ParameterError) as caught:
+        target_settings(values)
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from([p.name for p in (*TARGET_PARAMETERS, *COMMON_PARAMETERS)]), ANY_VALUE
+    )
+)
+def test_the_targets_values_of_any_kind_give_settings_or_one_line(values: dict[str, Any]) -> None:
+    try:
+        outcome = str(target_settings(values))
+    except ParameterError as error:
+        outcome = str(error)
+    assert len(outcome.splitlines()) == 1
+
+
 def test_whole_numbers_are_numbers() -> None:
     settings = horizon_settings({**PARAMETERS, "planet_radius": 1737400, "slop": 0})
     assert settings.pipeline.sensor.planet.radius_m == 1737400.0
@@ -89,14 +154,10 @@ def test_with_tf_no_rotation_is_needed() -> None:
 
 @given(
     st.dictionaries(
-        st.sampled_from([p.name for p in HORIZON_PARAMETERS] + list(PARAMETERS)),
-        st.none()
-        | st.booleans()
-        | st.integers()
-        | st.floats()
-        | st.text()
-        | st.lists(st.floats() | st.text() | st.integers(), max_size=5)
-        | st.dictionaries(st.text(), st.integers()),
+        st.sampled_from(
+            [p.name for p in (*HORIZON_PARAMETERS, *COMMON_PARAMETERS)] + list(PARAMETERS)
+        ),
+        ANY_VALUE,
     )
 )
 def test_values_of_any_kind_give_settings_or_one_line(values: dict[str, Any]) -> None:
@@ -208,6 +269,7 @@ def test_an_empty_file_sets_nothing(tmp_path: Path) -> None:
 
 def test_typing_errors_in_names_are_found() -> None:
     values = {**PARAMETERS, "planet_raduis": 1.0, "use_sim_time": True, "camera_9.rotation": [1]}
+    values["max_gap"] = 3.0
     values["qos_overrides./attitude.publisher.depth"] = 3
     assert unknown_parameters(values) == ["planet_raduis"]
 
@@ -219,11 +281,11 @@ def test_the_shipped_file_is_made_from_the_table() -> None:
 
 def test_the_shipped_file_holds_every_default() -> None:
     values = yaml.safe_load(parameter_file())["/**"]["ros__parameters"]
-    assert values == {p.name: p.default for p in (*HORIZON_PARAMETERS, *NODE_PARAMETERS)}
+    assert values == {p.name: p.default for p in ALL_PARAMETERS}
     assert max(len(line) for line in parameter_file().splitlines()) <= 100
 
 
 def test_the_reference_names_every_parameter() -> None:
     reference = parameter_reference()
-    for parameter in (*HORIZON_PARAMETERS, *NODE_PARAMETERS):
+    for parameter in ALL_PARAMETERS:
         assert f"| `{parameter.name}` |" in reference

@@ -1,0 +1,78 @@
+"""A managed node with reliable outputs that says on /diagnostics how it fares."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecyclePublisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.timer import Timer
+
+from horizon_sensor_ros.ros.diagnostics import Health, diagnostic_message
+from horizon_sensor_ros.ros.managed_node import ManagedNode, Settings
+
+OUTPUT_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class ReportingNode(ManagedNode[Settings]):
+    """Keeps a node's publishers, and the timer of its diagnostics."""
+
+    def __init__(self, name: str, **node_arguments: Any) -> None:
+        self._publishers_made: list[LifecyclePublisher] = []
+        self._timer: Timer | None = None
+        super().__init__(name, **node_arguments)
+
+    def diagnosis(self, now: int) -> DiagnosticArray | None:
+        """Message for /diagnostics; None while the node is not active."""
+        raise NotImplementedError
+
+    @property
+    def subject(self) -> str:
+        """Name under which the node reports."""
+        raise NotImplementedError
+
+    def now(self) -> int:
+        """Nanoseconds of the node's clock."""
+        return self.get_clock().now().nanoseconds
+
+    def make_publisher(self, message: type, topic: str) -> LifecyclePublisher:
+        """Return a publisher that goes with the node's state and has its QoS overridable."""
+        publisher = self.create_lifecycle_publisher(
+            message,
+            topic,
+            OUTPUT_QOS,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+        self._publishers_made.append(publisher)
+        return publisher
+
+    def begin_reports(self, period_s: float) -> None:
+        """Report from now on, every so often."""
+        # Not managed: an inactive node says so.
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        # Steady: diagnostics go on when simulated time stands still.
+        self._timer = self.create_timer(
+            period_s, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+
+    def report(self) -> None:
+        """Publish on /diagnostics."""
+        now = self.now()
+        message = self.diagnosis(now)
+        if message is None:
+            inactive = Health(DiagnosticStatus.OK, "inactive", "the node is not active")
+            message = diagnostic_message(self.subject, inactive, {}, now)
+        self._diagnostics.publish(message)
+
+    def close(self) -> None:
+        """Give back publishers and timer; also called when there are none."""
+        if self._timer is not None:
+            self.destroy_timer(self._timer)
+            self.destroy_publisher(self._diagnostics)
+        self._timer = None
+        for publisher in self._publishers_made:
+            self.destroy_lifecycle_publisher(publisher)
+        self._publishers_made.clear()

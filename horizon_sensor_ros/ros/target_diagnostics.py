@@ -1,0 +1,120 @@
+"""What the target's tracker says about itself on /diagnostics."""
+
+from __future__ import annotations
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target.tracker import TargetFix
+from horizon_sensor_ros.ros.diagnostics import Health, Pace, diagnostic_message, rejected_values
+from horizon_sensor_ros.ros.messages import NANOSECONDS, Refusal
+from horizon_sensor_ros.ros.target_pipeline import TargetPipeline, TargetStep
+
+_OK = DiagnosticStatus.OK
+_WARN = DiagnosticStatus.WARN
+_ERROR = DiagnosticStatus.ERROR
+_STALE = DiagnosticStatus.STALE
+
+
+class TargetMonitor:
+    """Follows a pipeline and says how it fares; all times are given to it, in nanoseconds.
+
+    Times may be a node's clock or a bag's. With `live`, latency and rate are reported too: these
+    depend on the machine and have no place in a replay.
+    """
+
+    def __init__(self, name: str, stale_after_ns: int, *, live: bool) -> None:
+        self.name = name
+        self.stale_after_ns = stale_after_ns
+        self._live = live
+        self._last_ns: int | None = None
+        self._refusal: Refusal | None = None
+        self._fix: TargetFix | None = None
+        self._pace = Pace()
+        self._reported: tuple[bytes, str, str] | None = None
+
+    def on_step(self, step: TargetStep, now: int) -> None:
+        """Take note of a cloud and what became of it."""
+        self._last_ns = now
+        self._refusal = step.refusal
+        if step.fix is not None:
+            self._fix = step.fix
+
+    def on_published(self, stamp: int, now: int) -> None:
+        """Take note of an estimate that went out."""
+        self._pace.on_published(stamp, now)
+
+    def health(self, now: int) -> Health:
+        """State at a time."""
+        if self._last_ns is None:
+            return Health(_STALE, "waiting", "no clouds yet")
+        # A clock that was set back must not make a sensor look alive for hours.
+        self._last_ns = min(self._last_ns, now)
+        age = now - self._last_ns
+        if age > self.stale_after_ns:
+            return Health(_STALE, "stale", f"no clouds for {age / NANOSECONDS:.1f} s")
+        if self._refusal is not None:
+            return Health(_ERROR, "refused", self._refusal.reason)
+        fix = self._fix
+        assert fix is not None
+        if fix.status is not Status.OK:
+            return Health(_WARN, "no_fix", f"{fix.status}: {fix.reason}")
+        if fix.new_frame:
+            return Health(_WARN, "new_target_frame", f"new target frame: {fix.reason}")
+        return Health(_OK, "ok", "tracking")
+
+    def changed(self, now: int) -> bool:
+        """Whether the state is another than in the last `message`."""
+        return self._key(self.health(now)) != self._reported
+
+    def message(self, now: int, pipeline: TargetPipeline) -> DiagnosticArray:
+        """Return the message for /diagnostics."""
+        health = self.health(now)
+        self._reported = self._key(health)
+        return diagnostic_message(self.name, health, self._values(now, pipeline), now)
+
+    def _key(self, health: Health) -> tuple[bytes, str, str]:
+        if self._refusal is not None:
+            return health.level, health.state, self._refusal.cause
+        return health.level, health.state, str(self._fix.status) if self._fix is not None else ""
+
+    def _values(self, now: int, pipeline: TargetPipeline) -> dict[str, str]:
+        values = {}
+        if self._fix is not None:
+            values.update(_fix_values(self._fix))
+        for name in ("clouds", "fixes", "target_frames", "time_jumps"):
+            values[name] = str(pipeline.counts[name])
+        values.update(rejected_values(pipeline.rejected))
+        if self._live:
+            values.update(self._pace.values(now))
+        return values
+
+
+def _fix_values(fix: TargetFix) -> dict[str, str]:
+    values = {
+        "status": str(fix.status),
+        "cloud_points": str(fix.num_points),
+        "keyframes": str(fix.num_keyframes),
+    }
+    found = fix.registration
+    if found is None:
+        return values
+    values["points"] = str(found.num_points)
+    for name, value in (("score", found.score), ("overlap", found.overlap)):
+        if np.isfinite(value):
+            values[name] = f"{value:.4f}"
+    if np.isfinite(found.rms_residual_m):
+        values["residual_mm"] = f"{found.rms_residual_m * 1e3:.3f}"
+    values["degenerate_directions"] = str(len(found.weak))
+    values["degeneracy"] = "; ".join(map(_direction, found.weak)) or "none"
+    return values
+
+
+def _direction(weak: np.ndarray) -> str:
+    """Return a direction that the views do not show, for a person."""
+    turn, shift = weak[:3], weak[3:]
+    about = np.linalg.norm(turn) > np.linalg.norm(shift)
+    part = turn if about else shift
+    x, y, z = part / np.linalg.norm(part)
+    return f"{'turn about' if about else 'shift along'} ({x:.2f}, {y:.2f}, {z:.2f})"

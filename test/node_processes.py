@@ -1,0 +1,115 @@
+"""Nodes in processes of their own, and somebody who talks with them over real DDS."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+
+PATIENCE_S = 20.0
+
+
+class Program:
+    """An executable of the package in a process of its own."""
+
+    def __init__(self, name: str, environment: dict[str, str], *arguments: str) -> None:
+        command = [sys.executable, "-m", f"horizon_sensor_ros.ros.{name}"]
+        if arguments:
+            command += ["--ros-args", *arguments]
+        self.process = subprocess.Popen(
+            command, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+
+    def end(self, how: int = signal.SIGTERM) -> tuple[int, str]:
+        """Signal the process; exit code and what it wrote to stderr."""
+        self.process.send_signal(how)
+        return self.wait()
+
+    def wait(self) -> tuple[int, str]:
+        _, errors = self.process.communicate(timeout=PATIENCE_S)
+        return self.process.returncode, errors
+
+    def kill(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.communicate()
+
+
+class Listener:
+    """A node of the tests': keeps what it hears, /diagnostics included."""
+
+    def __init__(self, domain: int) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node("craft", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.heard: list[tuple[str, Any]] = []
+        self.listen(DiagnosticArray, "/diagnostics", 100)
+
+    def listen(self, kind: type, topic: str, qos: Any) -> Any:
+        return self.node.create_subscription(
+            kind, topic, lambda msg: self.heard.append((topic, msg)), qos
+        )
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def wait(self, condition: Callable[[], Any], what: str) -> Any:
+        deadline = time.monotonic() + PATIENCE_S
+        while not (found := condition()):
+            assert time.monotonic() < deadline, f"waited in vain for {what}"
+            self.executor.spin_once(timeout_sec=0.02)
+        return found
+
+    def insist(self, send: Callable[[], None], node: str, words: str) -> None:
+        """Send something again and again until a node says the words."""
+        deadline = time.monotonic() + PATIENCE_S
+        while not any(words in status.message for status in self.statuses(node)):
+            assert time.monotonic() < deadline, f"waited in vain for {words!r}"
+            send()
+            pause = time.monotonic() + 0.1
+            while time.monotonic() < pause:
+                self.executor.spin_once(timeout_sec=0.02)
+
+    def statuses(self, node: str = "") -> list[Any]:
+        return [
+            msg.status[0]
+            for name, msg in self.heard
+            if name == "/diagnostics" and msg.status[0].name.startswith(node)
+        ]
+
+    def wait_for_state(self, state: str, words: str = "", node: str = "") -> Any:
+        def said() -> Any:
+            return [
+                s for s in self.statuses(node) if s.values[0].value == state and words in s.message
+            ]
+
+        return self.wait(said, f"state {state!r} with {words!r}")[-1]
+
+    def call(self, kind: type, name: str, request: Any) -> Any:
+        client = self.node.create_client(kind, name)
+        self.wait(client.service_is_ready, name)
+        future = client.call_async(request)
+        self.wait(future.done, f"answer of {name}")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def transition(self, node: str, transition: int) -> bool:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return self.call(ChangeState, f"/{node}/change_state", request).success
+
+    def state(self, node: str) -> int:
+        return self.call(GetState, f"/{node}/get_state", GetState.Request()).current_state.id
