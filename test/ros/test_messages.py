@@ -32,8 +32,10 @@ from horizon_sensor_ros.ros.messages import (
     gray_from_image,
     image_message,
     local_vertical_message,
+    pose_message,
     stamp_ns,
     time_from_ns,
+    twist_message,
 )
 
 RGB_WEIGHTS = (0.299, 0.587, 0.114)
@@ -277,3 +279,24 @@ def test_pictures_go_into_messages() -> None:
     msg = image_message(bgr, 9, "base_link")
     assert (msg.width, msg.height, msg.step, msg.encoding) == (7, 5, 21, "bgr8")
     np.testing.assert_array_equal(np.frombuffer(msg.data, np.uint8).reshape(bgr.shape), bgr)
+
+
+def test_poses_and_twists_have_position_before_rotation() -> None:
+    # 120 degrees about z, and a covariance whose entries say where they are.
+    s = 0.75**0.5
+    pose = np.array([[-0.5, -s, 0, 1], [s, -0.5, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
+    rotation_first = np.add.outer(10 * np.arange(6), np.arange(6)).astype(float)
+    rotation_first += rotation_first.T
+    order = [3, 4, 5, 0, 1, 2]
+    expected = rotation_first[np.ix_(order, order)].ravel()
+    msg = pose_message(pose, rotation_first, 5_000_000_007, "tof")
+    assert (msg.header.frame_id, msg.header.stamp.sec, msg.header.stamp.nanosec) == ("tof", 5, 7)
+    place, turn = msg.pose.pose.position, msg.pose.pose.orientation
+    assert (place.x, place.y, place.z) == (1.0, 2.0, 3.0)
+    np.testing.assert_allclose([turn.x, turn.y, turn.z, turn.w], [0, 0, s, 0.5], atol=1e-12)
+    np.testing.assert_array_equal(msg.pose.covariance, expected)
+    moving = twist_message(np.arange(6.0), rotation_first, 5_000_000_007, "tof")
+    linear, angular = moving.twist.twist.linear, moving.twist.twist.angular
+    assert (angular.x, angular.y, angular.z) == (0.0, 1.0, 2.0)
+    assert (linear.x, linear.y, linear.z) == (3.0, 4.0, 5.0)
+    np.testing.assert_array_equal(moving.twist.covariance, expected)
