@@ -18,7 +18,7 @@ import yaml
 
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.fits import METHODS
-from horizon_sensor_ros.core.horizon_sensor import LIMB_SOURCES, HorizonConfig
+from horizon_sensor_ros.core.horizon_config import LIMB_SOURCES, HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.target.registration import RegistrationConfig
 from horizon_sensor_ros.core.target.tracker import TrackerConfig

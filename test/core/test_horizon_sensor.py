@@ -32,8 +32,8 @@ from horizon_sensor_ros.core.horizon_sensor import (
     HorizonConfig,
     HorizonFix,
     HorizonSensor,
-    full_scale,
 )
+from horizon_sensor_ros.core.judgement import full_scale
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging, Occluder

@@ -1,0 +1,90 @@
+"""Whether to believe a frame's limb, a fit, or two cameras that say different things."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from horizon_sensor_ros.core.fits.limb_rays import gather
+from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.horizon_config import HorizonConfig
+from horizon_sensor_ros.core.limb.evidence import SkyEvidence
+from horizon_sensor_ros.core.status import Status
+
+# Two cameras that see the limb each for itself contradict each other when farther apart than both.
+_DISAGREEMENT_SIGMAS = 5.0
+_DISAGREEMENT_RAD = np.radians(0.25)
+
+
+def doubt(evidence: SkyEvidence, found_px: float, space_share: float, config: HorizonConfig) -> str:
+    """Why a frame's limb points are not the limb's; empty when nothing speaks against them.
+
+    found_px : length of limb along which edges were found. space_share : gray level of empty space,
+    over the largest gray level.
+    """
+    lit_px = max(evidence.limb_px * evidence.lit_limb, 1.0)
+    if space_share > config.max_space_level:
+        return f"no dark sky: the darkest part of the frame is at {space_share:.0%} of full scale"
+    if evidence.contrast < config.min_contrast:
+        return f"faint limb: {evidence.contrast:.0f} sigma above space"
+    if evidence.bright_sky > config.max_bright_sky:
+        return f"bright sky beside {evidence.bright_sky:.0%} of the limb"
+    if evidence.clear_sky < config.min_clear_sky:
+        return f"only {evidence.clear_sky:.0%} of the sky is at the level of space"
+    if found_px < config.min_limb_share * lit_px:
+        return f"an edge along {found_px / lit_px:.0%} of the limb only"
+    return ""
+
+
+def refusal(
+    fit: HorizonFit, observations: Sequence[LimbObservation], config: HorizonConfig
+) -> tuple[Status, str] | None:
+    """Why a fit is not to be published, or None."""
+    if not config.altitude_min_m <= fit.altitude_m <= config.altitude_max_m:
+        return (
+            Status.ALTITUDE_OUT_OF_RANGE,
+            f"altitude {fit.altitude_m / 1e3:.0f} km is outside "
+            f"{config.altitude_min_m / 1e3:.0f} to {config.altitude_max_m / 1e3:.0f} km",
+        )
+    width = max(observation.view.camera.width for observation in observations)
+    limit_px = config.max_residual_px * max(1.0, width / 640.0)
+    if not fit.rms_residual_px <= limit_px:
+        return Status.POOR_FIT, f"residual {fit.rms_residual_px:.2f} px, above {limit_px:.2f}"
+    sigma = nadir_sigma_rad(fit)
+    if not sigma <= config.max_nadir_sigma_rad:
+        return Status.UNCERTAIN, f"nadir is known to {np.degrees(sigma):.2f} deg only"
+    if len(fit.cameras) < 2:
+        return None
+    for observation in observations:
+        rays = gather([observation])
+        if len(rays) == 0:
+            continue
+        residual = rays.residuals_px(fit.nadir_base, fit.rho_rad)
+        spread = np.hypot(fit.rms_residual_px, rays.sigma_px)
+        if np.mean(np.abs(residual) < 4.0 * spread) < 0.5:
+            off = float(np.median(residual))
+            return (
+                Status.CAMERAS_DISAGREE,
+                f"the limb in {observation.view.name} lies {off:.1f} px off the common cone",
+            )
+    return None
+
+
+def disagreement_rad(one: HorizonFit, other: HorizonFit) -> float:
+    """Angle between two fits' nadirs if it is more than their covariances allow, else 0."""
+    apart = float(np.linalg.norm(np.cross(one.nadir_base, other.nadir_base)))
+    sigma = np.hypot(nadir_sigma_rad(one), nadir_sigma_rad(other))
+    return apart if apart > max(_DISAGREEMENT_SIGMAS * sigma, _DISAGREEMENT_RAD) else 0.0
+
+
+def nadir_sigma_rad(fit: HorizonFit) -> float:
+    """One sigma of nadir in its least certain direction."""
+    return float(np.sqrt(np.linalg.eigvalsh(fit.cov_nadir_altitude[:3, :3])[-1]))
+
+
+def full_scale(gray: np.ndarray) -> float:
+    """Return the largest gray level: 255, or for 16 bits that of the fewest bits that hold it."""
+    if gray.dtype == np.uint8:
+        return 255.0
+    return float(2 ** max(8, int(gray.max()).bit_length()) - 1)

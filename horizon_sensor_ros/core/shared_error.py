@@ -1,0 +1,71 @@
+"""Errors of a fix that the limb points' own scatter cannot show, for the covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
+from horizon_sensor_ros.core.fits.limb_rays import gather
+from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.planet import Planet
+
+_STRETCHES = 6
+_CAMERA_SHIFT = 1.5  # error of a camera's whole limb, over that of its stretches
+# The sphere that stands in for an ellipsoid whose orientation is not known: worst latitude and
+# heading, short arcs in low orbit, one sigma (0.24 deg at most).
+_ELLIPSOID_SIGMA_RAD = np.radians(0.1)
+_ELLIPSOID_ALTITUDE_SIGMA_M = 10.7e3  # half of the polar flattening
+
+
+def with_shared_error(
+    fit: HorizonFit, observations: Sequence[LimbObservation], sphere: Planet, planet: Planet
+) -> HorizonFit:
+    """Return the fit with the errors that points share added to its covariance.
+
+    Those are what stretches of the limb have in common (`LimbPoints.coherent_px`), and what the
+    mean `sphere` that was fitted leaves out of a flattened `planet`.
+    """
+    cov = fit.cov_nadir_altitude + _coherent_covariance(fit, observations, sphere)
+    if planet.flattening > 0.0:
+        across = np.eye(3) - np.outer(fit.nadir_base, fit.nadir_base)
+        cov[:3, :3] += _ELLIPSOID_SIGMA_RAD**2 * across
+        cov[3, 3] += _ELLIPSOID_ALTITUDE_SIGMA_M**2
+    return replace(fit, cov_nadir_altitude=cov)
+
+
+def _coherent_covariance(
+    fit: HorizonFit, observations: Sequence[LimbObservation], sphere: Planet
+) -> np.ndarray:
+    """Covariance (4, 4) of nadir and altitude from the errors that neighbouring points share.
+
+    Each camera's limb counts as `_STRETCHES` independent stretches, whatever the number of points.
+    """
+    basis = tangent_basis(fit.nadir_base)
+    information = np.zeros((3, 3))
+    shifts = []
+    for observation in observations:
+        rays = gather([observation])
+        if len(rays) < 2 * _STRETCHES or observation.view.name not in fit.cameras:
+            continue
+        claimed_px = observation.limb.coherent_px
+        if claimed_px == 0.0:
+            return np.zeros((4, 4))
+        # What the stretches show of it counts too, more than it seems: the fit has bent to them.
+        residual = rays.residuals_px(fit.nadir_base, fit.rho_rad)[rays.along_limb(fit.nadir_base)]
+        stretches = [np.median(part) for part in np.array_split(residual, _STRETCHES)]
+        freedom = max(1.0 - 3.0 / (_STRETCHES * len(fit.cameras)), 0.25)
+        seen_px = np.sqrt(np.mean(np.square(stretches)) / freedom)
+        coherent_px = float(max(claimed_px, np.nan_to_num(seen_px, posinf=9.0)))
+        rows = rays.design(fit.nadir_base, basis) / rays.angles(fit.nadir_base)[1][:, None]
+        weight = _STRETCHES / (len(rays) * coherent_px**2)
+        information += weight * rows.T @ rows
+        # The limb of a camera as a whole may be off by as much: cameras see different air.
+        shifts.append(_CAMERA_SHIFT * claimed_px * weight * rows.sum(axis=0))
+    gain = np.linalg.pinv(information, hermitian=True)
+    moved = [gain @ shift for shift in shifts]
+    cov = gain + sum((np.outer(move, move) for move in moved), np.zeros((3, 3)))
+    return covariance_nadir_altitude(cov, basis, fit.rho_rad, sphere)
