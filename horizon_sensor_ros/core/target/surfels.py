@@ -120,6 +120,10 @@ class SurfaceView:
     def coplanar(self) -> bool:
         """Whether nearly all returns lie on one plane, within noise."""
         points = self.sample(1000)[0].astype(float)
+        # Of returns on one line the plane is arbitrary, and some of all planes leave noise outside.
+        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1]
+        if spread / np.sqrt(len(points)) < self.footprint_m + 4 * self.sigma_m:
+            return True
         close = np.ones(len(points), bool)
         for _ in range(3):
             centre = points[close].mean(axis=0)
