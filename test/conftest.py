@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +19,10 @@ ROOT = Path(__file__).parents[1]
 
 # Before anything loads numpy, as in the package's own executables.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# A run in a shell's background is born deaf to SIGINT, and so would be all that it starts.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
