@@ -126,8 +126,8 @@ class HorizonSensor:
     def _single(self, frames: Sequence[Frame], fix: HorizonFix) -> HorizonFix | None:
         """Fix of the one camera that has one by itself, where all together have none.
 
-        A flooded frame may spoil the common fit without being caught by its own evidence. If more
-        than one camera has a fix by itself nothing tells which to believe.
+        A flooded frame may spoil the common fit. The others must be blind by themselves: if a limb
+        is there that fits none, or more than one fits, nothing tells which to believe.
         """
         if fix.ok or len(frames) < 2 or fix.status is Status.CAMERAS_DISAGREE:
             return None
@@ -138,6 +138,8 @@ class HorizonSensor:
             alone, doubtful = self._attempt([frame])
             if alone.ok and not doubtful:
                 found.append((i, alone))
+            elif not doubtful and alone.status is not Status.NO_LIMB:
+                return None
         if len(found) != 1:
             return None
         i, alone = found[0]
