@@ -14,7 +14,6 @@ from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.judgement import disagreement_rad, doubt, full_scale, refusal
-from horizon_sensor_ros.core.limb.candidates import reduce_image
 from horizon_sensor_ros.core.limb.detector import Detection, canny_limbs, detect_limb
 from horizon_sensor_ros.core.limb.evidence import sky_evidence
 from horizon_sensor_ros.core.limb.points import LimbPoints
@@ -189,10 +188,9 @@ class HorizonSensor:
             if limb.status is not Status.OK:
                 continue
             candidates = detection.candidates[i]
-            small, factor = reduce_image(frame.gray)
             evidence = sky_evidence(
-                small,
-                factor,
+                candidates.reduced,
+                int(candidates.pitch_px),
                 candidates.space_level,
                 candidates.noise,
                 frame.view,

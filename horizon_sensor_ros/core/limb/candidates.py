@@ -31,7 +31,8 @@ class LimbCandidates:
     full-image pixels.
     space_level, noise : gray level of empty space and its one-sigma noise, as seen in the working
     image. outermost : (N,) False where another candidate lies farther out along the normal; None
-    where that was not looked at.
+    where that was not looked at. reduced : (h, w) float32, the working image, ``pitch_px`` times
+    smaller; empty where there is none.
     """
 
     px: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
@@ -41,6 +42,7 @@ class LimbCandidates:
     space_level: float = np.nan
     noise: float = np.nan
     outermost: np.ndarray | None = None
+    reduced: np.ndarray = field(default_factory=lambda: np.empty((0, 0), dtype=np.float32))
 
     def __len__(self) -> int:
         return len(self.px)
@@ -49,18 +51,23 @@ class LimbCandidates:
 def reduce_image(gray: np.ndarray) -> tuple[np.ndarray, int]:
     """Block-average an image to the working size: (float32 image, integer reduction factor)."""
     factor = max(1, int(np.ceil(max(gray.shape) / WORKING_SIZE_PX - 0.25)))
-    if factor == 1:
-        return gray.astype(np.float32), 1
+    return block_average(gray, factor), factor
+
+
+def block_average(gray: np.ndarray, factor: int) -> np.ndarray:
+    """Mean of blocks of factor x factor pixels, float32; what does not fill a block is cut off.
+
+    In floats: rounded means would make 8-bit images another search than the same in 16 bits.
+    """
     height, width = gray.shape[0] // factor, gray.shape[1] // factor
-    trimmed = gray[: height * factor, : width * factor]
-    # In floats: rounded means would make 8-bit images another search than the same in 16 bits.
-    return cv2.resize(
-        trimmed.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA
-    ), factor
+    image = gray[: height * factor, : width * factor].astype(np.float32)
+    if factor == 1:
+        return image
+    return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
 
 
 def space_level_and_noise(small: np.ndarray) -> tuple[float, float]:
-    """Gray level of empty space and its noise: the median and spread of the darkest of 64 tiles.
+    """Gray level of empty space and its noise: median and spread of the darkest of 256 tiles.
 
     Darkest by its brighter part: the median of a tile that is just over half space is as dark.
     """
@@ -109,7 +116,7 @@ def space_boundary_candidates(gray: np.ndarray, *, max_candidates: int = 600) ->
     )
     # Smoothing with sigma 1 leaves 0.28 of white noise; a step is believed from five sigma of that.
     step_min = max(5.0 * 0.28 * noise, 0.01 * (bright - level), 0.5)
-    empty = LimbCandidates(pitch_px=float(factor), space_level=level, noise=noise)
+    empty = LimbCandidates(pitch_px=float(factor), space_level=level, noise=noise, reduced=small)
     if bright - level < 3.0 * step_min:
         return empty
 
@@ -161,6 +168,7 @@ def space_boundary_candidates(gray: np.ndarray, *, max_candidates: int = 600) ->
         level,
         noise,
         outermost,
+        small,
     )
 
 

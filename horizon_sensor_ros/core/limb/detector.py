@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
@@ -13,6 +12,7 @@ from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.limb.candidates import (
     LimbCandidates,
+    block_average,
     canny_candidates,
     space_boundary_candidates,
 )
@@ -81,7 +81,7 @@ def detect_limb(
             if step is _SEARCH:
                 factor = max(1, int(candidates[i].pitch_px) // 2)
                 here = RefinePass(step.reach_px, step.grid_px, step.spacing_px, factor)
-                part = _reduced(image, factor)
+                part = image if factor == 1 else block_average(image, factor)
             limb, seen = refine_limb(part, view, nadir, rho, here, looks[i])
             limbs.append(limb)
             # The search sees a reduced image, whose edges look sharper than they are.
@@ -95,15 +95,6 @@ def detect_limb(
             break
         nadir, rho = predicted.nadir_base, predicted.rho_rad
     return Detection(tuple(limbs), predicted, candidates, consensus)
-
-
-def _reduced(image: np.ndarray, factor: int) -> np.ndarray:
-    """Block-average by an integer factor."""
-    if factor == 1:
-        return image
-    height, width = image.shape[0] // factor, image.shape[1] // factor
-    trimmed = image[: height * factor, : width * factor]
-    return cv2.resize(trimmed.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
 
 
 def canny_limbs(
