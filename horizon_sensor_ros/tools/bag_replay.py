@@ -12,8 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader, StoragePlugin
+from rosbags.rosbag2 import Reader
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
@@ -31,7 +30,9 @@ from horizon_sensor_ros.ros.parameters import (
     unknown_parameters,
 )
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TargetPipeline
-from horizon_sensor_ros.tools.output_bag import OutputBag, ReplayError, in_one_line
+from horizon_sensor_ros.tools.bag_errors import BagError
+from horizon_sensor_ros.tools.input_bag import STORAGE, bag_messages, open_bag, storage_of
+from horizon_sensor_ros.tools.output_bag import OutputBag, check_replaceable
 from horizon_sensor_ros.tools.replayed_node import (
     HORIZON_NODES,
     ReplayedHorizonNode,
@@ -45,7 +46,6 @@ _CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 _POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 _TARGET_NODE = "target_pose_node"
 _NODES = (*HORIZON_NODES, _TARGET_NODE)
-_STORAGE = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 # A topic and its type.
 _Input = tuple[str, str]
 
@@ -106,7 +106,8 @@ class _Replay:
         typestore = get_typestore(Stores.ROS2_JAZZY)
         wanted = [c for c in reader.connections if (c.topic, c.msgtype) in self._handlers]
         total = sum(c.msgcount for c in wanted)
-        with tqdm(_messages(reader, wanted), total=total, unit="msg", file=sys.stderr) as progress:
+        messages = bag_messages(reader, wanted)
+        with tqdm(messages, total=total, unit="msg", file=sys.stderr) as progress:
             for connection, time, raw in progress:
                 if stopped():
                     raise KeyboardInterrupt
@@ -153,40 +154,6 @@ def _cloud_input(names: TopicNames) -> _Input:
     return names(CLOUD_TOPIC), _POINT_CLOUD
 
 
-def _messages(
-    reader: Reader, connections: Sequence[Connection]
-) -> Iterator[tuple[Connection, int, bytes]]:
-    messages = reader.messages(connections)
-    while True:
-        try:
-            message = next(messages)
-        except StopIteration:
-            return
-        except Exception as error:
-            # Whatever a damaged file makes the storage libraries raise.
-            raise ReplayError(
-                f"{reader.path} is truncated or damaged: {in_one_line(error)}"
-            ) from None
-        yield message
-
-
-def _open_bag(path: Path) -> Reader:
-    if not path.exists():
-        raise ReplayError(f"there is no bag {path}")
-    try:
-        reader = Reader(path)
-        reader.open()
-    except Exception as error:
-        # As above; rosbags says in its own words what it misses.
-        raise ReplayError(f"{path} cannot be read as a rosbag2: {in_one_line(error)}") from None
-    return reader
-
-
-def _storage_of(path: Path) -> str:
-    files = list(path.iterdir()) if path.is_dir() else [path]
-    return "sqlite3" if any(".db3" in file.suffixes for file in files) else "mcap"
-
-
 def _inputs_of(
     values: dict[str, dict[str, Any]], names: TopicNames
 ) -> dict[str, frozenset[_Input]]:
@@ -209,7 +176,7 @@ def _taking_part(inputs: dict[str, frozenset[_Input]], reader: Reader) -> list[s
     if not present & wanted:
         looked_for = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(wanted))
         there = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(present)) or "  nothing"
-        raise ReplayError(
+        raise BagError(
             f"{reader.path} has none of the topics looked for:\n{looked_for}\nIt has:\n{there}"
         )
     for topic, kind in sorted(wanted - present):
@@ -238,7 +205,7 @@ def _plan(values: dict[str, dict[str, Any]]) -> _Plan:
                 continue
             horizon[node] = horizon_settings(given)
         if None in horizon[node].pipeline.rotations:
-            raise ReplayError(
+            raise BagError(
                 f"{node}: extrinsics_source is tf, and a replay has no TF; set the rotations as "
                 "parameters"
             )
@@ -250,37 +217,27 @@ def _blamed_on(node: str) -> Iterator[None]:
     try:
         yield
     except ParameterError as error:
-        raise ReplayError(f"{node}: {error}") from None
-
-
-def _check_output(path: Path, source: Path, *, force: bool) -> None:
-    if not path.exists():
-        return
-    if not force:
-        raise ReplayError(f"{path} exists; choose another, or --force to replace it")
-    inside = path.resolve() in (source.resolve(), *source.resolve().parents)
-    if inside or not (path / "metadata.yaml").is_file():
-        raise ReplayError(f"{path} is not replaced: only another bag is")
+        raise BagError(f"{node}: {error}") from None
 
 
 def replay(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) -> str:
     """Do what the command line asks for and return the summary.
 
-    Raises ReplayError, saying why there is no replay, and KeyboardInterrupt soon after `stopped`
+    Raises BagError, saying why there is no replay, and KeyboardInterrupt soon after `stopped`
     says so; nothing is then left behind.
     """
     names = TopicNames(arguments.namespace, arguments.remap)
     try:
         values = _read_values(arguments.params, arguments.namespace)
     except ParameterError as error:
-        raise ReplayError(str(error)) from None
-    reader = _open_bag(arguments.in_bag)
+        raise BagError(str(error)) from None
+    reader = open_bag(arguments.in_bag)
     try:
         nodes = _taking_part(_inputs_of(values, names), reader)
         plan = _plan({node: values[node] for node in nodes})
-        _check_output(arguments.out_bag, arguments.in_bag, force=arguments.force)
+        check_replaceable(arguments.out_bag, arguments.in_bag, force=arguments.force)
         bag = OutputBag(
-            arguments.out_bag, _STORAGE[arguments.storage or _storage_of(arguments.in_bag)]
+            arguments.out_bag, STORAGE[arguments.storage or storage_of(arguments.in_bag)]
         )
         try:
             run = _Replay(plan, names, bag)

@@ -22,6 +22,8 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
+
 # The bag's own name is in its bytes; with a fixed one they do not depend on where it is written.
 _BAG_NAME = "horizon"
 _FOREVER = QosTime(9223372036, 854775807)
@@ -36,10 +38,6 @@ _OUTPUT_QOS = Qos(
     _FOREVER,
     False,
 )
-
-
-class ReplayError(Exception):
-    """Why there is no replay, for a person."""
 
 
 class OutputBag:
@@ -102,13 +100,19 @@ class OutputBag:
             yield
         except Exception as error:
             # Of the system or of a storage library: a full disk, most likely.
-            raise ReplayError(f"cannot write {self._path}: {in_one_line(error)}") from None
+            raise BagError(f"cannot write {self._path}: {in_one_line(error)}") from None
 
 
 def _type_name(message: type) -> str:
     return f"{message.__module__.split('.')[0]}/msg/{message.__name__}"
 
 
-def in_one_line(error: Exception) -> str:
-    """What an exception says; its kind where it says nothing."""
-    return " ".join(f"{error or type(error).__name__}".split())
+def check_replaceable(path: Path, *sources: Path, force: bool) -> None:
+    """BagError where a bag must not be written to `path`: something is there, or the input is."""
+    if not path.exists():
+        return
+    if not force:
+        raise BagError(f"{path} exists; choose another, or --force to replace it")
+    inside = any(path.resolve() in (s.resolve(), *s.resolve().parents) for s in sources)
+    if inside or not (path / "metadata.yaml").is_file():
+        raise BagError(f"{path} is not replaced: only another bag is")

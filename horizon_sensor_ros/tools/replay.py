@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import argparse
-import os
-import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from threading import Event
+
+from horizon_sensor_ros.tools.command import run_command
+
+EPILOG = """\
+examples:
+  horizon_replay flight.mcap out --params my_cameras.yaml
+  horizon_replay flight out --params my_cameras.yaml --remap camera_1/image_raw:=/left/image
+
+OUT_BAG has the estimates with the stamps of their images, and /diagnostics, which says why there
+was none. Parameters are the nodes'; config/params.yaml has them all."""
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="horizon_replay",
         description="Run the nodes' algorithms over a rosbag2 and write what they would publish.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("in_bag", metavar="IN_BAG", type=Path, help="directory, .mcap or .db3")
     parser.add_argument("out_bag", metavar="OUT_BAG", type=Path, help="directory to be made")
@@ -31,26 +40,13 @@ def _parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `horizon_replay`; return the exit code."""
     arguments = _parser().parse_args(argv)
-    # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # A signal is looked at between two messages: raised just anywhere, the exception may get lost.
-    stop = Event()
-    signals = (signal.SIGINT, signal.SIGTERM)
-    previous = [signal.signal(number, lambda *_: stop.set()) for number in signals]
-    from horizon_sensor_ros.tools.bag_replay import ReplayError, replay  # noqa: PLC0415
 
-    try:
-        print(replay(arguments, stop.is_set), file=sys.stderr)
-    except KeyboardInterrupt:
-        print("horizon_replay: interrupted, nothing written", file=sys.stderr)
-        return 130
-    except ReplayError as error:
-        print(f"horizon_replay: {error}", file=sys.stderr)
-        return 1
-    finally:
-        for number, handler in zip(signals, previous, strict=True):
-            signal.signal(number, handler)
-    return 0
+    def work(stopped: Callable[[], bool]) -> str:
+        from horizon_sensor_ros.tools.bag_replay import replay  # noqa: PLC0415
+
+        return replay(arguments, stopped)
+
+    return run_command("horizon_replay", work)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,8 @@ from horizon_sensor_ros.ros.messages import attitude_message, local_vertical_mes
 from horizon_sensor_ros.ros.parameters import HorizonSettings, TargetSettings
 from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS, TargetPipeline, TargetStep
-from horizon_sensor_ros.tools.output_bag import OutputBag, ReplayError
+from horizon_sensor_ros.tools.bag_errors import BagError
+from horizon_sensor_ros.tools.output_bag import OutputBag
 
 
 class HorizonOutput(NamedTuple):
@@ -51,7 +52,7 @@ class TopicNames:
         for rule in remappings:
             source, found, target = rule.partition(":=")
             if not (found and source and target):
-                raise ReplayError(f"--remap must be FROM:=TO, got {rule!r}")
+                raise BagError(f"--remap must be FROM:=TO, got {rule!r}")
             self._remapped[self._full(source)] = self._full(target)
 
     def __call__(self, name: str) -> str:

@@ -1,0 +1,12 @@
+"""Why a command that reads or writes a bag does not do it, for a person."""
+
+from __future__ import annotations
+
+
+class BagError(Exception):
+    """A bag, or what belongs with it, cannot be read or written; the message says which and why."""
+
+
+def in_one_line(error: Exception) -> str:
+    """What an exception says; its kind where it says nothing."""
+    return " ".join(f"{error or type(error).__name__}".split())

@@ -1,0 +1,37 @@
+"""What the commands that write files have in common: signals, errors for a person, exit codes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from threading import Event
+
+from horizon_sensor_ros.tools.bag_errors import BagError
+
+
+def run_command(name: str, work: Callable[[Callable[[], bool]], str]) -> int:
+    """Run a command's work, print its answer on stderr, and return the exit code.
+
+    work : takes a function that says whether to stop; it then raises KeyboardInterrupt, leaving
+    nothing behind. A BagError is printed after the command's name: exit code 1.
+    """
+    # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # A signal is looked at between two messages: raised just anywhere, the exception may get lost.
+    stop = Event()
+    signals = (signal.SIGINT, signal.SIGTERM)
+    previous = [signal.signal(number, lambda *_: stop.set()) for number in signals]
+    try:
+        print(work(stop.is_set), file=sys.stderr)
+    except KeyboardInterrupt:
+        print(f"{name}: interrupted, nothing written", file=sys.stderr)
+        return 130
+    except BagError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 1
+    finally:
+        for number, handler in zip(signals, previous, strict=True):
+            signal.signal(number, handler)
+    return 0
