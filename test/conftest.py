@@ -13,6 +13,7 @@ import pytest
 from horizon_sensor_ros.tools.private_domain import isolated_environment, private_domain
 
 if TYPE_CHECKING:
+    from craft import Chaser, Craft
     from node_processes import Program
 
 ROOT = Path(__file__).parents[1]
@@ -77,3 +78,23 @@ def start(environment: dict[str, str]) -> Iterator[Callable[..., Program]]:
     yield start_one
     for program in programs:
         program.kill()
+
+
+@pytest.fixture
+def craft(ros_domain: int) -> Iterator[Craft]:
+    """Two camera drivers, and somebody who listens to the nodes of the horizon."""
+    from craft import Craft
+
+    craft = Craft(ros_domain)
+    yield craft
+    craft.close()
+
+
+@pytest.fixture
+def chaser(ros_domain: int) -> Iterator[Chaser]:
+    """A range camera's driver, and somebody who listens to the target's node."""
+    from craft import Chaser
+
+    chaser = Chaser(ros_domain)
+    yield chaser
+    chaser.close()

@@ -6,116 +6,39 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from craft import ESTIMATES, Craft
+from geometry_msgs.msg import Vector3Stamped
 from horizon_messages import (
     CAMERAS,
     HEIGHT,
     PERIOD_NS,
     START_NS,
     WIDTH,
-    attitude_at,
     camera_info_of,
-    horizon_gray,
     image_of,
-    nadir_of,
     recording,
     write_bag,
     write_parameters,
 )
 from lifecycle_msgs.msg import State, Transition
-from node_processes import Listener, Program
+from node_processes import Program
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rosbags.rosbag2 import Reader
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import Image
 
-ESTIMATES = {"local_vertical": Vector3Stamped, "attitude": PoseWithCovarianceStamped}
 NODES = ("local_vertical_node", "attitude_node")
 
 pytestmark = pytest.mark.usefixtures("environment")
-
-
-class Craft(Listener):
-    """The rest of the craft: two camera drivers, and somebody who listens."""
-
-    def __init__(self, domain: int) -> None:
-        super().__init__(domain)
-        self._publishers: dict[str, Any] = {}
-        for camera in CAMERAS:
-            for kind, name in ((Image, "image_raw"), (CameraInfo, "camera_info")):
-                topic = f"/{camera}/{name}"
-                self._publishers[topic] = self.node.create_publisher(kind, topic, 10)
-        for topic, kind in ESTIMATES.items():
-            self.listen(kind, f"/{topic}", QoSProfile(depth=100))
-
-    def match(
-        self,
-        nodes: tuple[str, ...],
-        subscribers: int | None = None,
-        cameras: tuple[str, ...] = CAMERAS,
-    ) -> None:
-        """Wait until the nodes hear every topic and are heard.
-
-        subscribers : a topic, where that is not one a node. The first messages after a match may be
-        lost, so images and calibrations that are refused go out until the nodes complain of them.
-        """
-        inputs = [p for t, p in self._publishers.items() if t.split("/")[1] in cameras]
-        count = subscribers or len(nodes)
-        self.wait(lambda: all(p.get_subscription_count() == count for p in inputs), "subscriptions")
-        for camera in cameras:
-            for node in nodes:
-
-                def probe(camera: str = camera) -> None:
-                    self.send_info(camera, k=[0.0] * 9)
-                    self.send_frame(camera, -1)
-
-                self.insist(probe, node, f"{camera}: camera_info is uncalibrated")
-        self.heard.clear()
-
-    def send(self, topic: str, msg: Any) -> None:
-        self._publishers[topic].publish(msg)
-
-    def send_frame(self, camera: str, index: int, **fields: Any) -> None:
-        stamp = START_NS + index * PERIOD_NS
-        gray = horizon_gray(camera, nadir_of(*attitude_at(index)))
-        self.send(f"/{camera}/image_raw", image_of(gray, stamp, camera, **fields))
-
-    def send_info(self, camera: str, **fields: Any) -> None:
-        self.send(f"/{camera}/camera_info", camera_info_of(0, camera, **fields))
-
-    def send_pair(self, index: int) -> None:
-        for camera in CAMERAS:
-            self.send_info(camera)
-            self.send_frame(camera, index)
-
-    def estimates(self, topic: str) -> list[Any]:
-        return [msg for name, msg in self.heard if name == f"/{topic}"]
-
-    def stamps(self, topic: str) -> list[int]:
-        """Index, in `send_pair`, of each estimate."""
-        stamps = [msg.header.stamp for msg in self.estimates(topic)]
-        return [(s.sec * 10**9 + s.nanosec - START_NS) // PERIOD_NS for s in stamps]
-
-    def expect_pair(self, index: int, topics: tuple[str, ...] = tuple(ESTIMATES)) -> None:
-        """Send a good pair and wait for its estimates."""
-        self.send_pair(index)
-        self.wait(lambda: all(index in self.stamps(topic) for topic in topics), f"estimate {index}")
-
-
-@pytest.fixture
-def craft(ros_domain: int) -> Iterator[Craft]:
-    craft = Craft(ros_domain)
-    yield craft
-    craft.close()
 
 
 @pytest.fixture

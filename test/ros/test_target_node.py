@@ -6,25 +6,24 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from craft import Chaser
 from horizon_messages import START_NS, write_bag
 from lifecycle_msgs.msg import State, Transition
-from node_processes import Listener, Program
+from node_processes import Program
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rosbags.rosbag2 import Reader
-from sensor_msgs.msg import PointCloud2
 from target_messages import (
     BAD_CLOUDS,
     BAD_MESSAGES,
-    CLOUD_PERIOD_NS,
     cloud_of,
     good_cloud,
     scan,
@@ -37,44 +36,6 @@ NODE = "target_pose_node"
 POSE, DELTA, TWIST = TARGET_TOPICS
 
 pytestmark = pytest.mark.usefixtures("environment")
-
-
-class Chaser(Listener):
-    """The rest of the craft: a range camera's driver, and somebody who listens."""
-
-    def __init__(self, domain: int) -> None:
-        super().__init__(domain)
-        self.clouds = self.node.create_publisher(PointCloud2, "/target/points", 10)
-        for topic, kind in TARGET_TOPICS.items():
-            self.listen(kind, f"/{topic}", QoSProfile(depth=100))
-
-    def match(self) -> None:
-        """Wait until the node hears and is heard: the first messages after a match may be lost."""
-        self.wait(lambda: self.clouds.get_subscription_count() == 1, "subscription")
-        fields, _, words = BAD_MESSAGES["truncated"]
-        self.insist(lambda: self.clouds.publish(good_cloud(0, **fields)), NODE, words)
-        self.heard.clear()
-
-    def estimates(self, topic: str) -> list[Any]:
-        return [msg for name, msg in self.heard if name == f"/{topic}"]
-
-    def stamps(self, topic: str) -> list[int]:
-        """Index, in `good_cloud`, of each estimate."""
-        stamps = [msg.header.stamp for msg in self.estimates(topic)]
-        return [(s.sec * 10**9 + s.nanosec - START_NS) // CLOUD_PERIOD_NS for s in stamps]
-
-    def expect(self, cloud: PointCloud2, index: int, *topics: str) -> None:
-        """Send a cloud and wait for its estimates, which are on these topics and no others."""
-        self.clouds.publish(cloud)
-        self.wait(lambda: all(index in self.stamps(topic) for topic in topics), f"cloud {index}")
-        assert not any(index in self.stamps(topic) for topic in set(TARGET_TOPICS) - set(topics))
-
-
-@pytest.fixture
-def chaser(ros_domain: int) -> Iterator[Chaser]:
-    chaser = Chaser(ros_domain)
-    yield chaser
-    chaser.close()
 
 
 @pytest.fixture
