@@ -23,6 +23,8 @@ from functools import cached_property
 
 import numpy as np
 
+from horizon_sensor_ros.core.mask import Mask
+
 _MODEL_SIZES = {
     "plumb_bob": (0, 4, 5),
     "rational_polynomial": (0, 8, 12, 14),
@@ -564,13 +566,15 @@ class CameraView:
     """A camera in its place: name, camera, and the rotation that takes optical-frame vectors to the
     base frame.
 
+    mask : what of its image may be used; None: all.
     Raises ValueError when rot_base_from_cam is not a rotation matrix (orthonormal to 1e-6,
-    determinant +1).
+    determinant +1), or the mask has another size than the camera.
     """
 
     name: str
     camera: Camera
     rot_base_from_cam: np.ndarray
+    mask: Mask | None = None
 
     def __post_init__(self) -> None:
         rot = np.array(self.rot_base_from_cam, dtype=float)
@@ -580,6 +584,12 @@ class CameraView:
             raise ValueError(f"rot_base_from_cam of {self.name!r} is not a rotation matrix")
         rot.setflags(write=False)
         object.__setattr__(self, "rot_base_from_cam", rot)
+        if self.mask is not None and self.mask.shape != (self.camera.height, self.camera.width):
+            height, width = self.mask.shape
+            raise ValueError(
+                f"mask of {self.name!r} is {width} x {height}, "
+                f"the camera {self.camera.width} x {self.camera.height}"
+            )
 
 
 def _rows(values: np.ndarray, columns: int, name: str) -> np.ndarray:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
@@ -70,8 +71,8 @@ class HorizonSensor:
     def reset(self) -> None:
         """Forget the past. Every set of frames is judged on its own, so there is none yet."""
 
-    def process(self, frames: Sequence[Frame]) -> HorizonFix:
-        """Find the horizon in simultaneous frames.
+    def process(self, frames: Sequence[Frame], aiding: Aiding = NOTHING_KNOWN) -> HorizonFix:
+        """Find the horizon in simultaneous frames, with what is known of them from elsewhere.
 
         A camera whose frame shows no trustworthy limb is left out and the others decide; its entry
         in `limbs` says why. Raises ValueError for no frames at all, or an image that is not (H, W)

@@ -15,16 +15,14 @@ from limb_samples import (
     view_at_limb,
 )
 
+from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.fits import HorizonFit, LimbObservation, fit_horizon
 from horizon_sensor_ros.core.fits.bound import horizon_bound
 from horizon_sensor_ros.core.fits.circle import circle_on_sphere
 from horizon_sensor_ros.core.fits.limb_rays import gather
-from horizon_sensor_ros.core.fits.maximum_likelihood import (
-    AltitudeMeasurement,
-    fit_maximum_likelihood,
-)
+from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status

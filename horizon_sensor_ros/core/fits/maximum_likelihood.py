@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import (
     MAX_RMS_PX,
@@ -35,20 +35,6 @@ _SCALE_STEPS = 4  # then the residuals' scale is kept
 # A step of this many (sigma)^2 is the last; one of `_NEAR_ENOUGH` will do when the steps run out.
 _CONVERGED = 1e-6
 _NEAR_ENOUGH = 1e-3
-
-
-@dataclass(frozen=True)
-class AltitudeMeasurement:
-    """An altitude known from elsewhere, above the planet's `mean_radius_m`, and its sigma."""
-
-    altitude_m: float
-    sigma_m: float
-
-    def __post_init__(self) -> None:
-        if not np.isfinite(self.altitude_m):
-            raise ValueError(f"altitude_m must be finite, got {self.altitude_m}")
-        if not (np.isfinite(self.sigma_m) and self.sigma_m > 0):
-            raise ValueError(f"sigma_m must be positive, got {self.sigma_m}")
 
 
 def fit_maximum_likelihood(

@@ -12,12 +12,15 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
+from horizon_sensor_ros.core.mask import Mask
+
 # The search works on an image of about this many pixels on its longer side: the limb is a large
 # thing, and the cost of the search stays nearly the same for any sensor.
 WORKING_SIZE_PX = 320
 _OUTWARD_STEPS_PX = np.array([3.0, 4.5, 6.5, 9.0, 13.0, 19.0, 28.0, 40.0])  # working pixels
 _FARTHER_PX = np.arange(4.0, 25.0)
 _INWARD_STEPS_PX = np.array([-2.0, -4.5])
+_MASK_CLEARANCE_PX = 4.0  # working pixels that a candidate keeps from a masked part of the frame
 
 
 @dataclass(frozen=True)
@@ -66,10 +69,14 @@ def block_average(gray: np.ndarray, factor: int) -> np.ndarray:
     return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
 
 
-def space_level_and_noise(small: np.ndarray) -> tuple[float, float]:
+def space_level_and_noise(
+    small: np.ndarray, usable: np.ndarray | None = None
+) -> tuple[float, float]:
     """Gray level of empty space and its noise: median and spread of the darkest of 256 tiles.
 
     Darkest by its brighter part: the median of a tile that is just over half space is as dark.
+    usable : mask like `small`; tiles that are not usable throughout count only if all are like
+    that.
     """
     tile_h, tile_w = max(4, small.shape[0] // 16), max(4, small.shape[1] // 16)
     rows, cols = small.shape[0] // tile_h, small.shape[1] // tile_w
@@ -77,6 +84,10 @@ def space_level_and_noise(small: np.ndarray) -> tuple[float, float]:
     tiles = np.sort(tiles.transpose(0, 2, 1, 3).reshape(rows * cols, -1)[:, ::2], axis=1)
     count = tiles.shape[1]
     low, median, high = (tiles[:, int(share * count)] for share in (0.16, 0.5, 0.84))
+    if usable is not None:
+        blocks = usable[: rows * tile_h, : cols * tile_w].reshape(rows, tile_h, cols, tile_w)
+        whole = blocks.all(axis=(1, 3)).ravel()
+        high = np.where(whole | ~whole.any(), high, np.inf)
     darkest = int(np.argmin(high))
     # A saturated or quantised frame may show no noise at all; a third of a gray level is what
     # rounding alone adds.
@@ -100,16 +111,23 @@ def canny_candidates(gray: np.ndarray, low: float = 50.0, high: float = 150.0) -
     return LimbCandidates(px, -gradient / magnitude[:, None], magnitude / 4.0)
 
 
-def space_boundary_candidates(gray: np.ndarray, *, max_candidates: int = 600) -> LimbCandidates:
+def space_boundary_candidates(
+    gray: np.ndarray, *, max_candidates: int = 600, mask: Mask | None = None
+) -> LimbCandidates:
     """Edges that separate something bright from empty space.
 
     gray : (H, W) uint8 or uint16. An edge point is kept when the image falls across it, and stays
     at the level of space along its outward normal for as far as the frame reaches (40 working
     pixels at most; one sample in five may be a star, the Moon or a streak, and air glow may fade
     over the first few). No such edge: an empty result. At most `max_candidates`, evenly thinned.
+    What is masked is unknown, like what lies beyond the frame.
     """
     small, factor = reduce_image(gray)
-    level, noise = space_level_and_noise(small)
+    usable = None if mask is None else mask.reduced(factor)
+    level, noise = space_level_and_noise(small, usable)
+    if usable is not None:
+        # No edge of the craft's is left to be found, and nothing of it counts as bright.
+        small = np.where(usable, small, np.float32(level))
     smooth = cv2.GaussianBlur(small, (0, 0), 1.0)
     bright = float(
         np.partition(smooth.ravel()[::7], -max(1, smooth.size // 700))[-max(1, smooth.size // 700)]
@@ -147,12 +165,17 @@ def space_boundary_candidates(gray: np.ndarray, *, max_candidates: int = 600) ->
     x = np.rint(u[:, None] + out_x[:, None] * _OUTWARD_STEPS_PX).astype(np.intp)
     y = np.rint(v[:, None] + out_y[:, None] * _OUTWARD_STEPS_PX).astype(np.intp)
     in_frame = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    if usable is not None:
+        in_frame &= usable[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
     outside = smooth[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)] - level
     # Near the edge air glow may hold half of the step; farther out it must have faded.
     allowed = np.array([0.65, 0.5, 0.4, 0.3, 0.25, 0.2, 0.2, 0.2], dtype=np.float32)
     dark = outside < np.maximum(allowed * step[:, None], step_min)
     known = in_frame.sum(axis=1)
     keep = (known >= 3) & ((dark & in_frame).sum(axis=1) >= 0.8 * known)
+    if mask is not None:
+        centre = (np.stack([u, v], axis=1) + 0.5) * factor - 0.5
+        keep &= mask.clear(centre, _MASK_CLEARANCE_PX * factor)
     u, v, out_x, out_y, step = u[keep], v[keep], out_x[keep], out_y[keep], step[keep]
     outermost = _outermost(u, v, out_x, out_y, smooth.shape)
     if len(u) > max_candidates:

@@ -63,7 +63,10 @@ def detect_limb(
     images : (H, W) uint8 or uint16, one a view. A camera that sees no limb comes back with its own
     status; if no consensus is found all do.
     """
-    candidates = tuple(space_boundary_candidates(image) for image in images)
+    candidates = tuple(
+        space_boundary_candidates(image, mask=view.mask)
+        for view, image in zip(views, images, strict=True)
+    )
     found = rays_of_candidates(views, candidates)
     consensus = limb_consensus(found, rho_min_rad=rho_min_rad, rho_max_rad=rho_max_rad)
     if consensus.status is not Status.OK:
@@ -113,6 +116,8 @@ def canny_limbs(
             angle = np.arccos(np.clip(rays @ nadir, -1.0, 1.0))
             per_px = np.arccos(np.clip(ahead @ nadir, -1.0, 1.0)) - angle
             keep = (per_px > 0) & (np.abs(angle - predicted.rho_rad) < _CANNY_REACH_PX * per_px)
+            if view.mask is not None:
+                keep &= view.mask.clear(edges.px, _CANNY_REACH_PX)
         if keep.sum() < MIN_INLIERS:
             reason = f"{int(keep.sum())} Canny edges near the limb"
             limbs.append(LimbPoints.none(Status.NO_LIMB, reason))

@@ -30,6 +30,7 @@ from horizon_sensor_ros.core.status import Status
 
 _INNER_PX = 6.0  # how far a profile reaches into the planet and into space, beside the search range
 _OUTER_PX = 6.0
+_TAPS_PX = 4.0  # beyond its end that interpolation still looks at
 _MIN_SIGNIFICANCE = 5.0
 _MAX_MISFIT = 6.0
 _MIN_PROFILES = 8
@@ -90,6 +91,10 @@ def refine_limb(
     profiles, valid = sample_profiles(gray, curve, grid.d_px, step.factor)
     if valid.sum() < _MIN_PROFILES:
         return LimbPoints.none(Status.NO_LIMB, "the limb runs along the frame's border"), ()
+    if view.mask is not None:
+        valid &= view.mask.clear(curve.px, (_TAPS_PX - first) * step.factor)
+        if valid.sum() < _MIN_PROFILES:
+            return LimbPoints.none(Status.NO_LIMB, "the limb is behind the mask"), ()
     profiles, px, normal_px = profiles[valid], curve.px[valid], curve.normal_px[valid]
     noise = pixel_noise(profiles)
     places = steepest_fall(profiles, noise, grid)

@@ -1,0 +1,90 @@
+"""What is known from elsewhere when a set of frames is processed: position, altitude, rotation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class AltitudeMeasurement:
+    """An altitude known from elsewhere, above the planet's surface, and its sigma.
+
+    Raises ValueError for an altitude that is not finite or a sigma that is not positive.
+    """
+
+    altitude_m: float
+    sigma_m: float
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.altitude_m):
+            raise ValueError(f"altitude_m must be finite, got {self.altitude_m}")
+        if not (np.isfinite(self.sigma_m) and self.sigma_m > 0):
+            raise ValueError(f"sigma_m must be positive, got {self.sigma_m}")
+
+
+@dataclass(frozen=True, eq=False)
+class CoarsePose:
+    """Where the craft roughly is, and how it roughly lies.
+
+    position_ecef_m : (3,). rot_ecef_from_base : (3, 3). position_sigma_m, rotation_sigma_rad : one
+    sigma of either along, and about, each axis.
+    Raises ValueError for what is no position outside the planet's centre, or no rotation
+    (orthonormal to 1e-6, determinant +1).
+    """
+
+    position_ecef_m: np.ndarray
+    rot_ecef_from_base: np.ndarray
+    position_sigma_m: float = 50e3
+    rotation_sigma_rad: float = float(np.radians(10.0))
+
+    def __post_init__(self) -> None:
+        position = np.array(self.position_ecef_m, dtype=float)
+        if position.shape != (3,) or not np.all(np.isfinite(position)) or not np.any(position):
+            raise ValueError(
+                f"position_ecef_m must be three finite metres, not all 0, got {position.tolist()}"
+            )
+        object.__setattr__(self, "position_ecef_m", _read_only(position))
+        rot = _rotation(self.rot_ecef_from_base, "rot_ecef_from_base")
+        object.__setattr__(self, "rot_ecef_from_base", rot)
+        for name in ("position_sigma_m", "rotation_sigma_rad"):
+            if not 0.0 <= getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must be 0 or positive, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Aiding:
+    """What is known from elsewhere for one set of frames; None where it is not.
+
+    coarse_pose : of the base frame in ECEF. altitude : a measurement of it. rot_now_from_last :
+    (3, 3) takes the components of a vector that does not turn from the base frame at the last
+    processed set to the base frame now (an integrated gyro).
+    Raises ValueError for a rot_now_from_last that is no rotation.
+    """
+
+    coarse_pose: CoarsePose | None = None
+    altitude: AltitudeMeasurement | None = None
+    rot_now_from_last: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        if self.rot_now_from_last is not None:
+            rot = _rotation(self.rot_now_from_last, "rot_now_from_last")
+            object.__setattr__(self, "rot_now_from_last", rot)
+
+
+NOTHING_KNOWN = Aiding()
+
+
+def _rotation(matrix: np.ndarray, name: str) -> np.ndarray:
+    rot = np.array(matrix, dtype=float)
+    if rot.shape != (3, 3) or not np.all(np.isfinite(rot)):
+        raise ValueError(f"{name} must be a finite 3 x 3 matrix")
+    if np.abs(rot @ rot.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rot) < 0:
+        raise ValueError(f"{name} is not a rotation matrix")
+    return _read_only(rot)
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    array.setflags(write=False)
+    return array
