@@ -14,6 +14,8 @@ COMMANDS = {
     "horizon_replay": "tools.replay",
     "horizon_applicability": "tools.applicability",
     "horizon_demo": "tools.demo",
+    "horizon_bag_from_images": "tools.bag_from_images",
+    "horizon_bag_to_csv": "tools.bag_to_csv",
 }
 
 setup(

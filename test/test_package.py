@@ -26,6 +26,8 @@ COMMANDS = {
     "horizon_replay",
     "horizon_applicability",
     "horizon_demo",
+    "horizon_bag_from_images",
+    "horizon_bag_to_csv",
 }
 NODES = ("local_vertical_node", "attitude_node", "target_pose_node")
 EXTRINSICS = (
