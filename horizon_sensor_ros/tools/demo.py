@@ -1,4 +1,5 @@
-"""horizon_demo: a simulated flight past the real nodes, over DDS, held against its truth."""
+"""horizon_demo: a simulated flight, with a target in sight, past the real nodes over DDS; held
+against its truth and recorded as a bag."""
 
 from __future__ import annotations
 
@@ -7,34 +8,60 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 
 import numpy as np
-from tqdm import tqdm
+from geometry_msgs.msg import PoseWithCovarianceStamped
 
-from horizon_sensor_ros.core.attitude import quaternion_from_rotation
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.target.rigid import inverse_pose, vector_from_rotation
+from horizon_sensor_ros.ros.messages import NANOSECONDS
+from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.sim.flight import Flight
-from horizon_sensor_ros.tools.demo_errors import Truth, error_table, flight_errors
-from horizon_sensor_ros.tools.demo_link import NANOSECONDS, Answers, DemoLink, LinkTimeoutError
+from horizon_sensor_ros.sim.tumbling import TumblingTarget
+from horizon_sensor_ros.tools.demo_errors import FlightErrors, Truth, error_table, flight_errors
+from horizon_sensor_ros.tools.demo_link import (
+    ATTITUDE_TOPIC,
+    OUTPUT_TOPICS,
+    VERTICAL_TOPIC,
+    Answers,
+    DemoLink,
+    LinkTimeoutError,
+    input_topics,
+)
 from horizon_sensor_ros.tools.demo_processes import (
     NodeFailedError,
     NodeProcess,
     require_alive,
     running_nodes,
 )
+from horizon_sensor_ros.tools.demo_recording import DemoBag, write_parameters
 from horizon_sensor_ros.tools.demo_rendering import Moment, rendered
-from horizon_sensor_ros.tools.demo_report import Sample, write_report
+from horizon_sensor_ros.tools.demo_report import Sample, TargetPart, write_report
+from horizon_sensor_ros.tools.demo_screen import FlightScreen
+from horizon_sensor_ros.tools.demo_target_errors import (
+    DELTA_TOPIC,
+    POSE_TOPIC,
+    TargetErrors,
+    pose_of,
+    target_errors,
+    target_table,
+)
+from horizon_sensor_ros.tools.demo_target_picture import cloud_figure, error_figure
+from horizon_sensor_ros.tools.output_bag import ReplayError
 from horizon_sensor_ros.tools.package_share import share_directory
 from horizon_sensor_ros.tools.private_domain import isolated_environment, private_domain
 
-NODES = ("local_vertical_node", "attitude_node")
+HORIZON_NODES = ("local_vertical_node", "attitude_node")
+NODES = (*HORIZON_NODES, "target_pose_node")
 LEVEL_Z = "down"
 _SAMPLES = 6
 _QUIET_S = 3.0
+# The report's two clouds are so far apart at most: a part of the surface must be in both.
+_PICTURED_TURN_RAD = np.radians(20.0)
 
 
 class NoAnswerError(RuntimeError):
@@ -48,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         signal.signal(number, _exit)
     try:
         _demo(options)
-    except (NodeFailedError, LinkTimeoutError, NoAnswerError) as failure:
+    except (NodeFailedError, LinkTimeoutError, NoAnswerError, ReplayError) as failure:
         print(f"horizon_demo: {failure}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -66,13 +93,17 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="horizon_demo",
         description="Fly a simulated orbit past the real nodes, each in its own process, and "
-        "compare what they publish with the truth.",
+        "compare what they publish with the truth. Leaves a report, and the flight as a bag "
+        "with the truth in it.",
+        epilog="Example: horizon_demo --seconds 60 --output /tmp/flight",
     )
-    parser.add_argument("--seconds", type=_positive, default=30.0, help="length of the flight")
-    parser.add_argument("--rate", type=_positive, default=5.0, help="image pairs a second")
-    parser.add_argument("--seed", type=int, default=0, help="of clouds and noise")
+    parser.add_argument("--seconds", type=_positive, default=20.0, help="length of the flight")
     parser.add_argument(
-        "--output", type=Path, default=Path("demo_output"), help="directory of report and logs"
+        "--rate", type=_positive, default=5.0, help="image pairs and clouds a second"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of noise and the ground")
+    parser.add_argument(
+        "--output", type=Path, default=Path("demo_output"), help="directory of report, bag and logs"
     )
     return parser
 
@@ -84,61 +115,100 @@ def _positive(text: str) -> float:
     return value
 
 
+@dataclass
+class _Flown:
+    """What was published: truths, clouds and times, by the stamp (ns)."""
+
+    truths: list[Truth] = field(default_factory=list)
+    bodies: dict[int, np.ndarray] = field(default_factory=dict)
+    clouds: dict[int, np.ndarray] = field(default_factory=dict)
+    sent_ns: dict[int, int] = field(default_factory=dict)
+
+    def add(self, stamp: int, moment: Moment) -> None:
+        self.truths.append(Truth(stamp, moment.time_s, moment.nadir_base, moment.altitude_m))
+        self.bodies[stamp] = moment.pose_tof_from_body
+        self.clouds[stamp] = moment.points
+        self.sent_ns[stamp] = time.time_ns()
+
+    def errors(self, answers: Answers) -> tuple[FlightErrors, TargetErrors]:
+        """Errors so far of horizon and target."""
+        messages = answers.messages
+        flight = flight_errors(
+            self.truths, messages[VERTICAL_TOPIC], messages[ATTITUDE_TOPIC], LEVEL_Z
+        )
+        times_s = [truth.time_s for truth in self.truths]
+        return flight, target_errors(times_s, self.bodies, messages)
+
+    def latency_s(self, answers: Answers, topic: str) -> np.ndarray:
+        """(N,) from the publishing of the inputs to the arrival of a topic's messages."""
+        heard = answers.heard_ns[topic].items()
+        return np.array([(at - self.sent_ns[stamp]) * 1e-9 for stamp, at in heard])
+
+
 def _demo(options: argparse.Namespace) -> None:
-    options.output.mkdir(parents=True, exist_ok=True)
-    flight = Flight(seed=options.seed)
+    output = options.output
+    output.mkdir(parents=True, exist_ok=True)
+    flight, target = Flight(seed=options.seed), TumblingTarget(seed=options.seed)
     times_s = np.arange(0.0, options.seconds, 1.0 / options.rate).tolist()
     summary = (
         f"{options.seconds:g} s of an orbit at {flight.altitude_m / 1e3:.0f} km: {len(times_s)} "
-        f"image pairs of {flight.camera.width} x {flight.camera.height} pixels "
-        f"past {' and '.join(NODES)}."
+        f"image pairs of {flight.camera.width} x {flight.camera.height} pixels and clouds of "
+        f"{target.camera.width} x {target.camera.height} past {', '.join(NODES)}."
     )
     print(summary)
+    params = output / "params.yaml"
+    write_parameters(params, flight.views, LEVEL_Z)
+    listeners = {
+        topic: 1 if topic == CLOUD_TOPIC else len(HORIZON_NODES)
+        for topic in input_topics([view.name for view in flight.views])
+    }
     with private_domain() as domain:
         environment = isolated_environment(domain)
         environment["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(
             share_directory() / "config" / "fastdds.xml"
         )
-        environment["ROS_LOG_DIR"] = str(options.output.resolve() / "ros_log")
+        environment["ROS_LOG_DIR"] = str(output.resolve() / "ros_log")
         # For this process too: its own rclpy reads them when it starts.
         os.environ.update(environment)
-        arguments = _node_arguments(flight.views)
         with (
-            rendered(flight, times_s) as moments,
-            running_nodes(NODES, arguments, environment, options.output) as nodes,
-            DemoLink(domain, flight.views) as link,
+            FlightScreen(len(times_s)) as screen,
+            rendered(flight, target, times_s) as moments,
+            running_nodes(NODES, _node_arguments(params), environment, output) as nodes,
+            DemoBag(output / "demo", flight.views, LEVEL_Z) as bag,
+            DemoLink(domain, flight.views, listeners, bag.record) as link,
         ):
             link.wait_for_nodes(NODES, lambda: require_alive(nodes))
-            truths, sent_ns = _fly(link, moments, options.rate, nodes)
+            flown = _fly(link, moments, options.rate, nodes, bag, screen)
             answers = link.answers
-            if not (answers.attitudes and answers.verticals):
+            if not all(answers.messages[topic] for topic in OUTPUT_TOPICS):
                 raise NoAnswerError(_why_nothing(answers, nodes))
-    _report(options.output / "report.html", summary, truths, sent_ns, answers)
+            screen.say("writing bag and report")
+    _report(output, summary, flown, answers)
 
 
-def _node_arguments(views: Sequence[CameraView]) -> list[str]:
-    arguments = ["--ros-args", "-p", f"level_z:={LEVEL_Z}"]
-    names = ", ".join(view.name for view in views)
-    arguments += ["-p", f"cameras:=[{names}]"]
-    for view in views:
-        rotation = quaternion_from_rotation(view.rot_base_from_cam).tolist()
-        arguments += ["-p", f"{view.name}.rotation:={rotation}"]
-    return arguments
+def _node_arguments(params: Path) -> list[str]:
+    return ["--ros-args", "--params-file", str(params)]
 
 
 def _fly(
-    link: DemoLink, moments: Sequence[Future[Moment]], rate_hz: float, nodes: Sequence[NodeProcess]
-) -> tuple[list[Truth], dict[int, int]]:
-    """Publish the flight at its rate, or slower if the drawing is; return truth and sending times.
+    link: DemoLink,
+    moments: Sequence[Future[Moment]],
+    rate_hz: float,
+    nodes: Sequence[NodeProcess],
+    bag: DemoBag,
+    screen: FlightScreen,
+) -> _Flown:
+    """Publish the flight at its rate, or slower if the drawing is; return what was sent.
 
     Stamps keep the flight's own time even then.
     """
-    truths: list[Truth] = []
-    sent_ns: dict[int, int] = {}
+    flown = _Flown()
     pictured = set(np.linspace(0, len(moments) - 1, _SAMPLES).round().astype(int).tolist())
+    figures: dict[str, str] = {}
+    screen.say("in flight")
     start = time.time_ns()
     due = time.monotonic()
-    for i, future in enumerate(tqdm(moments, unit="pair", desc="flight")):
+    for i, future in enumerate(moments):
         while not future.done():
             link.spin(0.02)
         link.spin(due - time.monotonic())
@@ -148,19 +218,42 @@ def _fly(
         stamp = start + round(moment.time_s * NANOSECONDS)
         if i in pictured:
             link.wanted_pictures.add(stamp)
-        sent_ns[stamp] = time.time_ns()
-        link.publish(stamp, moment.images)
-        truths.append(Truth(stamp, moment.time_s, moment.nadir_base, moment.altitude_m))
+        flown.add(stamp, moment)
+        link.publish(stamp, moment.images, moment.points)
+        bag.record_truth(stamp, moment.nadir_base, moment.altitude_m, moment.pose_tof_from_body)
+        if i % max(1, round(rate_hz)) == 0:
+            figures = _figures(*flown.errors(link.answers))
+        screen.advance(figures)
     deadline = time.monotonic() + _QUIET_S
-    while time.monotonic() < deadline and truths[-1].stamp not in link.answers.pictures:
+    last = flown.truths[-1].stamp
+    while time.monotonic() < deadline and not (
+        last in link.answers.pictures and last in link.answers.messages[POSE_TOPIC]
+    ):
         link.spin(0.1)
-    return truths, sent_ns
+    return flown
+
+
+def _figures(flight: FlightErrors, target: TargetErrors) -> dict[str, str]:
+    """Median errors so far."""
+    return {
+        "nadir": f"{_median(np.degrees(flight.nadir_rad)):.3f} deg",
+        "altitude": f"{_median(np.abs(flight.altitude_m)) / 1e3:.2f} km",
+        **{
+            name: f"{_median(np.degrees(motion.rotation)):.3f} deg, "
+            f"{_median(100 * motion.shift):.3f} cm"
+            for name, motion in (("target's pose", target.pose), ("target's delta", target.delta))
+        },
+    }
+
+
+def _median(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else np.nan
 
 
 def _why_nothing(answers: Answers, nodes: Sequence[NodeProcess]) -> str:
     lines = ["the nodes ran, but these topics stayed silent:"]
-    heard = {"local_vertical": answers.verticals, "attitude": answers.attitudes}
-    lines += [f"  {topic}" for topic, messages in heard.items() if not messages]
+    lines += [f"  {topic}" for topic, messages in answers.messages.items() if not messages]
     lines += [
         f"{name} said: {values.get('state', '?')}, {values.get('reason', '')}"
         for name, values in answers.diagnostics.items()
@@ -169,18 +262,49 @@ def _why_nothing(answers: Answers, nodes: Sequence[NodeProcess]) -> str:
     return "\n".join(lines)
 
 
-def _report(
-    path: Path, summary: str, truths: list[Truth], sent_ns: dict[int, int], answers: Answers
-) -> None:
-    errors = flight_errors(truths, answers.verticals, answers.attitudes, LEVEL_Z)
-    latency_s = np.array(
-        [(heard - sent_ns[stamp]) * 1e-9 for stamp, heard in answers.heard_ns.items()]
-    )
-    table = error_table(errors, latency_s)
+def _report(output: Path, summary: str, flown: _Flown, answers: Answers) -> None:
+    flight, target = flown.errors(answers)
+    table = error_table(flight, flown.latency_s(answers, ATTITUDE_TOPIC))
+    of_target = target_table(target, flown.latency_s(answers, POSE_TOPIC))
     samples = [
         Sample(truth.time_s, answers.pictures[truth.stamp])
-        for truth in truths
+        for truth in flown.truths
         if truth.stamp in answers.pictures
     ]
-    write_report(path, summary, table, errors, samples)
-    print(f"\n{table}\n\nreport with pictures: {path.resolve()}")
+    part = _target_part(of_target, target, flown, answers)
+    write_report(output / "report.html", summary, table, flight, samples, part)
+    print(f"\n{table}\n\n{of_target}\n")
+    print(f"report with pictures: {(output / 'report.html').resolve()}")
+    print(f"bag: {(output / 'demo').resolve()}, replays with --params {output / 'params.yaml'}")
+
+
+def _target_part(table: str, errors: TargetErrors, flown: _Flown, answers: Answers) -> TargetPart:
+    pair = _pictured_pair(answers.messages)
+    if pair is None:
+        return TargetPart(table, error_figure(errors), None, "")
+    old, new = pair
+    poses = [pose_of(answers.messages[POSE_TOPIC][stamp]) for stamp in pair]
+    clouds = [flown.clouds[stamp].reshape(-1, 3) for stamp in pair]
+    figure = cloud_figure(clouds[0], clouds[1], *poses)
+    apart = (new - old) / NANOSECONDS
+    caption = (
+        f"Two clouds {apart:.1f} s apart, from the front and from above. What only one of them "
+        "shows has nothing to lie on."
+    )
+    return TargetPart(table, error_figure(errors), figure, caption)
+
+
+def _pictured_pair(
+    messages: Mapping[str, Mapping[int, PoseWithCovarianceStamped]],
+) -> tuple[int, int] | None:
+    """Stamps of the first pose, and of the one most turned from it while enough is seen of both."""
+    poses, deltas = messages[POSE_TOPIC], messages[DELTA_TOPIC]
+    stamps = sorted(poses)
+    first = pose_of(poses[stamps[0]])
+    found = None
+    for stamp in stamps[1:]:
+        turn = (inverse_pose(first) @ pose_of(poses[stamp]))[:3, :3]
+        if stamp not in deltas or np.linalg.norm(vector_from_rotation(turn)) > _PICTURED_TURN_RAD:
+            break
+        found = stamps[0], stamp
+    return found

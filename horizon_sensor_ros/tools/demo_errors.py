@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,6 +102,26 @@ def _attitude_errors(
     )
 
 
+def error_lines(
+    rows: Iterable[tuple[str, str, np.ndarray, np.ndarray | None]],
+) -> list[str]:
+    """Lines of a table: of each quantity (name, unit, errors, sigmas) the magnitudes' spread.
+
+    Errors (N,) and sigmas (N,) are NaN where there was no answer.
+    """
+    lines = [f"{'error against truth':26}{'':6}{'median':>9}{'95 %':>9}{'max':>9}{'1 sigma':>10}"]
+    for name, unit, values, sigmas in rows:
+        sizes = np.abs(values[np.isfinite(values)])
+        figures = (
+            "".join(f"{v:9.4f}" for v in (*np.percentile(sizes, [50, 95]), sizes.max()))
+            if sizes.size
+            else f"{'-':>9}" * 3
+        )
+        stated = "" if sigmas is None or not sizes.size else f"{np.nanmedian(sigmas):10.4f}"
+        lines.append(f"{name:26}{unit:6}{figures}{stated}")
+    return lines
+
+
 def error_table(errors: FlightErrors, latency_s: np.ndarray) -> str:
     """Return the table that the demo prints: of magnitudes, over the moments with an answer."""
     degrees, kilometres = np.degrees, 1e-3
@@ -115,16 +135,7 @@ def error_table(errors: FlightErrors, latency_s: np.ndarray) -> str:
             *(errors.altitude_m * kilometres, errors.altitude_sigma_m * kilometres),
         ),
     )
-    lines = [f"{'error against truth':24}{'':5}{'median':>9}{'95 %':>9}{'max':>9}{'1 sigma':>10}"]
-    for name, unit, values, sigmas in rows:
-        sizes = np.abs(values[np.isfinite(values)])
-        figures = (
-            "".join(f"{v:9.4f}" for v in (*np.percentile(sizes, [50, 95]), sizes.max()))
-            if sizes.size
-            else f"{'-':>9}" * 3
-        )
-        stated = "" if sigmas is None or not sizes.size else f"{np.nanmedian(sigmas):10.4f}"
-        lines.append(f"{name:24}{unit:5}{figures}{stated}")
+    lines = error_lines(rows)
     nees = errors.nees[np.isfinite(errors.nees)]
     moments = len(errors.time_s)
     vertical, attitude = (

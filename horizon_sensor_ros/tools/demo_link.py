@@ -1,11 +1,11 @@
-"""The demo's end of the ROS graph: publishes the cameras, collects what the nodes answer."""
+"""The demo's end of the ROS graph: publishes the sensors, collects what the nodes answer."""
 
 from __future__ import annotations
 
-import array
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from types import TracebackType
 from typing import Any
 
@@ -18,40 +18,73 @@ from lifecycle_msgs.srv import GetState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
-from horizon_sensor_ros.core.camera import Camera, CameraView
-from horizon_sensor_ros.ros.messages import time_from_ns
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.ros.messages import NANOSECONDS
+from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
+from horizon_sensor_ros.tools.demo_messages import camera_info_message, cloud_message, gray_message
 
-NANOSECONDS = 1_000_000_000
+VERTICAL_TOPIC, ATTITUDE_TOPIC = "local_vertical", "attitude"
+DIAGNOSTICS_TOPIC = "/diagnostics"
+# What the nodes publish.
+OUTPUT_TOPICS: dict[str, type] = {
+    VERTICAL_TOPIC: Vector3Stamped,
+    ATTITUDE_TOPIC: PoseWithCovarianceStamped,
+    **TARGET_TOPICS,
+}
+_PICTURE_TOPIC = "attitude_node/debug_image"
 
 
 class LinkTimeoutError(RuntimeError):
     """The nodes did not come up or did not connect in time."""
 
 
+def input_topics(cameras: Sequence[str]) -> dict[str, type]:
+    """Topics of the sensors and their types."""
+    kinds = {"image_raw": Image, "camera_info": CameraInfo}
+    topics: dict[str, type] = {f"{c}/{name}": kinds[name] for c in cameras for name in kinds}
+    return {**topics, CLOUD_TOPIC: PointCloud2}
+
+
 @dataclass
 class Answers:
-    """What the nodes published, by the stamp (ns) of the images.
+    """What the nodes published.
 
-    heard_ns : wall clock at the arrival of an attitude. pictures : (H, W, 3) uint8 BGR, of the
-    wanted stamps only. diagnostics : the latest values by the status's name.
+    messages, heard_ns : by topic and by the input's stamp (ns), the message and the wall clock at
+    its arrival. pictures : (H, W, 3) uint8 BGR, of the wanted stamps only. diagnostics : the latest
+    values by the status's name.
     """
 
-    verticals: dict[int, Vector3Stamped] = field(default_factory=dict)
-    attitudes: dict[int, PoseWithCovarianceStamped] = field(default_factory=dict)
-    heard_ns: dict[int, int] = field(default_factory=dict)
+    messages: dict[str, dict[int, Any]] = field(
+        default_factory=lambda: {topic: {} for topic in OUTPUT_TOPICS}
+    )
+    heard_ns: dict[str, dict[int, int]] = field(
+        default_factory=lambda: {topic: {} for topic in OUTPUT_TOPICS}
+    )
     pictures: dict[int, np.ndarray] = field(default_factory=dict)
     diagnostics: dict[str, dict[str, str]] = field(default_factory=dict)
 
 
 class DemoLink:
-    """Publishers of the cameras' topics and subscribers of the nodes' outputs, in one context."""
+    """Publishers of the sensors' topics and subscribers of the nodes' outputs, in one context.
 
-    def __init__(self, domain: int, views: Sequence[CameraView]) -> None:
+    listeners : by topic, how many nodes listen to it. record : told topic and message of all that
+    is published and heard, pictures apart.
+    """
+
+    def __init__(
+        self,
+        domain: int,
+        views: Sequence[CameraView],
+        listeners: Mapping[str, int],
+        record: Callable[[str, Any], None],
+    ) -> None:
         self.answers = Answers()
         self.wanted_pictures: set[int] = set()
         self._views = tuple(views)
+        self._listeners = listeners
+        self._record = record
         self._context = rclpy.Context()
         # The demo handles signals itself: it has child processes to end.
         rclpy.init(
@@ -60,21 +93,20 @@ class DemoLink:
         self._node = rclpy.create_node("horizon_demo", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        names = [view.name for view in self._views]
-        self._images = [self._publisher(Image, f"{name}/image_raw") for name in names]
-        self._infos = [self._publisher(CameraInfo, f"{name}/camera_info") for name in names]
-        self._info_messages = [_camera_info(view.camera, view.name) for view in self._views]
+        self._inputs = {
+            topic: self._node.create_publisher(kind, topic, qos_profile_sensor_data)
+            for topic, kind in input_topics([view.name for view in self._views]).items()
+        }
         reliable = QoSProfile(depth=50)
         self._outputs = [
-            self._node.create_subscription(kind, topic, callback, reliable)
-            for kind, topic, callback in (
-                (Vector3Stamped, "local_vertical", self._hear_vertical),
-                (PoseWithCovarianceStamped, "attitude", self._hear_attitude),
-                (Image, "attitude_node/debug_image", self._hear_picture),
-            )
+            self._node.create_subscription(kind, topic, partial(self._hear, topic), reliable)
+            for topic, kind in OUTPUT_TOPICS.items()
         ]
+        self._outputs.append(
+            self._node.create_subscription(Image, _PICTURE_TOPIC, self._hear_picture, reliable)
+        )
         self._node.create_subscription(
-            DiagnosticArray, "/diagnostics", self._hear_diagnostics, reliable
+            DiagnosticArray, DIAGNOSTICS_TOPIC, self._hear_diagnostics, reliable
         )
 
     def __enter__(self) -> DemoLink:
@@ -104,7 +136,7 @@ class DemoLink:
                 check()
                 if time.monotonic() > deadline:
                     raise LinkTimeoutError(f"{name} did not become active within {patience_s:g} s")
-        while not self._connected(len(names)):
+        while not self._connected():
             check()
             self.spin(0.05)
             if time.monotonic() > deadline:
@@ -112,33 +144,30 @@ class DemoLink:
         # Both sides of a match learn of it one after the other; a best-effort image sent in
         # between is lost. CameraInfo, small and repeated, may go ahead.
         for _ in range(5):
-            for publisher, message in zip(self._infos, self._info_messages, strict=True):
-                message.header.stamp = self._node.get_clock().now().to_msg()
-                publisher.publish(message)
+            now = self._node.get_clock().now().nanoseconds
+            for view in self._views:
+                info = camera_info_message(view.camera, now, view.name)
+                self._inputs[f"{view.name}/camera_info"].publish(info)
             self.spin(0.1)
 
-    def publish(self, stamp: int, images: Sequence[np.ndarray]) -> None:
-        """Publish one moment's images, mono8, one a view, and their CameraInfo."""
-        for i, (view, image) in enumerate(zip(self._views, images, strict=True)):
-            info = self._info_messages[i]
-            info.header.stamp = time_from_ns(stamp)
-            self._infos[i].publish(info)
-            message = Image()
-            message.header = info.header
-            message.height, message.width = view.camera.height, view.camera.width
-            message.encoding, message.step = "mono8", view.camera.width
-            # An array goes into the message in one piece; a list element by element.
-            message.data = array.array("B", np.ascontiguousarray(image).tobytes())
-            self._images[i].publish(message)
+    def publish(self, stamp: int, images: Sequence[np.ndarray], points: np.ndarray) -> None:
+        """Publish one moment: images (H, W) uint8, one a view, with CameraInfo; the cloud."""
+        messages: list[tuple[str, Any]] = []
+        for view, image in zip(self._views, images, strict=True):
+            info = camera_info_message(view.camera, stamp, view.name)
+            messages.append((f"{view.name}/camera_info", info))
+            messages.append((f"{view.name}/image_raw", gray_message(image, stamp, view.name)))
+        messages.append((CLOUD_TOPIC, cloud_message(points, stamp)))
+        for topic, msg in messages:
+            self._inputs[topic].publish(msg)
+        for topic, msg in messages:
+            self._record(topic, msg)
 
     def spin(self, duration_s: float) -> None:
         """Hear the nodes for a while."""
         deadline = time.monotonic() + duration_s
         while (left := deadline - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=left)
-
-    def _publisher(self, kind: Any, topic: str) -> Any:
-        return self._node.create_publisher(kind, topic, qos_profile_sensor_data)
 
     def _is_active(self, client: Any) -> bool:
         if not client.wait_for_service(timeout_sec=0.2):
@@ -147,19 +176,17 @@ class DemoLink:
         self._executor.spin_until_future_complete(answer, timeout_sec=1.0)
         return answer.done() and answer.result().current_state.id == State.PRIMARY_STATE_ACTIVE
 
-    def _connected(self, nodes: int) -> bool:
-        publishers = (*self._images, *self._infos)
-        return all(p.get_subscription_count() >= nodes for p in publishers) and all(
-            self._node.count_publishers(s.topic_name) for s in self._outputs
-        )
+    def _connected(self) -> bool:
+        return all(
+            publisher.get_subscription_count() >= self._listeners[topic]
+            for topic, publisher in self._inputs.items()
+        ) and all(self._node.count_publishers(s.topic_name) for s in self._outputs)
 
-    def _hear_vertical(self, message: Vector3Stamped) -> None:
-        self.answers.verticals[_stamp(message)] = message
-
-    def _hear_attitude(self, message: PoseWithCovarianceStamped) -> None:
+    def _hear(self, topic: str, message: Any) -> None:
         stamp = _stamp(message)
-        self.answers.attitudes[stamp] = message
-        self.answers.heard_ns[stamp] = time.time_ns()
+        self.answers.messages[topic][stamp] = message
+        self.answers.heard_ns[topic][stamp] = time.time_ns()
+        self._record(topic, message)
 
     def _hear_picture(self, message: Image) -> None:
         stamp = _stamp(message)
@@ -170,24 +197,9 @@ class DemoLink:
     def _hear_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             self.answers.diagnostics[status.name] = {p.key: p.value for p in status.values}
+        self._record(DIAGNOSTICS_TOPIC, message)
 
 
 def _stamp(message: Any) -> int:
     stamp = message.header.stamp
     return stamp.sec * NANOSECONDS + stamp.nanosec
-
-
-def _camera_info(camera: Camera, frame: str) -> CameraInfo:
-    message = CameraInfo()
-    message.header.frame_id = f"{frame}_optical"
-    message.width, message.height = camera.width, camera.height
-    message.distortion_model = camera.model
-    message.d = [float(c) for c in camera.distortion]
-    message.k = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
-    message.r = np.eye(3).ravel().tolist()
-    message.p = [
-        *(camera.fx, 0.0, camera.cx, 0.0),
-        *(0.0, camera.fy, camera.cy, 0.0),
-        *(0.0, 0.0, 1.0, 0.0),
-    ]
-    return message

@@ -1,4 +1,4 @@
-"""The demo's frames, drawn ahead by worker processes while the flight is under way."""
+"""The demo's images and clouds, drawn ahead by worker processes while the flight is under way."""
 
 from __future__ import annotations
 
@@ -13,23 +13,32 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizon_sensor_ros.sim.flight import Flight
+from horizon_sensor_ros.sim.tumbling import TumblingTarget
 
 _WORKERS = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """What the cameras see at one time, one image (H, W) uint8 a view, and the truth."""
+    """What the sensors see at one time, and the truth.
+
+    images : one (H, W) uint8 a view. points : (H, W, 3) float32 of the range camera, NaN: no
+    return. pose_tof_from_body : (4, 4) the target's own axes in the range camera's frame.
+    """
 
     time_s: float
     images: tuple[np.ndarray, ...]
+    points: np.ndarray
     nadir_base: np.ndarray
     altitude_m: float
+    pose_tof_from_body: np.ndarray
 
 
 @contextmanager
-def rendered(flight: Flight, times_s: Sequence[float]) -> Iterator[tuple[Future[Moment], ...]]:
-    """Draw the flight at the given times, in their order, until the block ends."""
+def rendered(
+    flight: Flight, target: TumblingTarget, times_s: Sequence[float]
+) -> Iterator[tuple[Future[Moment], ...]]:
+    """Draw flight and target at the given times, in their order, until the block ends."""
     pool = ProcessPoolExecutor(
         _WORKERS,
         # Spawned, not forked: a copy of a process with DDS threads in it may hang.
@@ -37,7 +46,7 @@ def rendered(flight: Flight, times_s: Sequence[float]) -> Iterator[tuple[Future[
         initializer=_in_the_background,
     )
     try:
-        yield tuple(pool.submit(_moment, flight, time_s) for time_s in times_s)
+        yield tuple(pool.submit(_moment, flight, target, time_s) for time_s in times_s)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
@@ -50,8 +59,11 @@ def _in_the_background() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def _moment(flight: Flight, time_s: float) -> Moment:
+def _moment(flight: Flight, target: TumblingTarget, time_s: float) -> Moment:
     frames = flight.frames(time_s)
     truth = frames[0].truth
     images = tuple(frame.image for frame in frames)
-    return Moment(time_s, images, truth.nadir_base, truth.altitude_m)
+    scan = target.scan(time_s)
+    return Moment(
+        time_s, images, scan.points, truth.nadir_base, truth.altitude_m, scan.pose_cam_from_target
+    )

@@ -1,4 +1,4 @@
-"""The demo's page: errors, the sigmas promised with them, and frames with the horizon drawn in."""
+"""The demo's page: errors, the sigmas promised with them, and what the sensors saw."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ mpl.use("Agg")  # no display needed, none opened
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from horizon_sensor_ros.tools.demo_errors import FlightErrors
 
@@ -35,7 +36,7 @@ _PAGE = """<!doctype html>
 </style></head><body>
 <h1>Horizon sensor: simulated flight</h1>
 <p>{summary}</p>
-<h2>Errors</h2>
+<h2>Errors of the horizon</h2>
 <pre>{table}</pre>
 <img alt="Error curves" src="{curves}">
 <p>Line: error against the simulation's truth. Band: three sigma of the covariance in the message.
@@ -44,6 +45,14 @@ Ticks below: moments without an answer.</p>
 <p>The topic <code>attitude_node/debug_image</code>. Orange: points found on the horizon. Blue: the
 horizon of the published fix. Yellow: nadir, or the way there.</p>
 {frames}
+<h2>Errors of the target's pose</h2>
+<p>A satellite of unknown shape tumbles in front of a range camera (204 x 204 pixels, 5 mm of
+noise).</p>
+<pre>{target_table}</pre>
+<img alt="Error curves of the target" src="{target_curves}">
+<p>Line: size of the error against the simulation's truth. Band: three sigma of the covariance in
+the message.</p>
+{clouds}
 </body></html>
 """
 
@@ -56,35 +65,54 @@ class Sample:
     picture: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class TargetPart:
+    """The page's part on the target: its table, its error curves, and clouds with a caption."""
+
+    table: str
+    curves: Figure
+    clouds: Figure | None
+    caption: str
+
+
 def write_report(
     path: Path,
     summary: str,
     table: str,
     errors: FlightErrors,
     samples: Sequence[Sample],
+    target: TargetPart,
 ) -> None:
     """Write the page, with everything inside it."""
+    clouds = ""
+    if target.clouds is not None:
+        url = _data_url(_drawn(target.clouds, "png"), "png")
+        clouds = _captioned("Clouds of the target", url, target.caption)
     page = _PAGE.format(
         summary=escape(summary),
         table=escape(table),
-        curves=_data_url(_curves(errors), "svg+xml"),
-        frames="\n".join(_figure(sample) for sample in samples),
+        curves=_data_url(_drawn(_curves(errors), "svg"), "svg+xml"),
+        frames="\n".join(_frame(sample) for sample in samples),
+        target_table=escape(target.table),
+        target_curves=_data_url(_drawn(target.curves, "svg"), "svg+xml"),
+        clouds=clouds,
     )
     path.write_text(page, encoding="utf-8")
 
 
-def _figure(sample: Sample) -> str:
+def _frame(sample: Sample) -> str:
     encoded, jpeg = cv2.imencode(".jpg", sample.picture, [cv2.IMWRITE_JPEG_QUALITY, 92])
     if not encoded:
         raise RuntimeError("OpenCV could not encode a picture as JPEG")
     caption = f"{sample.time_s:.1f} s"
-    return (
-        f'<figure><img alt="Frames at {caption}" src="{_data_url(jpeg.tobytes(), "jpeg")}">'
-        f"<figcaption>{caption}</figcaption></figure>"
-    )
+    return _captioned(f"Frames at {caption}", _data_url(jpeg.tobytes(), "jpeg"), caption)
 
 
-def _curves(errors: FlightErrors) -> bytes:
+def _captioned(name: str, url: str, caption: str) -> str:
+    return f'<figure><img alt="{name}" src="{url}"><figcaption>{caption}</figcaption></figure>'
+
+
+def _curves(errors: FlightErrors) -> Figure:
     degrees = np.degrees
     panels: Mapping[str, tuple[np.ndarray, np.ndarray]] = {
         "roll error, deg": (degrees(errors.roll_rad), degrees(errors.roll_sigma_rad)),
@@ -96,10 +124,7 @@ def _curves(errors: FlightErrors) -> bytes:
         _curve(ax, errors.time_s, values, sigmas)
         ax.set_ylabel(label)
     axes[-1].set_xlabel("time, s")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="svg")
-    plt.close(figure)
-    return buffer.getvalue()
+    return figure
 
 
 def _curve(ax: Axes, time_s: np.ndarray, values: np.ndarray, sigmas: np.ndarray) -> None:
@@ -115,6 +140,13 @@ def _curve(ax: Axes, time_s: np.ndarray, values: np.ndarray, sigmas: np.ndarray)
         limit = 1.2 * max(np.nanpercentile(np.abs(values), 99), 3 * float(np.nanmedian(sigmas)))
         ax.set_ylim(-limit, limit)
     ax.grid(alpha=0.3)
+
+
+def _drawn(figure: Figure, kind: str) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=kind, dpi=120)
+    plt.close(figure)
+    return buffer.getvalue()
 
 
 def _data_url(data: bytes, kind: str) -> str:

@@ -16,12 +16,34 @@ from typing import Any
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from rclpy.serialization import deserialize_message
+from rosbags.rosbag2 import Reader
 
-from horizon_sensor_ros.core.attitude import nadir_from_roll_pitch
+from horizon_sensor_ros.core.attitude import nadir_from_roll_pitch, rotation_from_quaternion
+from horizon_sensor_ros.core.target.rigid import (
+    inverse_pose,
+    pose_matrix,
+    rotation_from_vector,
+    vector_from_rotation,
+)
+from horizon_sensor_ros.ros.messages import pose_message, twist_message
 from horizon_sensor_ros.tools import demo_processes
 from horizon_sensor_ros.tools.demo_errors import Truth, error_table, flight_errors
 from horizon_sensor_ros.tools.demo_processes import NodeFailedError, running_nodes
+from horizon_sensor_ros.tools.demo_target_errors import (
+    DELTA_TOPIC,
+    POSE_TOPIC,
+    TWIST_TOPIC,
+    target_errors,
+    target_table,
+)
 from horizon_sensor_ros.tools.private_domain import private_domain
+from horizon_sensor_ros.tools.replay import main as replay
+from horizon_sensor_ros.tools.truth_topics import (
+    TRUTH_TOPICS,
+    true_attitude_message,
+    true_vertical_message,
+)
 
 SIGMA_Z_M, SIGMA_X_RAD, SIGMA_Y_RAD = 400.0, 1e-3, 2e-3
 
@@ -79,6 +101,89 @@ def test_table_counts_moments_without_an_answer() -> None:
     assert np.isfinite(errors.nadir_rad).tolist() == [False, True, False, False]
     assert "local_vertical 0 of 4 (0%), attitude 1 of 4 (25%)" in table
     assert re.search(r"attitude: altitude +km +1\.0000 +1\.0000 +1\.0000 +0\.4000", table)
+
+
+# ------------------------------------------------------------------------------------ the target
+
+S = 1_000_000_000
+# Of (rotation, position), rad and m.
+COVARIANCE = np.diag([1e-6, 4e-6, 9e-6, 1e-8, 4e-8, 9e-8])
+
+
+def motion(turn: list[float], shift: list[float]) -> np.ndarray:
+    return pose_matrix(rotation_from_vector(np.array(turn)), np.array(shift))
+
+
+def flown_target(turn: list[float], shift: list[float]) -> tuple[dict, dict]:
+    """Truths and messages of four clouds; the third pose, and what follows from it, is off by a
+    small motion about the sensor's axes, and the fourth sets a frame of its own."""
+    bodies = {k * S: motion([0.1 * k, 0.3, -0.2 * k], [0.1 * k, 0.0, 5.0]) for k in range(4)}
+    fixed = motion([0.5, -0.4, 0.2], [0.05, 0.1, -0.2])
+    poses = {stamp: body @ fixed for stamp, body in bodies.items()}
+    truth = poses[2 * S]
+    wrong = truth.copy()
+    wrong[:3, :3] = rotation_from_vector(np.array(turn)) @ truth[:3, :3]
+    wrong[:3, 3] += shift
+    poses[2 * S] = wrong
+    poses[3 * S] = bodies[3 * S] @ motion([0.0, 0.0, 1.0], [0.0, 0.0, 0.0])
+    messages: dict[str, dict[int, Any]] = {
+        POSE_TOPIC: {t: pose_message(p, COVARIANCE, t, "tof") for t, p in poses.items()},
+        DELTA_TOPIC: {},
+        TWIST_TOPIC: {},
+    }
+    for k in (1, 2):
+        delta = inverse_pose(poses[(k - 1) * S]) @ poses[k * S]
+        messages[DELTA_TOPIC][k * S] = pose_message(delta, COVARIANCE, k * S, "p")
+    # One second: the true delta in another form, with a known error.
+    step = inverse_pose(bodies[0] @ fixed) @ bodies[S] @ fixed
+    rate = np.concatenate([vector_from_rotation(step[:3, :3]), step[:3, 3]])
+    rate += [0.0, 0.0, 0.01, 0.02, 0.0, 0.0]
+    messages[TWIST_TOPIC][S] = twist_message(rate, COVARIANCE, S, "p")
+    return bodies, messages
+
+
+def test_errors_of_the_target_are_those_put_in() -> None:
+    turn, shift = [2e-3, 0.0, 0.0], [0.0, 0.0, 3e-4]
+    bodies, messages = flown_target(turn, shift)
+    errors = target_errors([0.0, 1.0, 2.0, 3.0], bodies, messages)
+    assert errors.frames == 2
+    assert errors.pose.rotation == pytest.approx([0, 0, 2e-3, 0], abs=1e-9)
+    assert errors.pose.shift == pytest.approx([0, 0, 3e-4, 0], abs=1e-12)
+    assert errors.pose.nees == pytest.approx([0, 0, 4.0 + 1.0, 0], abs=1e-6)
+    assert errors.pose.rotation_sigma == pytest.approx([np.sqrt(14e-6)] * 4)
+    assert errors.pose.shift_sigma == pytest.approx([np.sqrt(14e-8)] * 4)
+    assert errors.delta.rotation == pytest.approx([np.nan, 0, 2e-3, np.nan], abs=1e-9, nan_ok=True)
+    assert errors.twist.rotation[1] == pytest.approx(0.01)
+    assert errors.twist.shift[1] == pytest.approx(0.02)
+    assert np.isfinite(errors.twist.nees).tolist() == [False, True, False, False]
+    table = target_table(errors, np.array([0.02]))
+    assert "target/pose 4 of 4 (100%), target frames set: 2" in table
+    assert "within the 95 % ellipsoid" in table
+
+
+def test_a_target_that_was_never_found_still_has_a_table() -> None:
+    bodies, _ = flown_target([0.0] * 3, [0.0] * 3)
+    nothing: dict[str, dict[int, Any]] = {POSE_TOPIC: {}, DELTA_TOPIC: {}, TWIST_TOPIC: {}}
+    errors = target_errors([0.0] * 4, bodies, nothing)
+    assert "target/pose 0 of 4 (0%)" in target_table(errors, np.empty(0))
+
+
+@pytest.mark.parametrize("level_z", ["up", "down"])
+def test_the_recorded_truth_is_in_the_convention_of_the_estimates(level_z: str) -> None:
+    nadir = nadir_from_roll_pitch(0.3, -0.2, level_z)
+    found = attitude(0.3, -0.2, 500e3, level_z)
+    truth = true_attitude_message(nadir, 500e3, 7, level_z)
+    assert truth.pose.position.z == pytest.approx(found.pose.pose.position.z)
+    turns = [
+        rotation_from_quaternion(np.array([q.x, q.y, q.z, q.w]))
+        for q in (truth.pose.orientation, found.pose.pose.orientation)
+    ]
+    np.testing.assert_allclose(turns[0], turns[1], atol=1e-12)
+    vertical = true_vertical_message(nadir, 7, "base_link").vector
+    np.testing.assert_allclose([vertical.x, vertical.y, vertical.z], nadir)
+
+
+# --------------------------------------------------------------------------------- the processes
 
 
 def executable(directory: Path, body: str) -> None:
@@ -174,7 +279,12 @@ def command(output: Path, *arguments: str) -> list[str]:
     return [sys.executable, "-c", script, "--output", str(output), *arguments]
 
 
-def test_short_flight_prints_errors_and_leaves_a_report(tmp_path: Path) -> None:
+def messages_of(bag: Path, topic: str) -> list[bytes]:
+    with Reader(bag) as reader:
+        return [bytes(raw) for c, _, raw in reader.messages() if c.topic == topic]
+
+
+def test_short_flight_prints_errors_and_leaves_a_report_and_a_bag(tmp_path: Path) -> None:
     token = uuid.uuid4().hex
     done = subprocess.run(
         command(tmp_path, "--seconds", "4"),
@@ -192,8 +302,25 @@ def test_short_flight_prints_errors_and_leaves_a_report(tmp_path: Path) -> None:
     median_deg = float(re.search(r"attitude: nadir +deg +([\d.]+)", done.stdout)[1])  # type: ignore[index]
     assert median_deg < 0.1
     page = (tmp_path / "report.html").read_text()
-    assert page.count("<img") >= 2
+    assert page.count("<img") >= 4
     assert 'src="http' not in page
+    found = re.search(r"target/pose (\d+) of 20", done.stdout)
+    assert found is not None, done.stdout
+    assert int(found[1]) >= 10
+    shift_cm = float(re.search(r"target/pose: shift +cm +([\d.]+)", done.stdout)[1])  # type: ignore[index]
+    assert shift_cm < 0.2
+
+    bag = tmp_path / "demo"
+    for topic, kind in TRUTH_TOPICS.items():
+        truths = [deserialize_message(raw, kind) for raw in messages_of(bag, f"/{topic}")]
+        assert len({(t.header.stamp.sec, t.header.stamp.nanosec) for t in truths}) == 20
+    assert len(messages_of(bag, "/target/points")) == len(messages_of(bag, "/camera_1/image_raw"))
+    if int(found[1]) == 20:
+        # No cloud was lost on the way: the replay sees what the node saw.
+        params = str(tmp_path / "params.yaml")
+        assert replay([str(bag), str(tmp_path / "again"), "--params", params]) == 0
+        for topic in (POSE_TOPIC, DELTA_TOPIC, TWIST_TOPIC):
+            assert messages_of(tmp_path / "again", f"/{topic}") == messages_of(bag, f"/{topic}")
 
 
 def test_interrupt_leaves_no_process(tmp_path: Path) -> None:
@@ -224,7 +351,7 @@ def test_interrupt_leaves_no_process(tmp_path: Path) -> None:
 def test_node_that_refuses_its_parameters_fails_the_demo(tmp_path: Path) -> None:
     script = (
         "import sys; from horizon_sensor_ros.tools import demo\n"
-        "demo._node_arguments = lambda views: []\n"
+        "demo._node_arguments = lambda params: []\n"
         "sys.exit(demo.main())"
     )
     done = subprocess.run(
