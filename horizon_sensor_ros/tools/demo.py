@@ -22,6 +22,7 @@ from horizon_sensor_ros.ros.messages import NANOSECONDS
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.sim.flight import Flight
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
+from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.demo_errors import FlightErrors, Truth, error_table, flight_errors
 from horizon_sensor_ros.tools.demo_link import (
     ATTITUDE_TOPIC,
@@ -51,7 +52,6 @@ from horizon_sensor_ros.tools.demo_target_errors import (
     target_table,
 )
 from horizon_sensor_ros.tools.demo_target_picture import cloud_figure, error_figure
-from horizon_sensor_ros.tools.output_bag import ReplayError
 from horizon_sensor_ros.tools.package_share import share_directory
 from horizon_sensor_ros.tools.private_domain import isolated_environment, private_domain
 
@@ -75,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         signal.signal(number, _exit)
     try:
         _demo(options)
-    except (NodeFailedError, LinkTimeoutError, NoAnswerError, ReplayError) as failure:
+    except (NodeFailedError, LinkTimeoutError, NoAnswerError, BagError) as failure:
         print(f"horizon_demo: {failure}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -22,8 +22,12 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.ros.messages import NANOSECONDS
+from horizon_sensor_ros.ros.sensor_messages import (
+    camera_info_message,
+    cloud_message,
+    encoded_image,
+)
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
-from horizon_sensor_ros.tools.demo_messages import camera_info_message, cloud_message, gray_message
 
 VERTICAL_TOPIC, ATTITUDE_TOPIC = "local_vertical", "attitude"
 DIAGNOSTICS_TOPIC = "/diagnostics"
@@ -33,6 +37,8 @@ OUTPUT_TOPICS: dict[str, type] = {
     ATTITUDE_TOPIC: PoseWithCovarianceStamped,
     **TARGET_TOPICS,
 }
+# Frame of the clouds.
+RANGE_CAMERA_FRAME = "tof_optical"
 _PICTURE_TOPIC = "attitude_node/debug_image"
 
 
@@ -146,7 +152,7 @@ class DemoLink:
         for _ in range(5):
             now = self._node.get_clock().now().nanoseconds
             for view in self._views:
-                info = camera_info_message(view.camera, now, view.name)
+                info = camera_info_message(view.camera, now, _frame(view))
                 self._inputs[f"{view.name}/camera_info"].publish(info)
             self.spin(0.1)
 
@@ -154,10 +160,10 @@ class DemoLink:
         """Publish one moment: images (H, W) uint8, one a view, with CameraInfo; the cloud."""
         messages: list[tuple[str, Any]] = []
         for view, image in zip(self._views, images, strict=True):
-            info = camera_info_message(view.camera, stamp, view.name)
+            info = camera_info_message(view.camera, stamp, _frame(view))
             messages.append((f"{view.name}/camera_info", info))
-            messages.append((f"{view.name}/image_raw", gray_message(image, stamp, view.name)))
-        messages.append((CLOUD_TOPIC, cloud_message(points, stamp)))
+            messages.append((f"{view.name}/image_raw", encoded_image(image, stamp, _frame(view))))
+        messages.append((CLOUD_TOPIC, cloud_message(points, stamp, RANGE_CAMERA_FRAME)))
         for topic, msg in messages:
             self._inputs[topic].publish(msg)
         for topic, msg in messages:
@@ -198,6 +204,10 @@ class DemoLink:
         for status in message.status:
             self.answers.diagnostics[status.name] = {p.key: p.value for p in status.values}
         self._record(DIAGNOSTICS_TOPIC, message)
+
+
+def _frame(view: CameraView) -> str:
+    return f"{view.name}_optical"
 
 
 def _stamp(message: Any) -> int:

@@ -15,8 +15,12 @@ from rosbags.rosbag2 import StoragePlugin
 
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.tools.demo_link import DIAGNOSTICS_TOPIC, OUTPUT_TOPICS, input_topics
-from horizon_sensor_ros.tools.demo_messages import RANGE_CAMERA, optical_frame
+from horizon_sensor_ros.tools.demo_link import (
+    DIAGNOSTICS_TOPIC,
+    OUTPUT_TOPICS,
+    RANGE_CAMERA_FRAME,
+    input_topics,
+)
 from horizon_sensor_ros.tools.output_bag import OutputBag
 from horizon_sensor_ros.tools.truth_topics import (
     TRUE_ATTITUDE,
@@ -69,10 +73,10 @@ class DemoBag:
         """Take what is true at a stamp."""
         vertical = true_vertical_message(nadir_base, stamp, _BASE_FRAME)
         attitude = true_attitude_message(nadir_base, altitude_m, stamp, self._level_z)
-        frame = optical_frame(RANGE_CAMERA)
         self.record(TRUE_LOCAL_VERTICAL, vertical)
         self.record(TRUE_ATTITUDE, attitude)
-        self.record(TRUE_TARGET_POSE, true_pose_message(pose_tof_from_body, stamp, frame))
+        target = true_pose_message(pose_tof_from_body, stamp, RANGE_CAMERA_FRAME)
+        self.record(TRUE_TARGET_POSE, target)
 
 
 def write_parameters(path: Path, views: Sequence[CameraView], level_z: str) -> None:
