@@ -21,7 +21,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 INPUTS := setup.py setup.cfg pyproject.toml $(wildcard requirements/*.txt)
 
-.PHONY: help venv demo test test-slow test-noble bench lint params clean
+.PHONY: help venv demo test test-slow test-faults test-noble bench lint params clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -36,6 +36,8 @@ test-slow: venv ## the slow tests
 	$(VENV)/bin/python -m pytest -m slow $(PYTEST_ARGS)
 test-noble: $(NOBLE)/.ready ## the same tests with the library versions of Ubuntu 24.04
 	$(NOBLE)/bin/python -m pytest -m "not slow" $(PYTEST_ARGS)
+test-faults: venv ## every fault ten times over
+	$(VENV)/bin/python -m pytest test/ros/test_faults.py --count 10 $(PYTEST_ARGS)
 bench: venv ## the benchmark tables
 	$(VENV)/bin/python benchmarks/run.py
 lint: venv ## ruff and mypy

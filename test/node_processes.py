@@ -67,6 +67,12 @@ class Listener:
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
+    def spin(self, duration_s: float) -> None:
+        """Listen for a while."""
+        end = time.monotonic() + duration_s
+        while (left := end - time.monotonic()) > 0:
+            self.executor.spin_once(timeout_sec=left)
+
     def wait(self, condition: Callable[[], Any], what: str) -> Any:
         deadline = time.monotonic() + PATIENCE_S
         while not (found := condition()):
@@ -80,9 +86,7 @@ class Listener:
         while not any(words in status.message for status in self.statuses(node)):
             assert time.monotonic() < deadline, f"waited in vain for {words!r}"
             send()
-            pause = time.monotonic() + 0.1
-            while time.monotonic() < pause:
-                self.executor.spin_once(timeout_sec=0.02)
+            self.spin(0.1)
 
     def statuses(self, node: str = "") -> list[Any]:
         return [
