@@ -8,10 +8,11 @@ from typing import Any
 
 import cv2
 import numpy as np
+from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, Imu
 
 from horizon_sensor_ros.core.attitude import nadir_from_roll_pitch, quaternion_from_rotation
 
@@ -90,6 +91,27 @@ def camera_info_of(stamp: int = 0, camera: str = "camera_1", **fields: Any) -> C
     msg.k = [FOCAL_PX, 0.0, (WIDTH - 1) / 2, 0.0, FOCAL_PX, (HEIGHT - 1) / 2, 0.0, 0.0, 1.0]
     for name, value in fields.items():
         setattr(msg, name, value)
+    return msg
+
+
+def coarse_pose_of(
+    stamp: int, position: np.ndarray, rot_ecef_from_base: np.ndarray, frame_id: str = "earth"
+) -> PoseStamped:
+    msg = PoseStamped()
+    msg.header.frame_id = frame_id
+    msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+    p, q = msg.pose.position, msg.pose.orientation
+    p.x, p.y, p.z = map(float, position)
+    q.x, q.y, q.z, q.w = map(float, quaternion_from_rotation(rot_ecef_from_base))
+    return msg
+
+
+def imu_of(stamp: int, rate: Iterable[float], frame_id: str = "base_link") -> Imu:
+    msg = Imu()
+    msg.header.frame_id = frame_id
+    msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+    w = msg.angular_velocity
+    w.x, w.y, w.z = map(float, rate)
     return msg
 
 

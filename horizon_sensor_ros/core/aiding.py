@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from horizon_sensor_ros.core.attitude import require_rotation
+
 
 @dataclass(frozen=True)
 class AltitudeMeasurement:
@@ -46,8 +48,8 @@ class CoarsePose:
                 f"position_ecef_m must be three finite metres, not all 0, got {position.tolist()}"
             )
         object.__setattr__(self, "position_ecef_m", _read_only(position))
-        rot = _rotation(self.rot_ecef_from_base, "rot_ecef_from_base")
-        object.__setattr__(self, "rot_ecef_from_base", rot)
+        rot = require_rotation(self.rot_ecef_from_base, "rot_ecef_from_base")
+        object.__setattr__(self, "rot_ecef_from_base", _read_only(rot))
         for name in ("position_sigma_m", "rotation_sigma_rad"):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be 0 or positive, got {getattr(self, name)}")
@@ -69,20 +71,11 @@ class Aiding:
 
     def __post_init__(self) -> None:
         if self.rot_now_from_last is not None:
-            rot = _rotation(self.rot_now_from_last, "rot_now_from_last")
-            object.__setattr__(self, "rot_now_from_last", rot)
+            rot = require_rotation(self.rot_now_from_last, "rot_now_from_last")
+            object.__setattr__(self, "rot_now_from_last", _read_only(rot))
 
 
 NOTHING_KNOWN = Aiding()
-
-
-def _rotation(matrix: np.ndarray, name: str) -> np.ndarray:
-    rot = np.array(matrix, dtype=float)
-    if rot.shape != (3, 3) or not np.all(np.isfinite(rot)):
-        raise ValueError(f"{name} must be a finite 3 x 3 matrix")
-    if np.abs(rot @ rot.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rot) < 0:
-        raise ValueError(f"{name} is not a rotation matrix")
-    return _read_only(rot)
 
 
 def _read_only(array: np.ndarray) -> np.ndarray:

@@ -12,6 +12,8 @@ import numpy as np
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits import fit_horizon
+from horizon_sensor_ros.core.fits.assessment import inliers, root_mean_square
+from horizon_sensor_ros.core.fits.limb_rays import gather
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.judgement import disagreement_rad, doubt, full_scale, refusal
@@ -49,6 +51,17 @@ class HorizonFix:
     def ok(self) -> bool:
         """True when there is an estimate."""
         return self.status is Status.OK
+
+    def residual_px(self, view: CameraView, limb: LimbPoints) -> float:
+        """Root mean square distance of one camera's limb points from the fitted limb.
+
+        Outliers are left out. NaN without a fix or without points.
+        """
+        rays = gather([LimbObservation(view, limb)])
+        if not self.ok or len(rays) == 0:
+            return np.nan
+        residual = rays.residuals_px(self.fit.nadir_base, self.fit.rho_rad)
+        return root_mean_square(residual[inliers(residual)])
 
 
 class HorizonSensor:

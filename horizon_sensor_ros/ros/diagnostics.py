@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.horizon_sensor import HorizonFix
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
@@ -85,6 +86,7 @@ class HorizonMonitor:
         self._cameras = {camera: _CameraHealth() for camera in cameras}
         self._last_set_ns: int | None = None
         self._fix: HorizonFix | None = None
+        self._views: tuple[CameraView, ...] = ()
         self._pace = Pace()
         self._reported: tuple[bytes, str, str] | None = None
 
@@ -96,6 +98,7 @@ class HorizonMonitor:
         for result in step.results:
             self._last_set_ns = now
             self._fix = result.fix
+            self._views = tuple(frame.view for frame in result.frames)
         everybody = all(other.last_ns is not None for other in self._cameras.values())
         if self._last_set_ns is None and everybody:
             # From here on a set is due.
@@ -182,8 +185,45 @@ class HorizonMonitor:
         for name in ("frames", "sets", "fixes", "time_jumps"):
             values[name] = str(pipeline.counts[name])
         values.update(rejected_values(pipeline.rejected))
+        for name in self._cameras:
+            values.update(self._camera_values(name, now))
+        values.update(pipeline.aiding.words)
+        ignored = sorted(pipeline.aiding.ignored.items())
+        values.update({f"ignored_{cause}": str(count) for cause, count in ignored})
         if self._live:
             values.update(self._pace.values(now))
+        return values
+
+    def _camera_values(self, name: str, now: int) -> dict[str, str]:
+        """What one camera contributed to the last set, and why nothing if so."""
+        camera = self._cameras[name]
+        state, reason = "waiting", "no complete set of frames yet"
+        points, residual_px = 0, np.nan
+        if self._fix is not None:
+            index = list(self._cameras).index(name)
+            limb = self._fix.limbs[index]
+            points = len(limb.px)
+            if name in self._fix.cameras_used:
+                state, reason = "used", ""
+                if self._views:
+                    residual_px = self._fix.residual_px(self._views[index], limb)
+            elif limb.status is Status.OK:
+                state, reason = "left_out", self._fix.reason
+            else:
+                state, reason = "left_out", limb.reason or str(limb.status)
+        if camera.last_ns is None:
+            state, reason = "waiting", "no frames yet"
+        elif now - camera.last_ns > self.stale_after_ns:
+            state, reason = "silent", f"no frames for {(now - camera.last_ns) / NANOSECONDS:.1f} s"
+        elif camera.refusal is not None:
+            state, reason = "refused", camera.refusal.reason
+        values = {
+            f"{name}.state": state,
+            f"{name}.reason": reason,
+            f"{name}.points": str(points),
+        }
+        if np.isfinite(residual_px):
+            values[f"{name}.residual_px"] = f"{residual_px:.4f}"
         return values
 
 

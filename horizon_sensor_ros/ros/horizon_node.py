@@ -11,6 +11,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image
 
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.debug_image import draw_fix
 from horizon_sensor_ros.ros.diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.extrinsics import TfExtrinsics
@@ -144,11 +145,12 @@ class HorizonNode(ReportingNode[HorizonSettings]):
 
     def _feed_key(self, settings: HorizonSettings) -> Hashable:
         """Equal for nodes that can share a feed; with TF none can, the listener is one node's."""
-        topics = tuple(
-            self.resolve_topic_name(f"{camera}/{topic}")
+        of_cameras = [
+            f"{camera}/{topic}"
             for camera in settings.pipeline.cameras
             for topic in ("image_raw", "camera_info")
-        )
+        ]
+        topics = tuple(map(self.resolve_topic_name, (*of_cameras, COARSE_POSE_TOPIC, IMU_TOPIC)))
         owner = self.get_fully_qualified_name() if None in settings.pipeline.rotations else ""
         return settings.pipeline, topics, owner
 

@@ -18,7 +18,9 @@ from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix, HorizonSensor
+from horizon_sensor_ros.core.mask import Mask
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.ros.aiding_sources import AidingSources
 from horizon_sensor_ros.ros.messages import (
     Refusal,
     camera_from_info,
@@ -28,6 +30,7 @@ from horizon_sensor_ros.ros.messages import (
 )
 from horizon_sensor_ros.ros.pairing import Pairing
 from horizon_sensor_ros.ros.parameters import PipelineSettings
+from horizon_sensor_ros.ros.resources import read_mask
 
 # Rotation (3, 3), optical to base frame, of a camera: its name and its images' frame_id.
 Extrinsics = Callable[[str, str], "np.ndarray | Refusal"]
@@ -57,8 +60,9 @@ class Step:
 
 @dataclass
 class _CameraState:
-    """Latest calibration of a camera, and the view made from it."""
+    """A camera's mask, its latest calibration, and the view made from it."""
 
+    mask: Mask | None = None
     info_key: tuple[Any, ...] | None = None
     camera: Camera | Refusal | None = None
     view: CameraView | None = None
@@ -68,7 +72,7 @@ class HorizonPipeline:
     """Decodes, pairs and processes the frames of the cameras of `settings`.
 
     counts : sets, fixes, time jumps. rejected : frames that gave no estimate, and sets without a
-    fix, by cause.
+    fix, by cause. aiding : the topics coarse_pose and imu.
     """
 
     def __init__(self, settings: PipelineSettings, extrinsics: Extrinsics | None = None) -> None:
@@ -78,7 +82,11 @@ class HorizonPipeline:
         self._extrinsics = extrinsics or _fixed_extrinsics(settings)
         self._sensor = HorizonSensor(settings.sensor)
         self._pairing: Pairing[Frame] = self._new_pairing()
-        self._cameras = {name: _CameraState() for name in settings.cameras}
+        self._cameras = {
+            name: _CameraState(None if path is None else read_mask(path))
+            for name, path in zip(settings.cameras, settings.masks, strict=True)
+        }
+        self.aiding = AidingSources(settings.aiding, settings.sensor.planet, settings.base_frame)
 
     def with_settings(self, settings: PipelineSettings) -> HorizonPipeline:
         """Return a pipeline of the same cameras with other settings; calibrations and counts go
@@ -87,11 +95,14 @@ class HorizonPipeline:
         other = HorizonPipeline(settings, self._extrinsics)
         other._cameras = self._cameras
         other.counts, other.rejected = self.counts.copy(), self.rejected.copy()
+        # Live parameters are none of theirs.
+        other.aiding = self.aiding
         return other
 
     def reset(self) -> None:
         """Forget all frames and any track; calibrations and counts stay."""
         self._sensor.reset()
+        self.aiding.reset()
         self._pairing = self._new_pairing()
 
     def on_camera_info(self, camera: str, msg: Any) -> None:
@@ -132,6 +143,7 @@ class HorizonPipeline:
         if paired.jumped:
             self.counts["time_jumps"] += 1
             self._sensor.reset()
+            self.aiding.reset()
         return Step(camera, tuple(self._process(members) for members in paired.sets))
 
     def warm_up(self) -> None:
@@ -167,6 +179,9 @@ class HorizonPipeline:
                 "size_mismatch",
                 f"image is {width} x {height}, camera_info says {camera.width} x {camera.height}",
             )
+        if state.mask is not None and state.mask.shape != (height, width):
+            rows, columns = state.mask.shape
+            return Refusal("mask_size", f"image is {width} x {height}, the mask {columns} x {rows}")
         rot_base_from_cam = self._extrinsics(name, str(msg.header.frame_id))
         if isinstance(rot_base_from_cam, Refusal):
             return rot_base_from_cam
@@ -176,13 +191,13 @@ class HorizonPipeline:
             or view.camera is not camera
             or not np.array_equal(view.rot_base_from_cam, rot_base_from_cam)
         ):
-            view = state.view = CameraView(name, camera, rot_base_from_cam)
+            view = state.view = CameraView(name, camera, rot_base_from_cam, state.mask)
         return Frame(view, gray)
 
     def _process(self, members: tuple[tuple[int, Frame], ...]) -> HorizonResult:
         self.counts["sets"] += 1
         frames = tuple(frame for _, frame in members)
-        fix = self._sensor.process(frames)
+        fix = self._sensor.process(frames, self.aiding.of_set(members[0][0]))
         if fix.status is Status.OK and not _finite(fix.fit):
             fix = HorizonFix(Status.UNCERTAIN, "the estimate is not finite", fix.fit, fix.limbs, ())
         if fix.status is Status.OK:

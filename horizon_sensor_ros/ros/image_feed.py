@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 from weakref import WeakValueDictionary
 
+from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, Imu
 
+from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
+
+# Rates come many to a frame, and wait while it is processed.
+_IMU_QOS = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class FeedMember(Protocol):
@@ -28,7 +33,7 @@ class FeedMember(Protocol):
 
 
 class ImageFeed:
-    """The image and camera_info topics of a pipeline's cameras, and the members they are for.
+    """The topics of a pipeline, its cameras' and those that help, and the members they are for.
 
     The subscriptions are those of one member, in its namespace and with its QoS; when it leaves,
     the next takes over.
@@ -64,23 +69,30 @@ class ImageFeed:
         if self._host is not None or not self._members:
             return
         self._host = self._members[0]
-        node = self._host.node
         for camera in self.pipeline.settings.cameras:
-            for topic, kind, callback in (
-                ("camera_info", CameraInfo, self._on_camera_info),
-                ("image_raw", Image, self._on_image),
-            ):
-                subscription = node.create_subscription(
-                    kind,
-                    f"{camera}/{topic}",
-                    partial(callback, camera),
-                    qos_profile_sensor_data,
-                    qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-                )
-                self._subscriptions.append(subscription)
+            on_info = partial(self.pipeline.on_camera_info, camera)
+            self._listen(CameraInfo, f"{camera}/camera_info", on_info)
+            self._listen(Image, f"{camera}/image_raw", partial(self._on_image, camera))
+        aiding = self.pipeline.aiding
+        self._listen(PoseStamped, COARSE_POSE_TOPIC, aiding.on_coarse_pose)
+        self._listen(Imu, IMU_TOPIC, aiding.on_imu, _IMU_QOS)
 
-    def _on_camera_info(self, camera: str, msg: CameraInfo) -> None:
-        self.pipeline.on_camera_info(camera, msg)
+    def _listen(
+        self,
+        kind: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: QoSProfile = qos_profile_sensor_data,
+    ) -> None:
+        assert self._host is not None
+        subscription = self._host.node.create_subscription(
+            kind,
+            topic,
+            callback,
+            qos,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+        self._subscriptions.append(subscription)
 
     def _on_image(self, camera: str, msg: Image) -> None:
         step = self.pipeline.on_image(camera, msg)

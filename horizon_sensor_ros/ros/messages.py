@@ -6,6 +6,7 @@ be used comes back as a `Refusal`, never as an exception: a message is data.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,11 +25,14 @@ from horizon_sensor_ros.core.attitude import (
     nadir_sign,
     pose_covariance,
     quaternion_from_rotation,
+    rotation_from_quaternion,
 )
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.planet import Planet
 
 LEVEL_FRAME = "local_level"
+EARTH_FRAME = "earth"
 NANOSECONDS = 1_000_000_000
 
 # Encoding: bytes a channel, channels, OpenCV's conversion to gray. OpenCV names a Bayer pattern by
@@ -50,6 +54,8 @@ _ENCODINGS: dict[str, tuple[int, int, int | None]] = {
     "bayer_grbg16": (2, 1, cv2.COLOR_BayerGB2GRAY),
 }
 ENCODINGS = tuple(_ENCODINGS)
+
+_FARTHEST_M = 1e12  # of a coarse pose
 
 # OpenCV's demosaicing needs a neighbour on each side; a smaller frame shows no limb anyway.
 _MIN_BAYER_SIZE = 4
@@ -144,6 +150,40 @@ def camera_from_info(msg: Any) -> Camera | Refusal:
         )
     except ValueError as error:
         return Refusal("bad_camera_info", f"camera_info: {error}")
+
+
+def coarse_pose_from_message(msg: Any, planet: Planet) -> tuple[np.ndarray, np.ndarray] | Refusal:
+    """Position (3,), m, and rot_ecef_from_base (3, 3) of a `PoseStamped` in the frame `earth`."""
+    frame = str(msg.header.frame_id)
+    if frame != EARTH_FRAME:
+        return Refusal("wrong_frame", f"header frame is {_shown(frame)}, not '{EARTH_FRAME}'")
+    p, q = msg.pose.position, msg.pose.orientation
+    position = np.array([p.x, p.y, p.z], dtype=float)
+    if not np.all(np.isfinite(position)):
+        return Refusal("not_finite", "position is not finite")
+    distance = math.hypot(*position)
+    far_km = f"position is {distance / 1e3:.0f} km from the planet's centre"
+    if distance < planet.polar_radius_m:
+        return Refusal("inside_planet", far_km)
+    if distance > _FARTHEST_M:
+        return Refusal("too_far", far_km)
+    try:
+        return position, rotation_from_quaternion(np.array([q.x, q.y, q.z, q.w]))
+    except ValueError as error:
+        return Refusal("bad_orientation", str(error))
+
+
+def rate_from_imu(msg: Any, base_frame: str) -> np.ndarray | Refusal:
+    """Angular rate (3,), rad/s, of a `sensor_msgs/Imu` in the base frame."""
+    frame = str(msg.header.frame_id)
+    if frame != base_frame:
+        return Refusal("wrong_frame", f"header frame is {_shown(frame)}, not {_shown(base_frame)}")
+    rate = np.array([msg.angular_velocity.x, msg.angular_velocity.y, msg.angular_velocity.z])
+    if not np.all(np.isfinite(rate)):
+        return Refusal("not_finite", "angular velocity is not finite")
+    if float(msg.angular_velocity_covariance[0]) == -1.0:
+        return Refusal("no_rate", "angular_velocity_covariance[0] is -1: there is no rate")
+    return rate
 
 
 def _shown(text: str) -> str:

@@ -16,12 +16,14 @@ from typing import Any
 import numpy as np
 import yaml
 
+from horizon_sensor_ros.core.aiding import CoarsePose
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.fits import METHODS
 from horizon_sensor_ros.core.horizon_config import LIMB_SOURCES, HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.target.registration import RegistrationConfig
 from horizon_sensor_ros.core.target.tracker import TrackerConfig
+from horizon_sensor_ros.ros.resources import read_mask, resource_path
 
 _MAX_FILE_BYTES = 1_000_000
 _CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -152,10 +154,65 @@ HORIZON_PARAMETERS = (
         "coarse_pose_max_age",
         "double",
         60.0,
-        "A coarse pose older than this is not used.",
+        "A coarse pose older than this, by its stamp and the image's, is not used.",
         unit="s",
         minimum=0.0,
         maximum=1e6,
+    ),
+    Parameter(
+        "coarse_pose_position_sigma",
+        "double",
+        CoarsePose.position_sigma_m,
+        "One sigma of the coarse pose's position, along each axis.",
+        unit="m",
+        minimum=0.0,
+        maximum=1e7,
+    ),
+    Parameter(
+        "coarse_pose_rotation_sigma",
+        "double",
+        CoarsePose.rotation_sigma_rad,
+        "One sigma of the coarse pose's orientation, about each axis.",
+        unit="rad",
+        minimum=0.0,
+        maximum=3.2,
+    ),
+    Parameter(
+        "coarse_pose_altitude_sigma",
+        "double",
+        0.0,
+        "Where positive, the coarse pose's altitude is a measurement with this sigma, and goes "
+        "before altitude_prior; 0: it is not used.",
+        unit="m",
+        minimum=0.0,
+        maximum=1e9,
+    ),
+    Parameter(
+        "altitude_prior",
+        "double",
+        0.0,
+        "Known altitude above the planet's surface; a measurement with the sigma that follows.",
+        unit="m",
+        minimum=0.0,
+        maximum=1e12,
+    ),
+    Parameter(
+        "altitude_prior_sigma",
+        "double",
+        0.0,
+        "One sigma of altitude_prior; 0: the altitude is not known.",
+        unit="m",
+        minimum=0.0,
+        maximum=1e12,
+    ),
+    Parameter(
+        "imu_max_gap",
+        "double",
+        0.2,
+        "Rates of the topic imu farther apart than this are not integrated.",
+        unit="s",
+        minimum=0.0001,
+        maximum=10.0,
     ),
     Parameter(
         "method",
@@ -447,6 +504,17 @@ def rotation_parameter(camera: str) -> Parameter:
     )
 
 
+def mask_parameter(camera: str) -> Parameter:
+    """Return the parameter that says which part of a camera's image may be used."""
+    return Parameter(
+        f"{camera}.mask",
+        "string",
+        "",
+        "Picture (PNG) of the size of the camera's images: white where they may be used, black "
+        "where the craft itself is. An absolute path or package://PACKAGE/PATH; empty: no mask.",
+    )
+
+
 # Parameters that go into the core's configuration as they are.
 _SENSOR_FIELDS = {
     "method": "method",
@@ -480,14 +548,30 @@ _TRACKER_FIELDS = {
 
 
 @dataclass(frozen=True)
+class AidingSettings:
+    """What is done with coarse_pose, imu and a known altitude; a sigma of 0: there is none."""
+
+    max_age_ns: int
+    position_sigma_m: float
+    rotation_sigma_rad: float
+    pose_altitude_sigma_m: float
+    altitude_m: float
+    altitude_sigma_m: float
+    imu_max_gap_ns: int
+
+
+@dataclass(frozen=True)
 class PipelineSettings:
     """Everything that the estimates of the horizon depend on.
 
-    rotations : a quaternion (x, y, z, w) a camera, optical to base frame; None: from TF.
+    rotations : a quaternion (x, y, z, w) a camera, optical to base frame; None: from TF. masks : a
+    file a camera, None where it has no mask.
     """
 
     cameras: tuple[str, ...]
     rotations: tuple[tuple[float, ...] | None, ...]
+    masks: tuple[Path | None, ...]
+    aiding: AidingSettings
     base_frame: str
     sensor: HorizonConfig
     slop_ns: int
@@ -528,9 +612,14 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
     """
     accepted, problems = _accepted((*HORIZON_PARAMETERS, *COMMON_PARAMETERS), values)
     rotations: list[tuple[float, ...] | None] = []
+    masks: list[Path | None] = []
     cameras = accepted.get("cameras", [])
     problems += _camera_name_problems(cameras) if "cameras" in accepted else []
     for camera in filter(_CAMERA_NAME.fullmatch, dict.fromkeys(cameras)):
+        try:
+            masks.append(_mask(camera, values))
+        except ParameterError as error:
+            problems.append(str(error))
         if accepted.get("extrinsics_source") == "tf":
             rotations.append(None)
             continue
@@ -545,6 +634,16 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
         pipeline=PipelineSettings(
             cameras=tuple(cameras),
             rotations=tuple(rotations),
+            masks=tuple(masks),
+            aiding=AidingSettings(
+                max_age_ns=round(accepted["coarse_pose_max_age"] * 1e9),
+                position_sigma_m=accepted["coarse_pose_position_sigma"],
+                rotation_sigma_rad=accepted["coarse_pose_rotation_sigma"],
+                pose_altitude_sigma_m=accepted["coarse_pose_altitude_sigma"],
+                altitude_m=accepted["altitude_prior"],
+                altitude_sigma_m=accepted["altitude_prior_sigma"],
+                imu_max_gap_ns=round(accepted["imu_max_gap"] * 1e9),
+            ),
             base_frame=accepted["base_frame"],
             sensor=sensor,
             slop_ns=round(accepted["slop"] * 1e9),
@@ -646,6 +745,19 @@ def _rotation(camera: str, values: Mapping[str, Any]) -> tuple[float, ...]:
     return tuple(quaternion)  # type: ignore[arg-type]
 
 
+def _mask(camera: str, values: Mapping[str, Any]) -> Path | None:
+    parameter = mask_parameter(camera)
+    given = parameter.accept(values.get(parameter.name, parameter.default))
+    if not given:
+        return None
+    try:
+        path = resource_path(str(given))
+        read_mask(path)
+    except ValueError as error:
+        raise ParameterError(f"{parameter.name}: {error}") from None
+    return path
+
+
 def cameras_of(values: Mapping[str, Any]) -> list[str]:
     """Return the cameras that a horizon node uses; ParameterError when they cannot be."""
     accepted, problems = _accepted(HORIZON_PARAMETERS[:1], values)
@@ -656,11 +768,11 @@ def cameras_of(values: Mapping[str, Any]) -> list[str]:
 
 
 def horizon_parameters(values: Mapping[str, Any]) -> tuple[Parameter, ...]:
-    """Return all parameters of a horizon node with these values: rotations depend on `cameras`."""
+    """Return all parameters of a horizon node with these values: some depend on `cameras`."""
     cameras = _as_kind(values.get("cameras", HORIZON_PARAMETERS[0].default), "string_array")
     names = dict.fromkeys(cameras) if isinstance(cameras, list) else ()
-    rotations = tuple(rotation_parameter(str(camera)) for camera in names)
-    own = (*HORIZON_PARAMETERS[:1], *rotations, *HORIZON_PARAMETERS[1:])
+    each = [of(str(camera)) for camera in names for of in (rotation_parameter, mask_parameter)]
+    own = (*HORIZON_PARAMETERS[:1], *each, *HORIZON_PARAMETERS[1:])
     return (*own, *COMMON_PARAMETERS, *NODE_PARAMETERS)
 
 
@@ -672,14 +784,16 @@ def target_parameters() -> tuple[Parameter, ...]:
 def unknown_parameters(values: Mapping[str, Any]) -> list[str]:
     """Names among these values that mean nothing to any node.
 
-    One file serves all nodes, so another node's parameter is known, and so is a rotation of an
-    unused camera.
+    One file serves all nodes, so another node's parameter is known, and so are the rotation and the
+    mask of an unused camera.
     """
     known = {p.name for p in (*horizon_parameters(values), *TARGET_PARAMETERS)}
     return [
         name
         for name in values
-        if name not in known and not name.endswith(".rotation") and not _OF_RCLPY.fullmatch(name)
+        if name not in known
+        and not name.endswith((".rotation", ".mask"))
+        and not _OF_RCLPY.fullmatch(name)
     ]
 
 
@@ -785,8 +899,8 @@ def _shown(value: Any) -> str:
 def parameter_reference() -> str:
     """Return the table of all parameters, Markdown, for the README."""
     lines = ["| parameter | default | unit | values | live | |", "|---|---|---|---|---|---|"]
-    rotation = rotation_parameter("camera_N")
-    for parameter in (*HORIZON_PARAMETERS, rotation, *target_parameters()):
+    each = (rotation_parameter("camera_N"), mask_parameter("camera_N"))
+    for parameter in (*HORIZON_PARAMETERS, *each, *target_parameters()):
         default = "none" if parameter.default is None else _yaml_value(parameter.default)
         values = parameter.range_text.replace("|", r"\|")
         live = "yes" if parameter.live else ""
@@ -812,6 +926,11 @@ def parameter_file() -> str:
             lines.append("    # No default: set it for every camera that is used.")
             for camera in parameter.default:  # type: ignore[union-attr]
                 lines += [f"    # {camera}:", "    #   rotation: [0.0, 0.0, 0.0, 1.0]"]
+            lines += _comment(mask_parameter("camera_N"))
+            lines += [
+                "    # camera_1:",
+                "    #   mask: package://my_craft/config/camera_1_mask.png",
+            ]
     return "\n".join(lines) + "\n"
 
 

@@ -17,6 +17,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
+from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.parameters import (
     HorizonSettings,
@@ -43,6 +44,8 @@ from horizon_sensor_ros.tools.replayed_node import (
 
 _IMAGE = "sensor_msgs/msg/Image"
 _CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+_POSE = "geometry_msgs/msg/PoseStamped"
+_IMU = "sensor_msgs/msg/Imu"
 _POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 _TARGET_NODE = "target_pose_node"
 _NODES = (*HORIZON_NODES, _TARGET_NODE)
@@ -91,6 +94,11 @@ class _Replay:
             )
             image.append(partial(_hand_on, partial(pipeline.on_image, camera), nodes))
             camera_info.append(partial(pipeline.on_camera_info, camera))
+        aiding = pipeline.aiding
+        for source, handle in zip(
+            _aiding_inputs(self._names), (aiding.on_coarse_pose, aiding.on_imu), strict=True
+        ):
+            self._handlers.setdefault(source, []).append(handle)
         self._nodes += nodes
         self._pipelines.append((", ".join(members), pipeline))
 
@@ -148,6 +156,11 @@ def _hand_on(process: Callable[[Any], Any], nodes: Sequence[ReplayedNode], msg: 
 
 def _camera_inputs(camera: str, names: TopicNames) -> tuple[_Input, _Input]:
     return (names(f"{camera}/image_raw"), _IMAGE), (names(f"{camera}/camera_info"), _CAMERA_INFO)
+
+
+def _aiding_inputs(names: TopicNames) -> tuple[_Input, _Input]:
+    """Optional ones: nobody misses them."""
+    return (names(COARSE_POSE_TOPIC), _POSE), (names(IMU_TOPIC), _IMU)
 
 
 def _cloud_input(names: TopicNames) -> _Input:

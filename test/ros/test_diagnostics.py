@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from horizon_messages import CAMERAS, PARAMETERS
+from horizon_messages import CAMERAS, PARAMETERS, coarse_pose_of, recording
 
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_sensor import HorizonFix
@@ -153,3 +153,58 @@ def test_a_replay_says_nothing_of_the_machine() -> None:
     deliver(monitor, S, fix_of())
     (status,) = monitor.message(S, pipeline).status
     assert not {"latency_ms", "latency_max_ms", "rate_hz"} & {p.key for p in status.values}
+
+
+def values_of(monitor: HorizonMonitor, now: int) -> dict[str, str]:
+    pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
+    return {v.key: v.value for v in monitor.message(now, pipeline).status[0].values}
+
+
+def test_each_camera_says_how_it_fares() -> None:
+    monitor = monitor_of()
+    assert values_of(monitor, 0)["camera_1.state"] == "waiting"
+    deliver(monitor, S, fix_of(used=("camera_1",)))
+    values = values_of(monitor, S)
+    assert (values["camera_1.state"], values["camera_1.reason"]) == ("used", "")
+    assert (values["camera_2.state"], values["camera_2.reason"]) == ("left_out", "all dark")
+    assert values["camera_2.points"] == "0"
+    monitor.on_step(Step("camera_2", refusal=Refusal("zero_size", "image of 0 x 0 pixels")), S)
+    values = values_of(monitor, S)
+    assert (values["camera_2.state"], values["camera_2.reason"]) == (
+        "refused",
+        "image of 0 x 0 pixels",
+    )
+    assert values["camera_1.state"] == "used"
+    values = values_of(monitor, 4 * S)
+    assert (values["camera_1.state"], values["camera_1.reason"]) == (
+        "silent",
+        "no frames for 3.0 s",
+    )
+
+
+def test_each_cameras_points_and_residual() -> None:
+    pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
+    monitor = monitor_of()
+    for topic, _, msg in recording(1):
+        _, camera, kind = topic.split("/")
+        if kind == "camera_info":
+            pipeline.on_camera_info(camera, msg)
+        else:
+            monitor.on_step(pipeline.on_image(camera, msg), S)
+    values = values_of(monitor, S)
+    residuals = [float(values[f"{camera}.residual_px"]) for camera in CAMERAS]
+    assert all(int(values[f"{camera}.points"]) > 50 for camera in CAMERAS)
+    assert sum(int(values[f"{camera}.points"]) for camera in CAMERAS) >= int(values["points"])
+    # The common residual lies between the cameras'.
+    assert min(residuals) <= float(values["residual_px"]) * 1.05
+    assert max(residuals) >= float(values["residual_px"]) * 0.95
+
+
+def test_topics_that_help_are_spoken_of() -> None:
+    monitor = monitor_of()
+    pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
+    pipeline.aiding.on_coarse_pose(coarse_pose_of(S, np.ones(3) * 4e6, np.eye(3), "map"))
+    values = {v.key: v.value for v in monitor.message(S, pipeline).status[0].values}
+    assert values["coarse_pose"] == "refused: header frame is 'map', not 'earth'"
+    assert values["imu"] == "none"
+    assert values["ignored_coarse_pose_wrong_frame"] == "1"

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from craft import ESTIMATES, Craft
-from geometry_msgs.msg import Vector3Stamped
+from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from horizon_messages import (
     CAMERAS,
     HEIGHT,
@@ -22,7 +22,9 @@ from horizon_messages import (
     START_NS,
     WIDTH,
     camera_info_of,
+    coarse_pose_of,
     image_of,
+    imu_of,
     recording,
     write_bag,
     write_parameters,
@@ -34,7 +36,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rosbags.rosbag2 import Reader
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, Imu
 
 NODES = ("local_vertical_node", "attitude_node")
 
@@ -236,6 +238,7 @@ def test_signals_during_start_up_end_a_node_quietly(
         ("attitude_node", "planet:=flat", ["planet must be one of", "flat"]),
         ("attitude_node", "slop:=soon", ["slop must be a double"]),
         ("attitude_node", "extrinsics_source:=tf", ["tf2_ros"]),
+        ("attitude_node", "camera_1.mask:=/no/mask.png", ["camera_1.mask", "/no/mask.png"]),
         ("horizon_sensor", "nodes:=[sextant]", ["nodes must be some of", "sextant"]),
         (
             "attitude_node",
@@ -370,6 +373,49 @@ def test_one_process_subscribes_once_and_listens_to_names(
         craft.expect_pair(index, (topic,))
         assert len(craft.stamps("attitude")) + len(craft.stamps("local_vertical")) == 1
         assert craft.transition(pausing, Transition.TRANSITION_ACTIVATE)
+
+
+def test_topics_that_help_are_heard_and_spoken_of(
+    start: Callable[..., Program], craft: Craft, params: list[str]
+) -> None:
+    node = "attitude_node"
+    start(node, *params, "-p", "planet:=wgs84", "-r", "coarse_pose:=position_filter/pose")
+    craft.match((node,))
+    poses = craft.node.create_publisher(PoseStamped, "/position_filter/pose", 10)
+    rates = craft.node.create_publisher(Imu, "/imu", 10)
+    for publisher in (poses, rates):
+        craft.wait(publisher.get_subscription_count, publisher.topic_name)
+    index = 0
+
+    def insist(send: Callable[[], None], key: str, words: str) -> None:
+        nonlocal index
+        craft.heard.clear()
+
+        def said() -> bool:
+            found = [{v.key: v.value for v in s.values} for s in craft.statuses(node)]
+            return any(words in values.get(key, "") for values in found)
+
+        while not said():
+            index += 1
+            assert index < 200, words
+            send()
+            craft.expect_pair(index, ("attitude",))
+
+    position = np.array([5e6, 4e6, 2.5e6])
+
+    def send_pose(frame_id: str = "earth") -> None:
+        stamp = START_NS + index * PERIOD_NS
+        poses.publish(coarse_pose_of(stamp, position, np.eye(3), frame_id))
+
+    insist(lambda: send_pose("odom"), "coarse_pose", "'odom', not 'earth'")
+    insist(send_pose, "coarse_pose", "used")
+    insist(lambda: send_pose("odom"), "ignored_coarse_pose_wrong_frame", "1")
+
+    def send_rate(frame_id: str = "base_link") -> None:
+        rates.publish(imu_of(START_NS + index * PERIOD_NS, (0.0, 0.01, 0.0), frame_id))
+
+    insist(lambda: send_rate("imu_link"), "imu", "'imu_link'")
+    insist(send_rate, "imu", "used")
 
 
 def test_debug_image_only_for_who_asks(

@@ -70,6 +70,10 @@ def test_defaults_are_the_contracts() -> None:
         ({"cameras": ["camera 1"]}, ["camera 1"]),
         ({"cameras": "camera_1"}, ["cameras must be a list"]),
         ({"queue_size": 2.5}, ["queue_size must be a integer"]),
+        ({"camera_1.mask": 7}, ["camera_1.mask must be a string"]),
+        ({"coarse_pose_position_sigma": -1.0}, ["coarse_pose_position_sigma", "-1.0"]),
+        ({"altitude_prior_sigma": float("nan")}, ["altitude_prior_sigma"]),
+        ({"imu_max_gap": 0.0}, ["imu_max_gap", "0.0"]),
     ],
 )
 def test_refused_with_name_and_reason_in_one_line(values: dict, words: list[str]) -> None:
@@ -270,6 +274,7 @@ def test_an_empty_file_sets_nothing(tmp_path: Path) -> None:
 def test_typing_errors_in_names_are_found() -> None:
     values = {**PARAMETERS, "planet_raduis": 1.0, "use_sim_time": True, "camera_9.rotation": [1]}
     values["max_gap"] = 3.0
+    values["camera_9.mask"] = "/mask.png"
     values["qos_overrides./attitude.publisher.depth"] = 3
     assert unknown_parameters(values) == ["planet_raduis"]
 

@@ -1,0 +1,77 @@
+"""Angular rates, integrated to the rotation between two times."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from horizon_sensor_ros.core.target.rigid import rotation_from_vector
+
+_MOST_SAMPLES = 5000
+_NANOSECOND = 1e-9
+
+
+class RateHistory:
+    """The last angular rates of a frame, rad/s in its own axes, by their stamps in nanoseconds.
+
+    max_gap_ns : where neighbouring samples lie farther apart the rotation is not known. Raises
+    ValueError when that is not positive.
+    """
+
+    def __init__(self, max_gap_ns: int) -> None:
+        if max_gap_ns <= 0:
+            raise ValueError(f"max_gap_ns must be positive, got {max_gap_ns}")
+        self.max_gap_ns = max_gap_ns
+        self._stamps: deque[int] = deque(maxlen=_MOST_SAMPLES)
+        self._rates: deque[np.ndarray] = deque(maxlen=_MOST_SAMPLES)
+
+    def __len__(self) -> int:
+        return len(self._stamps)
+
+    def add(self, stamp: int, rate: np.ndarray) -> bool:
+        """Add a rate (3,); False, and no more than that, for the last one's stamp once more.
+
+        A stamp before the last one's starts a new history: time has jumped.
+        """
+        if self._stamps and stamp == self._stamps[-1]:
+            return False
+        if self._stamps and stamp < self._stamps[-1]:
+            self._stamps.clear()
+            self._rates.clear()
+        self._stamps.append(stamp)
+        self._rates.append(np.array(rate, dtype=float))
+        return True
+
+    def rotation(self, start: int, end: int) -> np.ndarray | None:
+        """rot_end_from_start (3, 3) of the frame, or None where a gap leaves it open.
+
+        It takes the components of a vector that does not turn from the frame at `start` to the
+        frame at `end`. Between samples the rate changes evenly; before the first and after the last
+        it is held, for no longer than the largest gap.
+        """
+        if end < start or not self._stamps:
+            return None
+        stamps = np.array(self._stamps, dtype=np.int64)
+        # Exact differences: as floats, stamps would be good to a quarter of a microsecond only.
+        times = np.concatenate(([start], stamps[(stamps > start) & (stamps < end)], [end])) - start
+        before = np.searchsorted(stamps, start, side="right") - 1
+        after = np.searchsorted(stamps, end, side="left")
+        needed = stamps[max(before, 0) : after + 1]
+        edges = np.concatenate(([min(start, needed[0])], needed, [max(end, needed[-1])]))
+        if np.diff(edges).max() > self.max_gap_ns:
+            return None
+        known = (stamps - start).astype(float)
+        rates = np.array(self._rates)
+        at = np.stack([np.interp(times, known, rates[:, axis]) for axis in range(3)], axis=1)
+        turn = 0.5 * (at[1:] + at[:-1]) * (np.diff(times) * _NANOSECOND)[:, None]
+        rotation = np.eye(3)
+        for step in rotation_from_vector(-turn):
+            rotation = step @ rotation
+        return rotation
+
+    def forget_before(self, stamp: int) -> None:
+        """Drop what no rotation from `stamp` on needs."""
+        while len(self._stamps) > 1 and self._stamps[1] <= stamp:
+            self._stamps.popleft()
+            self._rates.popleft()

@@ -1,0 +1,117 @@
+"""The topics that help the horizon sensor, coarse_pose and imu: what of them a set of frames gets.
+
+As the pipeline: no node, no clock. Ages are differences of stamps, so live and offline agree.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement, CoarsePose
+from horizon_sensor_ros.core.gyro import RateHistory
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.ros.messages import (
+    NANOSECONDS,
+    Refusal,
+    coarse_pose_from_message,
+    rate_from_imu,
+    stamp_ns,
+)
+from horizon_sensor_ros.ros.parameters import AidingSettings
+
+COARSE_POSE_TOPIC = "coarse_pose"
+IMU_TOPIC = "imu"
+
+
+class AidingSources:
+    """Keeps the latest coarse pose and the rates since the last set of frames.
+
+    ignored : messages that were not used, by cause. words : what became of each topic for the last
+    set, for a person.
+    """
+
+    def __init__(self, settings: AidingSettings, planet: Planet, base_frame: str) -> None:
+        self.ignored: Counter[str] = Counter()
+        self.words = {COARSE_POSE_TOPIC: "none", IMU_TOPIC: "none"}
+        self._settings = settings
+        self._planet = planet
+        self._base_frame = base_frame
+        self._rates = RateHistory(settings.imu_max_gap_ns)
+        self._pose: tuple[int, CoarsePose] | None = None
+        self._refused: dict[str, str] = {}
+        self._last_set: int | None = None
+
+    def reset(self) -> None:
+        """Forget when the last set was; the topics' own stamps say whether they still count."""
+        self._last_set = None
+
+    def on_coarse_pose(self, msg: Any) -> None:
+        """Take a `geometry_msgs/PoseStamped` of the base frame in the frame `earth`."""
+        stamp, pose = stamp_ns(msg), coarse_pose_from_message(msg, self._planet)
+        if isinstance(stamp, Refusal):
+            self._ignore(COARSE_POSE_TOPIC, stamp)
+        elif isinstance(pose, Refusal):
+            self._ignore(COARSE_POSE_TOPIC, pose)
+        else:
+            self._refused.pop(COARSE_POSE_TOPIC, None)
+            sigmas = self._settings.position_sigma_m, self._settings.rotation_sigma_rad
+            self._pose = stamp, CoarsePose(*pose, *sigmas)
+
+    def on_imu(self, msg: Any) -> None:
+        """Take the angular rate of a `sensor_msgs/Imu`."""
+        stamp, rate = stamp_ns(msg), rate_from_imu(msg, self._base_frame)
+        if isinstance(stamp, Refusal):
+            self._ignore(IMU_TOPIC, stamp)
+        elif isinstance(rate, Refusal):
+            self._ignore(IMU_TOPIC, rate)
+        elif not self._rates.add(stamp, rate):
+            self._ignore(IMU_TOPIC, Refusal("repeated_stamp", "stamp repeats the last one's"))
+        else:
+            self._refused.pop(IMU_TOPIC, None)
+
+    def of_set(self, stamp: int) -> Aiding:
+        """Return what is known for the set of this stamp, which is the last one from now on."""
+        pose = self._pose_at(stamp)
+        rotation = None
+        if len(self._rates):
+            if self._last_set is not None:
+                rotation = self._rates.rotation(self._last_set, stamp)
+            self._say(IMU_TOPIC, "used" if rotation is not None else "a gap since the last set")
+            self._rates.forget_before(stamp)
+        else:
+            self._say(IMU_TOPIC, "none")
+        self._last_set = stamp
+        return Aiding(pose, self._altitude(pose), rotation)
+
+    def _pose_at(self, stamp: int) -> CoarsePose | None:
+        if self._pose is None:
+            self._say(COARSE_POSE_TOPIC, "none")
+            return None
+        age = stamp - self._pose[0]
+        if abs(age) > self._settings.max_age_ns:
+            off = "too old" if age > 0 else "of the future"
+            self.words[COARSE_POSE_TOPIC] = f"{off}: {abs(age) / NANOSECONDS:.1f} s"
+            return None
+        self.words[COARSE_POSE_TOPIC] = "used"
+        return self._pose[1]
+
+    def _altitude(self, pose: CoarsePose | None) -> AltitudeMeasurement | None:
+        """That of the pose, where its altitude has a sigma; else the parameter's, if any."""
+        s = self._settings
+        if pose is not None and s.pose_altitude_sigma_m > 0:
+            height = self._planet.geodetic_from_ecef(pose.position_ecef_m)[2]
+            return AltitudeMeasurement(height, s.pose_altitude_sigma_m)
+        if s.altitude_sigma_m > 0:
+            return AltitudeMeasurement(s.altitude_m, s.altitude_sigma_m)
+        return None
+
+    def _ignore(self, topic: str, refusal: Refusal) -> None:
+        self.ignored[f"{topic}_{refusal.cause}"] += 1
+        self._refused[topic] = f"refused: {refusal.reason}"
+        if self.words[topic] != "used":
+            self.words[topic] = self._refused[topic]
+
+    def _say(self, topic: str, words: str) -> None:
+        used = words == "used"
+        self.words[topic] = words if used else self._refused.get(topic, words)

@@ -1,0 +1,297 @@
+"""coarse_pose and imu: what of them reaches a set of frames, and what is said of the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from horizon_messages import (
+    CAMERAS,
+    HEIGHT,
+    PARAMETERS,
+    PERIOD_NS,
+    START_NS,
+    WIDTH,
+    attitude_at,
+    camera_info_of,
+    coarse_pose_of,
+    horizon_gray,
+    image_of,
+    imu_of,
+    nadir_of,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Imu
+
+from horizon_sensor_ros.core.aiding import Aiding
+from horizon_sensor_ros.core.horizon_sensor import HorizonFix, HorizonSensor
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.ros.aiding_sources import AidingSources
+from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
+from horizon_sensor_ros.ros.parameters import ParameterError, horizon_settings
+
+S = 1_000_000_000
+POSITION = np.array([4.0e6, -3.0e6, 4.6e6])
+ROTATION = Rotation.from_euler("xyz", [0.3, -0.8, 2.0]).as_matrix()
+
+
+def sources(**values: Any) -> AidingSources:
+    pipeline = horizon_settings({**PARAMETERS, **values}).pipeline
+    return AidingSources(pipeline.aiding, pipeline.sensor.planet, pipeline.base_frame)
+
+
+def pose_of(stamp: int = START_NS, **fields: Any) -> PoseStamped:
+    return coarse_pose_of(stamp, POSITION, ROTATION, **fields)
+
+
+def test_nothing_comes_of_nothing() -> None:
+    aiding = sources()
+    known = aiding.of_set(START_NS)
+    assert (known.coarse_pose, known.altitude, known.rot_now_from_last) == (None, None, None)
+    assert aiding.words == {"coarse_pose": "none", "imu": "none"}
+
+
+def test_a_pose_is_taken_as_it_is_with_the_sigmas_of_the_parameters() -> None:
+    aiding = sources(coarse_pose_position_sigma=2e3, coarse_pose_rotation_sigma=0.02)
+    aiding.on_coarse_pose(pose_of())
+    pose = aiding.of_set(START_NS + S).coarse_pose
+    assert pose is not None
+    np.testing.assert_array_equal(pose.position_ecef_m, POSITION)
+    np.testing.assert_allclose(pose.rot_ecef_from_base, ROTATION, atol=1e-12)
+    assert (pose.position_sigma_m, pose.rotation_sigma_rad) == (2e3, 0.02)
+    assert aiding.words["coarse_pose"] == "used"
+
+
+@pytest.mark.parametrize(
+    ("age_s", "words"),
+    [(0, "used"), (60, "used"), (-60, "used"), (60.1, "too old: 60.1"), (-61, "of the future: 61")],
+)
+def test_a_pose_counts_for_its_age_by_the_stamps(age_s: float, words: str) -> None:
+    aiding = sources()
+    aiding.on_coarse_pose(pose_of())
+    known = aiding.of_set(START_NS + round(age_s * S))
+    assert (known.coarse_pose is not None) == (words == "used")
+    assert aiding.words["coarse_pose"].startswith(words)
+
+
+NAN = float("nan")
+BAD_POSES: dict[str, tuple[Callable[[PoseStamped], Any], str]] = {
+    "wrong_frame": (lambda m: setattr(m.header, "frame_id", "map"), "'map', not 'earth'"),
+    "not_finite": (lambda m: setattr(m.pose.position, "y", NAN), "not finite"),
+    "inside_planet": (lambda m: setattr(m.pose, "position", type(m.pose.position)()), "0 km"),
+    "too_far": (lambda m: setattr(m.pose.position, "x", 1e300), "km from"),
+    "bad_orientation": (lambda m: setattr(m.pose.orientation, "w", 3.0), "length 1"),
+    "bad_stamp": (lambda m: setattr(m.header.stamp, "nanosec", 2 * S), "nanoseconds"),
+}
+
+
+@pytest.mark.parametrize("cause", BAD_POSES)
+def test_a_bad_pose_is_refused_counted_and_said(cause: str) -> None:
+    spoil, words = BAD_POSES[cause]
+    aiding = sources()
+    msg = pose_of()
+    spoil(msg)
+    aiding.on_coarse_pose(msg)
+    assert aiding.of_set(START_NS).coarse_pose is None
+    assert aiding.ignored == {f"coarse_pose_{cause}": 1}
+    assert words in aiding.words["coarse_pose"]
+    # The last good one stands.
+    aiding.on_coarse_pose(pose_of())
+    aiding.on_coarse_pose(msg)
+    assert aiding.of_set(START_NS).coarse_pose is not None
+    assert aiding.words["coarse_pose"] == "used"
+
+
+BAD_RATES: dict[str, tuple[Callable[[Imu], Any], str]] = {
+    "wrong_frame": (lambda m: setattr(m.header, "frame_id", "imu_link"), "'imu_link'"),
+    "not_finite": (lambda m: setattr(m.angular_velocity, "z", NAN), "not finite"),
+    "no_rate": (lambda m: m.angular_velocity_covariance.__setitem__(0, -1.0), "no rate"),
+    "bad_stamp": (lambda m: setattr(m.header.stamp, "nanosec", 2 * S), "nanoseconds"),
+}
+
+
+@pytest.mark.parametrize("cause", BAD_RATES)
+def test_a_bad_rate_is_refused_counted_and_said(cause: str) -> None:
+    spoil, words = BAD_RATES[cause]
+    aiding = sources()
+    msg = imu_of(START_NS, (0.1, 0.2, 0.3))
+    spoil(msg)
+    aiding.on_imu(msg)
+    assert aiding.of_set(START_NS).rot_now_from_last is None
+    assert aiding.ignored == {f"imu_{cause}": 1}
+    assert words in aiding.words["imu"]
+
+
+def test_the_imus_orientation_and_acceleration_do_not_matter() -> None:
+    aiding = sources()
+    msg = imu_of(START_NS, (0.1, 0.2, 0.3))
+    msg.orientation.x = msg.linear_acceleration.y = NAN
+    msg.orientation_covariance[0] = -1.0
+    aiding.on_imu(msg)
+    assert not aiding.ignored
+
+
+def test_the_rotation_is_that_since_the_last_set() -> None:
+    rate = np.array([0.1, -0.3, 0.2])
+    aiding = sources()
+    for step in range(0, 60):
+        aiding.on_imu(imu_of(START_NS + step * S // 50, rate))
+    assert aiding.of_set(START_NS + S // 10).rot_now_from_last is None
+    for start, end in ((0.1, 0.4), (0.4, 0.433), (0.433, 1.1)):
+        rot = aiding.of_set(START_NS + round(end * S)).rot_now_from_last
+        np.testing.assert_allclose(
+            rot, Rotation.from_rotvec(-rate * (end - start)).as_matrix(), atol=1e-9
+        )
+        assert aiding.words["imu"] == "used"
+    # The imu has ended.
+    assert aiding.of_set(START_NS + 2 * S).rot_now_from_last is None
+    assert aiding.words["imu"] == "a gap since the last set"
+
+
+def test_after_a_reset_there_is_no_last_set() -> None:
+    aiding = sources()
+    for step in range(20):
+        aiding.on_imu(imu_of(START_NS + step * S // 50, (0.1, 0.0, 0.0)))
+    aiding.of_set(START_NS)
+    aiding.reset()
+    assert aiding.of_set(START_NS + S // 10).rot_now_from_last is None
+    assert aiding.of_set(START_NS + S // 5).rot_now_from_last is not None
+
+
+def test_repeated_rates_are_counted() -> None:
+    aiding = sources()
+    for _ in range(3):
+        aiding.on_imu(imu_of(START_NS, (0.1, 0.0, 0.0)))
+    assert aiding.ignored == {"imu_repeated_stamp": 2}
+
+
+def test_known_altitudes() -> None:
+    height = Planet.wgs84().geodetic_from_ecef(POSITION)[2]
+    wgs84 = {"planet": "wgs84"}
+    none = sources(altitude_prior=5e5, **wgs84)
+    assert none.of_set(START_NS).altitude is None
+    prior = {"altitude_prior": 5e5, "altitude_prior_sigma": 2e3, **wgs84}
+    for aiding in (sources(**prior), sources(**prior, coarse_pose_altitude_sigma=1e4)):
+        known = aiding.of_set(START_NS).altitude
+        assert known is not None
+        assert (known.altitude_m, known.sigma_m) == (5e5, 2e3)
+    aiding = sources(**prior, coarse_pose_altitude_sigma=1e4)
+    aiding.on_coarse_pose(pose_of())
+    known = aiding.of_set(START_NS).altitude
+    assert known is not None
+    assert known.altitude_m == pytest.approx(height, abs=1e-3)
+    assert known.sigma_m == 1e4
+    # Of a sphere the altitude is above the sphere.
+    aiding = sources(coarse_pose_altitude_sigma=1e4)
+    aiding.on_coarse_pose(pose_of())
+    known = aiding.of_set(START_NS).altitude
+    assert known is not None
+    assert known.altitude_m == pytest.approx(np.linalg.norm(POSITION) - 6371e3, abs=1e-3)
+
+
+@given(
+    st.text(max_size=10), st.lists(st.floats(), min_size=7, max_size=7),
+    st.integers(-(2**31), 2**31 - 1), st.integers(0, 2**32 - 1),
+)  # fmt: skip
+@settings(deadline=None, max_examples=50)
+def test_no_message_raises(frame: str, values: list[float], sec: int, nanosec: int) -> None:
+    aiding = sources()
+    for frame_id in (frame, "earth", "base_link"):
+        pose, imu = PoseStamped(), Imu()
+        for msg in (pose, imu):
+            msg.header.frame_id = frame_id
+            msg.header.stamp.sec, msg.header.stamp.nanosec = sec, nanosec
+        p, q, rate = pose.pose.position, pose.pose.orientation, imu.angular_velocity
+        p.x, p.y, p.z, q.x, q.y, q.z, q.w = values
+        rate.x, rate.y, rate.z = values[:3]
+        aiding.on_coarse_pose(pose)
+        aiding.on_imu(imu)
+    aiding.of_set(START_NS)
+    aiding.of_set(START_NS + 1)
+
+
+# ---------------------------------------------------------------------------- in the pipeline
+
+
+def test_the_pipeline_hands_on_what_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    handed: list[Aiding] = []
+    process = HorizonSensor.process
+
+    def spy(self: HorizonSensor, frames: Any, aiding: Aiding) -> HorizonFix:
+        handed.append(aiding)
+        return process(self, frames, aiding)
+
+    monkeypatch.setattr(HorizonSensor, "process", spy)
+    pipeline = HorizonPipeline(horizon_settings({**PARAMETERS, "planet": "wgs84"}).pipeline)
+    pipeline.aiding.on_coarse_pose(pose_of())
+    for index in range(3):
+        stamp = START_NS + index * PERIOD_NS
+        for late in (0, PERIOD_NS // 2):
+            pipeline.aiding.on_imu(imu_of(stamp + late - PERIOD_NS // 2, (0.0, 0.1, 0.0)))
+        for camera in CAMERAS:
+            pipeline.on_camera_info(camera, camera_info_of(0, camera))
+            gray = horizon_gray(camera, nadir_of(*attitude_at(index)))
+            pipeline.on_image(camera, image_of(gray, stamp, camera))
+    assert all(aiding.coarse_pose is not None for aiding in handed)
+    assert [aiding.rot_now_from_last is not None for aiding in handed] == [False, True, True]
+
+
+@pytest.fixture
+def mask_file(tmp_path: Path) -> Path:
+    use = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    use[:, :60] = 0
+    path = tmp_path / "mask.png"
+    cv2.imwrite(str(path), use)
+    return path
+
+
+def test_a_mask_reaches_the_frames(mask_file: Path) -> None:
+    values = {**PARAMETERS, "cameras": ["camera_1"], "camera_1.mask": str(mask_file)}
+    pipeline = HorizonPipeline(horizon_settings(values).pipeline)
+    pipeline.on_camera_info("camera_1", camera_info_of(0, "camera_1"))
+    gray = horizon_gray("camera_1", nadir_of(0, 0))
+    gray[:, :60] = 255
+    (result,) = pipeline.on_image("camera_1", image_of(gray, START_NS, "camera_1")).results
+    assert result.fix.ok, result.fix.reason
+    assert result.fix.limbs[0].px[:, 0].min() > 60
+
+
+def test_a_mask_of_another_size_refuses_the_frames_by_name(mask_file: Path) -> None:
+    cv2.imwrite(str(mask_file), np.full((20, 30), 255, np.uint8))
+    values = {**PARAMETERS, "camera_1.mask": str(mask_file)}
+    pipeline = HorizonPipeline(horizon_settings(values).pipeline)
+    pipeline.on_camera_info("camera_1", camera_info_of(0, "camera_1"))
+    gray = horizon_gray("camera_1", nadir_of(0, 0))
+    step = pipeline.on_image("camera_1", image_of(gray, START_NS, "camera_1"))
+    assert step.refusal is not None
+    assert step.refusal.cause == "mask_size"
+    assert f"{WIDTH} x {HEIGHT}" in step.refusal.reason
+    assert "30 x 20" in step.refusal.reason
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("mask.png", "no absolute path"),
+        ("{tmp}/none.png", "there is no file"),
+        ("{tmp}/text.png", "not a picture"),
+        ("{tmp}/black.png", "black all over"),
+        ("package://no_such_package_here/mask.png", "no package 'no_such_package_here'"),
+    ],
+)
+def test_a_mask_that_cannot_be_is_one_clear_line(tmp_path: Path, name: str, words: str) -> None:
+    (tmp_path / "text.png").write_text("no picture")
+    cv2.imwrite(str(tmp_path / "black.png"), np.zeros((20, 30), np.uint8))
+    with pytest.raises(ParameterError) as caught:
+        horizon_settings({**PARAMETERS, "camera_2.mask": name.format(tmp=tmp_path)})
+    message = str(caught.value)
+    assert message.startswith("camera_2.mask: ")
+    assert words in message
+    assert "\n" not in message
