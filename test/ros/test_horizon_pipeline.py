@@ -223,7 +223,7 @@ def test_settings_change_and_calibrations_stay() -> None:
 def test_a_defect_costs_a_frame_not_the_node(monkeypatch: pytest.MonkeyPatch) -> None:
     pipeline = ready()
 
-    def broken(_frames: Any) -> None:
+    def broken(*_: Any) -> None:
         raise ZeroDivisionError("core")
 
     with monkeypatch.context() as patch:
