@@ -168,8 +168,8 @@ class HorizonSensor:
             views, images, self._sphere, rho_min_rad=self._rho_min, rho_max_rad=self._rho_max
         )
         limbs = detection.limbs
-        if self.config.limb == "canny" and detection.predicted.ok:
-            limbs = canny_limbs(views, images, detection.predicted)
+        if self.config.limb == "canny" and np.isfinite(detection.rho_rad):
+            limbs = canny_limbs(views, images, detection.nadir_base, detection.rho_rad)
         observations = [LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)]
         if not any(limb.status is Status.OK for limb in limbs):
             fit = HorizonFit.none(limbs[0].status, limbs[0].reason, self.config.method)
@@ -211,7 +211,7 @@ class HorizonSensor:
                 fit.nadir_base,
                 fit.rho_rad,
             )
-            found_px = len(limb.px) if self.config.limb == "subpixel" else np.inf
+            found_px = len(limb.px) * limb.spacing_px if self.config.limb == "subpixel" else np.inf
             space_share = candidates.space_level / full_scale(frame.gray)
             reason = doubt(evidence, found_px, space_share, self.config)
             if reason:

@@ -6,15 +6,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from horizon_sensor_ros.core.fits.assessment import MIN_POINTS
 from horizon_sensor_ros.core.fits.limb_rays import gather
+from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.limb.evidence import SkyEvidence
+from horizon_sensor_ros.core.shared_error import bend_px
 from horizon_sensor_ros.core.status import Status
 
 # Two cameras that see the limb each for itself contradict each other when farther apart than both.
 _DISAGREEMENT_SIGMAS = 5.0
 _DISAGREEMENT_RAD = np.radians(0.25)
+# Stretches of a limb lie off the best cone by the error that neighbours share; of another edge,
+# which happens to run along some cone, by more.
+_MAX_BEND, _LEAST_BEND_PX = 4.5, 0.3
 
 
 def doubt(evidence: SkyEvidence, found_px: float, space_share: float, config: HorizonConfig) -> str:
@@ -51,6 +57,15 @@ def refusal(
     limit_px = config.max_residual_px * max(1.0, width / 640.0)
     if not fit.rms_residual_px <= limit_px:
         return Status.POOR_FIT, f"residual {fit.rms_residual_px:.2f} px, above {limit_px:.2f}"
+    for observation in observations if fit.method == METHOD else ():
+        shared_px = observation.limb.coherent_px
+        rays = gather([observation])
+        if shared_px == 0.0 or len(rays) < MIN_POINTS or observation.view.name not in fit.cameras:
+            continue
+        bend = bend_px(fit, rays)
+        if bend > max(_MAX_BEND * shared_px, _LEAST_BEND_PX):
+            name = observation.view.name
+            return Status.POOR_FIT, f"the edge in {name} bends unlike a limb, by {bend:.2f} px"
     sigma = nadir_sigma_rad(fit)
     if not sigma <= config.max_nadir_sigma_rad:
         return Status.UNCERTAIN, f"nadir is known to {np.degrees(sigma):.2f} deg only"

@@ -9,7 +9,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
-from horizon_sensor_ros.core.fits.limb_rays import gather
+from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.planet import Planet
 
@@ -37,6 +37,13 @@ def with_shared_error(
     return replace(fit, cov_nadir_altitude=cov)
 
 
+def bend_px(fit: HorizonFit, rays: LimbRays) -> float:
+    """How far stretches of one camera's limb lie off the fitted one, RMS of their medians."""
+    residual = rays.residuals_px(fit.nadir_base, fit.rho_rad)[rays.along_limb(fit.nadir_base)]
+    stretches = [np.median(part) for part in np.array_split(residual, _STRETCHES)]
+    return float(np.nan_to_num(np.sqrt(np.mean(np.square(stretches))), posinf=9.0))
+
+
 def _coherent_covariance(
     fit: HorizonFit, observations: Sequence[LimbObservation], sphere: Planet
 ) -> np.ndarray:
@@ -55,11 +62,8 @@ def _coherent_covariance(
         if claimed_px == 0.0:
             return np.zeros((4, 4))
         # What the stretches show of it counts too, more than it seems: the fit has bent to them.
-        residual = rays.residuals_px(fit.nadir_base, fit.rho_rad)[rays.along_limb(fit.nadir_base)]
-        stretches = [np.median(part) for part in np.array_split(residual, _STRETCHES)]
         freedom = max(1.0 - 3.0 / (_STRETCHES * len(fit.cameras)), 0.25)
-        seen_px = np.sqrt(np.mean(np.square(stretches)) / freedom)
-        coherent_px = float(max(claimed_px, np.nan_to_num(seen_px, posinf=9.0)))
+        coherent_px = max(claimed_px, bend_px(fit, rays) / np.sqrt(freedom))
         rows = rays.design(fit.nadir_base, basis) / rays.angles(fit.nadir_base)[1][:, None]
         weight = _STRETCHES / (len(rays) * coherent_px**2)
         information += weight * rows.T @ rows

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.fits import fit_horizon
-from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.fits.limb_rays import gather
+from horizon_sensor_ros.core.fits.maximum_likelihood import refine
+from horizon_sensor_ros.core.fits.result import LimbObservation
 from horizon_sensor_ros.core.limb.candidates import (
     LimbCandidates,
     block_average,
@@ -28,26 +29,28 @@ from horizon_sensor_ros.core.limb.selection import (
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
-# From the consensus, good to a grid step or two, to the last tenths of a pixel.
+# From the consensus, good to a grid step or two, to the last tenths of a pixel. Where air glows the
+# ground's edge lies farther from the steepest fall, where the first two look, than the last does.
 _SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0)
 _NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0)
-_APPROACH = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0)
+_GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0)
 _FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0)
 _CANNY_REACH_PX = 2.0
 
 
 @dataclass(frozen=True)
 class Detection:
-    """The limb in each frame, and the fit that the last pass of refinement rested on.
+    """The limb in each frame, and where the last pass of refinement looked for it.
 
-    limbs : one per frame, in order. candidates : step one's, for drawing. consensus : step two's.
-    predicted : the fit whose limb the last pass refined; its status says why there is none.
+    limbs : one per frame, in order. nadir_base, rho_rad : the cone whose limb the last pass
+    refined; NaN where there is none. candidates : step one's, for drawing. consensus : step two's.
     """
 
     limbs: tuple[LimbPoints, ...]
-    predicted: HorizonFit
     candidates: tuple[LimbCandidates, ...] = ()
     consensus: Consensus = field(default_factory=lambda: Consensus(Status.NO_LIMB))
+    nadir_base: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+    rho_rad: float = np.nan
 
 
 def detect_limb(
@@ -71,13 +74,13 @@ def detect_limb(
     consensus = limb_consensus(found, rho_min_rad=rho_min_rad, rho_max_rad=rho_max_rad)
     if consensus.status is not Status.OK:
         none = LimbPoints.none(consensus.status, consensus.reason)
-        predicted = HorizonFit.none(consensus.status, consensus.reason, "ml")
-        return Detection((none,) * len(views), predicted, candidates, consensus)
+        return Detection((none,) * len(views), candidates, consensus)
     nadir, rho = consensus.nadir_base, consensus.rho_rad
     looks: list[tuple[EdgeLook, ...]] = [()] * len(views)
-    predicted = HorizonFit.none(Status.NO_LIMB, "", "ml")
     limbs: list[LimbPoints] = []
-    for step in (_SEARCH, _NEAR, _APPROACH, _FINAL):
+    for step in (_SEARCH, _NEAR, _GLOW, _FINAL):
+        if step is _GLOW and not any(look.glow_px > 0 for seen in looks for look in seen):
+            continue
         limbs = []
         for i, (view, image) in enumerate(zip(views, images, strict=True)):
             here, part = step, image
@@ -91,17 +94,19 @@ def detect_limb(
             looks[i] = () if step is _SEARCH else seen
         if step is _FINAL:
             break
-        predicted = fit_horizon(
-            [LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)], planet
-        )
-        if not predicted.ok:
+        rays = gather([LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)])
+        nearer = refine(rays, planet, (nadir, rho))
+        if not nearer.ok:
             break
-        nadir, rho = predicted.nadir_base, predicted.rho_rad
-    return Detection(tuple(limbs), predicted, candidates, consensus)
+        nadir, rho = nearer.nadir_base, nearer.rho_rad
+    return Detection(tuple(limbs), candidates, consensus, nadir, rho)
 
 
 def canny_limbs(
-    views: Sequence[CameraView], images: Sequence[np.ndarray], predicted: HorizonFit
+    views: Sequence[CameraView],
+    images: Sequence[np.ndarray],
+    nadir_base: np.ndarray,
+    rho_rad: float,
 ) -> tuple[LimbPoints, ...]:
     """Whole-pixel limb points as in the papers: the Canny edges within two pixels of the predicted
     limb.
@@ -109,13 +114,13 @@ def canny_limbs(
     limbs = []
     for view, image in zip(views, images, strict=True):
         edges = canny_candidates(image)
-        nadir = view.rot_base_from_cam.T @ predicted.nadir_base
+        nadir = view.rot_base_from_cam.T @ nadir_base
         rays = view.camera.rays(edges.px)
         ahead = view.camera.rays(edges.px + edges.normal_px)
         with np.errstate(invalid="ignore"):
             angle = np.arccos(np.clip(rays @ nadir, -1.0, 1.0))
             per_px = np.arccos(np.clip(ahead @ nadir, -1.0, 1.0)) - angle
-            keep = (per_px > 0) & (np.abs(angle - predicted.rho_rad) < _CANNY_REACH_PX * per_px)
+            keep = (per_px > 0) & (np.abs(angle - rho_rad) < _CANNY_REACH_PX * per_px)
             if view.mask is not None:
                 keep &= view.mask.clear(edges.px, _CANNY_REACH_PX)
         if keep.sum() < MIN_INLIERS:

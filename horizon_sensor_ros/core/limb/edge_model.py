@@ -27,12 +27,12 @@ from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid
 # The kinds of profile that are considered: texture inside, over the level; glow outside, over it.
 SHARP_KINDS = tuple((texture, 0.0) for texture in (0.0, 0.08, 0.25, 0.8))
 GLOW_KINDS = tuple((texture, glow) for texture in (0.06, 0.25) for glow in (0.25, 0.6, 1.0))
-PSF_LADDER_PX = (0.5, 0.6, 0.75, 0.9, 1.1, 1.4, 1.8, 2.4, 3.2)
+PSF_LADDER_PX = (0.42, 0.5, 0.6, 0.75, 0.9, 1.1, 1.4, 1.8, 2.4, 3.2)
 GLOW_LADDER_PX = (1.0, 1.6, 2.5, 4.0, 6.3, 10.0)
 _TEXTURE_ROOT_LENGTH = 1.5  # correlation length of texture, in the root of the depth in pixels
 _MOST_EVIDENCE = 8.0  # of one profile, for one look over another
 _LOOK_PROFILES = 48  # profiles that decide on the look
-_MAX_LEVEL = 128.0  # brightness over noise beyond which more says nothing
+MAX_LEVEL = 128.0  # brightness over noise beyond which more says nothing
 _FINE_PX = 0.1  # grid on which the texture's covariance is blurred
 _SHAPE_ERROR = 0.01  # what interpolation and a not quite normal blur add, over the level
 _GLOW_ERROR = 0.03  # the same with glow, which is never quite exponential
@@ -163,9 +163,9 @@ def place_edges(
     scaled = (profiles * (1.0 / noise)).astype(np.float32)
     height = scaled.max(axis=1) - np.median(scaled[:, -3:], axis=1)
     # Where noise is next to nothing the model's own error takes its place.
-    excess = np.maximum(height / _MAX_LEVEL, 1.0)
+    excess = np.maximum(height / MAX_LEVEL, 1.0)
     scaled /= excess[:, None]
-    octave = np.rint(np.log2(np.clip(height / excess, 4.0, _MAX_LEVEL)))
+    octave = np.rint(np.log2(np.clip(height / excess, 4.0, MAX_LEVEL)))
     places = np.empty((len(look.kinds), 6, len(profiles)))
     for value in np.unique(octave):
         rows = np.flatnonzero(octave == value)

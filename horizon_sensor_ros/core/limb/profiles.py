@@ -94,13 +94,28 @@ def sample_profiles(
     return profiles, valid
 
 
-def pixel_noise(profiles: np.ndarray) -> float:
-    """One-sigma pixel noise in gray levels, from the outermost six samples (space) of each profile
-    (N, J).
+def bundle_profiles(
+    profiles: np.ndarray, valid: np.ndarray, size: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means (M, J) of `size` neighbouring profiles (N, J) each, and the index (M,) of the middle.
+
+    Bundles with a profile that is not valid (N,) are left out.
+    """
+    if size == 1:
+        return profiles[valid], np.flatnonzero(valid)
+    count = len(profiles) // size
+    whole = valid[: count * size].reshape(count, size).all(axis=1)
+    means = profiles[: count * size].reshape(count, size, -1).mean(axis=1)
+    return means[whole], np.flatnonzero(whole) * size + size // 2
+
+
+def pixel_noise(profiles: np.ndarray, size: int = 1) -> float:
+    """One-sigma noise in gray levels, from the outermost six samples (space) of each profile
+    (N, J), each the mean of `size`.
     """
     second = np.diff(profiles[:, -6:], n=2, axis=1)
     spread = 1.4826 * float(np.median(np.abs(second)))
-    return max(_NOISE_FACTOR * spread / np.sqrt(6.0), _LEAST_NOISE)
+    return max(_NOISE_FACTOR * spread / np.sqrt(6.0), _LEAST_NOISE / np.sqrt(size))
 
 
 def mean_profile(

@@ -11,6 +11,7 @@ from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.curve import limb_curve
 from horizon_sensor_ros.core.limb.edge_model import (
     GLOW_LADDER_PX,
+    MAX_LEVEL,
     PSF_LADDER_PX,
     EdgeLook,
     likeliest_look,
@@ -21,6 +22,7 @@ from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.profiles import (
     EdgePlaces,
     ProfileGrid,
+    bundle_profiles,
     mean_profile,
     pixel_noise,
     sample_profiles,
@@ -34,10 +36,12 @@ _TAPS_PX = 4.0  # beyond its end that interpolation still looks at
 _MIN_SIGNIFICANCE = 5.0
 _MAX_MISFIT = 6.0
 _MIN_PROFILES = 8
+_BUNDLES = 160  # profiles, or means of neighbouring ones, along the limb in a frame
 _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that must follow it
 _CLEAN_SIGMA_PX = 2.2  # sigma of an untextured edge's place, for a step as high as the noise
 _TEXTURE_SHARED = 0.55  # share of the texture's error that counts as common to a stretch of limb
 _CALM, _CALM_PX = 3.0, 0.2  # jumps from profile to profile: over those without a model, and at all
+_MOVED_PX = 0.5
 # Error that neighbours share, by whether air glows and whether edges were placed without a model:
 # the scatter, beyond noise, of whole stretches of simulated limbs about the true ones.
 _COHERENT_PX = {
@@ -95,8 +99,13 @@ def refine_limb(
         valid &= view.mask.clear(curve.px, (_TAPS_PX - first) * step.factor)
         if valid.sum() < _MIN_PROFILES:
             return LimbPoints.none(Status.NO_LIMB, "the limb is behind the mask"), ()
-    profiles, px, normal_px = profiles[valid], curve.px[valid], curve.normal_px[valid]
-    noise = pixel_noise(profiles)
+    # Neighbours see the same edge: their mean says as much as they do, for a part of the work.
+    size = max(1, min(round(len(curve) / _BUNDLES), int(valid.sum()) // _MIN_PROFILES))
+    profiles, middle = bundle_profiles(profiles, valid, size)
+    if len(middle) < _MIN_PROFILES:
+        return LimbPoints.none(Status.NO_LIMB, "the limb runs along the frame's border"), ()
+    px, normal_px = curve.px[middle], curve.normal_px[middle]
+    noise = pixel_noise(profiles, size)
     places = steepest_fall(profiles, noise, grid)
     good = _believable(places)
     model_free = True
@@ -106,9 +115,15 @@ def refine_limb(
             looks = (likeliest_look(known, noise, looks, grid),)
         likely = place_edges(profiles, noise, looks[0], grid)
         fits = _believable(likely)
-        # A model that most of the edges do not follow, or that makes them jump about, is wrong.
+        # A model that most of the edges do not follow, that makes them jump about, or that without
+        # glow moves them all, is wrong.
         calm = max(_CALM * places.take(good).scatter_px(), _CALM_PX)
-        if fits.sum() > _MODEL_SHARE * good.sum() and likely.take(fits).scatter_px() < calm:
+        moved = np.median((likely.offset_px - places.offset_px)[good]) if good.any() else 0.0
+        if (
+            fits.sum() > _MODEL_SHARE * good.sum()
+            and likely.take(fits).scatter_px() < calm
+            and (looks[0].glow_px > 0 or abs(moved) < _MOVED_PX)
+        ):
             places, good, model_free = likely, fits, False
     if good.sum() < _MIN_PROFILES:
         reason = f"{int(good.sum())} of {len(profiles)} profiles across the limb show an edge"
@@ -121,7 +136,8 @@ def refine_limb(
         coherent = min(coherent, places.scatter_px())
     if coherent == 0.0:
         # What the surface's texture adds to noise is the same for neighbouring profiles.
-        clean = _CLEAN_SIGMA_PX * noise / np.maximum(places.step, noise)
+        over_step = np.clip(noise / np.maximum(places.step, noise), 1.0 / MAX_LEVEL, 1.0)
+        clean = _CLEAN_SIGMA_PX * over_step
         texture2 = float(np.median(places.sigma_px**2 - clean**2))
         coherent = _TEXTURE_SHARED * np.sqrt(max(texture2, 0.0))
     limb = LimbPoints(
@@ -131,6 +147,7 @@ def refine_limb(
         normal_px[good],
         places.sigma_px * step.factor,
         coherent * step.factor,
+        step.spacing_px * step.factor * size,
     )
     return limb, looks
 
