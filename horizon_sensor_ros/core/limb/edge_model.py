@@ -32,9 +32,9 @@ GLOW_LADDER_PX = (1.0, 1.6, 2.5, 4.0, 6.3, 10.0)
 _TEXTURE_ROOT_LENGTH = 1.5  # correlation length of texture, in the root of the depth in pixels
 _MOST_EVIDENCE = 8.0  # of one profile, for one look over another
 _LOOK_PROFILES = 48  # profiles that decide on the look
-MAX_LEVEL = 128.0  # brightness over noise beyond which more says nothing
+MAX_LEVEL = 256.0  # brightness over noise beyond which more says nothing
 _FINE_PX = 0.1  # grid on which the texture's covariance is blurred
-_SHAPE_ERROR = 0.01  # what interpolation and a not quite normal blur add, over the level
+_SHAPE_ERROR = 0.004  # what interpolation and a not quite normal blur add, over the level
 _GLOW_ERROR = 0.03  # the same with glow, which is never quite exponential
 
 
