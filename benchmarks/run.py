@@ -27,6 +27,7 @@ PARTS = {
     "horizon_hard": "horizon_hard",
     "horizon_timing": "horizon_timing",
     "target": "target_bench",
+    "target_latency": "target_latency",
 }
 
 

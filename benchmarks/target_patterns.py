@@ -9,8 +9,8 @@ import sys
 
 import matplotlib as mpl
 import numpy as np
-from target_bench import PITCH_M, paper_pose
 from target_pairs import scan_pair
+from target_paper import PITCH_M, paper_pose
 
 from horizon_sensor_ros.core.target.direct_search import direct_search
 from horizon_sensor_ros.core.target.section_pattern import (

@@ -2,7 +2,7 @@
 clouds.
 
 They start where a user without a guess would start them: no turn, centroid on centroid. A peer
-that is not installed is left out of PEERS and named in MISSING.
+that cannot be imported is left out of PEERS; MISSING says which and why.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 PEERS: dict[str, Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]] = {}
-MISSING: list[str] = []
+MISSING: dict[str, str] = {}
 
 RADII_M = (0.4, 0.15, 0.06)
 
@@ -26,8 +26,8 @@ def centroid_start(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 try:
     import small_gicp
-except ImportError:
-    MISSING.append("small_gicp")
+except ImportError as error:
+    MISSING["small_gicp"] = str(error)
 else:
 
     def vgicp(a: np.ndarray, b: np.ndarray, start: np.ndarray) -> np.ndarray:
@@ -62,8 +62,8 @@ else:
 
 try:
     import open3d
-except ImportError:
-    MISSING.append("open3d")
+except ImportError as error:
+    MISSING["open3d"] = str(error)
 else:
 
     def open3d_gicp(a: np.ndarray, b: np.ndarray, start: np.ndarray) -> np.ndarray:

@@ -1,0 +1,66 @@
+"""The benchmark of the target on a handful of clouds: its parts run, and its bars are the right
+way round."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+
+
+@pytest.fixture(autouse=True)
+def modules_of_the_benchmark(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+
+
+def test_random_pairs_against_their_bars() -> None:
+    from tables import Options
+    from target_sets import COLD, RandomSet, acceptance_table, honesty_table, pairs_table
+
+    one = RandomSet("n5", "n5", Options(2))
+    one.measure()
+    assert one.count == 3
+    rows = {row[1]: row[3] for row in acceptance_table([one]).rows}
+    assert rows["no success, %"] == "met (0.5)"
+    # One that is off by more than allowed, and one that is refused.
+    one.methods[COLD].deg[0] = 3.0
+    one.methods[COLD].refused += 1
+    rows = {row[1]: row[3] for row in acceptance_table([one]).rows}
+    assert rows["no success, %"] == "MISSED (0.5)"
+    assert one.methods[COLD].success == 0.5
+    assert len(pairs_table([one]).rows) == len(one.methods)
+    (honest,) = honesty_table([one]).rows
+    assert honest[0] == "n5"
+
+
+def test_peers_that_cannot_be_imported_are_named_with_the_reason() -> None:
+    import target_peers
+
+    assert {"small_gicp", "open3d"} >= set(target_peers.MISSING)
+    assert all(why for why in target_peers.MISSING.values())
+    assert bool(target_peers.PEERS) == (len(target_peers.MISSING) < 2)
+
+
+def test_profile_names_the_parts_of_the_registration(monkeypatch: pytest.MonkeyPatch) -> None:
+    import target_profile
+    from tables import Options
+
+    monkeypatch.setattr(target_profile, "PAIRS", 2)
+    rows = target_profile.profile_table(Options(1)).rows
+    for start in ("cold", "prior"):
+        names = [row[1] for row in rows if row[0] == start]
+        assert {"registration.register", "registration.target_view"} <= set(names)
+
+
+def test_latency_is_measured_over_the_real_node() -> None:
+    import target_latency
+
+    clouds = target_latency._organised()[:4]
+    found = target_latency._measure(clouds, 6, "a few")
+    assert found.sent == 6
+    assert found.poses_s
+    assert all(late > 0 for late in (*found.poses_s, *found.clouds_s))
+    assert np.isfinite(found.node_cpu_s)
