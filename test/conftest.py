@@ -55,12 +55,15 @@ def ros_environment(ros_domain: int) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def environment(ros_domain: int) -> Iterator[dict[str, str]]:
-    """Environment of all processes, this one included: isolated, with the shipped transport."""
+    """Environment of the nodes' processes: isolated. This process alone, which publishes the
+    images, has the shipped transport: each user of it takes 64 MB of shared memory.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_DOMAIN_ID", str(ros_domain))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        environment = dict(os.environ)
         patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(ROOT / "config" / "fastdds.xml"))
-        yield dict(os.environ)
+        yield environment
 
 
 @pytest.fixture
@@ -77,7 +80,7 @@ def start(environment: dict[str, str]) -> Iterator[Callable[..., Program]]:
 
     yield start_one
     for program in programs:
-        program.kill()
+        program.make_end()
 
 
 @pytest.fixture

@@ -39,10 +39,15 @@ class Program:
         _, errors = self.process.communicate(timeout=PATIENCE_S)
         return self.process.returncode, errors
 
-    def kill(self) -> None:
+    def make_end(self) -> None:
+        """End the process, politely first: killed, it leaves its shared memory behind."""
         if self.process.poll() is None:
+            self.process.terminate()
+        try:
+            self.process.communicate(timeout=5.0)
+        except subprocess.TimeoutExpired:
             self.process.kill()
-        self.process.communicate()
+            self.process.communicate()
 
 
 class Listener:
