@@ -51,6 +51,7 @@ def uncertainty(refined: Refined, b: SurfaceView) -> Uncertainty:
     j_b = jacobian(pairs.point_a, pairs.normal_b, centre)
     product = (j_a * weight[:, None]).T @ j_b
     information = (product + product.T) / 2 - _feigned(pairs.point_a - centre, weight * pairs.tilt2)
+    information -= pairs.without_thickness((j_a + j_b) / 2, weight)
     residual = pairs.residual
     rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else np.nan
     block = np.floor(pairs.point_b / (_BLOCK_PX * b.footprint_m)).astype(np.int64)

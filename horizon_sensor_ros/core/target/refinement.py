@@ -14,6 +14,17 @@ from .surfels import SurfaceView, normal_noise
 
 # Before the last gate a part of the planes does.
 _COARSE_STEP = 3
+# So many steps at full length.
+_FREE_ITERATIONS = 8
+# Kinds of pairs.
+FACE, EDGE, THIN, FAR_SIDE = range(4)
+# Thickness of plates seen from one side and from the other: half of it to be expected, in pixel
+# widths, and as uncertain.
+_PLATE_PX = 1.0
+# Cosine to the normal at which a plate is seen edge on: its rim may be what was returned.
+_EDGE_ON = 0.1
+# All returns from a rim are off by the same.
+_EDGE_ON_WEIGHT = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +35,9 @@ class Pairs:
     sigma_m : (N,) of the distance along the normal, for one raw measurement in each view.
     weight : (N,) raw measurements that the pair stands for.  tilt2 : (N,) covariance (rad^2) of
         both normals' errors.
-    kind : (N,) 0 face, 1 edge, 2 thin part.
+    kind : (N,) FACE, EDGE, THIN (part), or FAR_SIDE: a plate that one view sees from the one side
+        and the other view from the other; it is as thick as the others, and nobody knows how thick.
+    plate_m : standard deviation of that thickness, and its mean, before it is measured.
     """
 
     point_a: np.ndarray
@@ -35,11 +48,26 @@ class Pairs:
     weight: np.ndarray
     tilt2: np.ndarray
     kind: np.ndarray
+    plate_m: float
 
     @cached_property
     def residual(self) -> np.ndarray:
-        """(N,) distances along the mean normal, metres."""
-        return np.einsum("ij,ij->i", self.point_a - self.point_b, self.normal)
+        """(N,) distances along the mean normal, metres; of plates beyond their common thickness."""
+        distance = np.einsum("ij,ij->i", self.point_a - self.point_b, self.normal)
+        far = np.flatnonzero(self.kind == FAR_SIDE)
+        if len(far):
+            known = (self.weight[far] / self.sigma_m[far] ** 2).sum()
+            prior = self.plate_m**-2
+            distance[far] -= (np.median(distance[far]) * known - self.plate_m * prior) / (
+                known + prior
+            )
+        return distance
+
+    def without_thickness(self, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """(6, 6) information on the motion of ``rows`` (N, 6) that the unknown thickness takes."""
+        far = self.kind == FAR_SIDE
+        total = weight[far] @ rows[far]
+        return np.outer(total, total) / (weight[far].sum() + self.plate_m**-2)
 
     @cached_property
     def normal(self) -> np.ndarray:
@@ -76,21 +104,33 @@ class Matcher:
         """Pairs whose distance along the normal is below ``gate_m``; of planes each ``step``-th."""
         a, b = self.a, self.b
         back, shift = rotation.T, -rotation.T @ translation
-        pb, pa, nb, na, *rest = _to_planes(b, a, back, shift, gate_m, step)
+        there, far = _to_planes(a, b, rotation, translation, gate_m, step)
+        (pb, pa, nb, na, *rest), far_back = _to_planes(b, a, back, shift, gate_m, step)
+        # Of a plate seen from both sides the normal is b's.
+        turn = np.where(far_back, -1.0, 1.0)[:, None]
         sets = [
-            _to_planes(a, b, rotation, translation, gate_m, step),
-            (pa @ back + translation, pb @ back + translation, na @ back, nb @ back, *rest),
+            there,
+            (
+                pa @ back + translation,
+                pb @ back + translation,
+                turn * na @ back,
+                turn * nb @ back,
+                *rest,
+            ),
         ]
-        kinds = [np.zeros(len(s[0]), np.int8) for s in sets]
+        kinds = [np.where(each, FAR_SIDE, FACE).astype(np.int8) for each in (far, far_back)]
         if len(a.edges) and len(b.edges):
-            for number, pairs in enumerate(self._edges(rotation, translation, gate_m), start=1):
+            for number, pairs in enumerate(self._edges(rotation, translation, gate_m), start=EDGE):
                 sets.append(pairs)
                 kinds.append(np.full(len(pairs[0]), number, np.int8))
         point_a, point_b, normal_a, normal_b, sigma, weight, tilt2 = (
             np.concatenate(part) for part in zip(*sets, strict=True)
         )
         kind = np.concatenate(kinds)
-        return Pairs(point_a, point_b, normal_a, normal_b, sigma, weight, tilt2, kind)
+        return Pairs(
+            point_a, point_b, normal_a, normal_b, sigma, weight, tilt2, kind,
+            _PLATE_PX * b.footprint_m,
+        )  # fmt: skip
 
     def _edges(
         self, rotation: np.ndarray, translation: np.ndarray, gate_m: float
@@ -135,8 +175,9 @@ def _to_planes(
     translation: np.ndarray,
     gate_m: float,
     step: int,
-) -> tuple[np.ndarray, ...]:
-    """a's surfels, moved into b's frame, against the planes that b sees in the same direction."""
+) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    """a's surfels, moved into b's frame, against the planes that b sees in the same direction, and
+    which of them are the far side of b's."""
     surfels = a.surfels
     turned = surfels.points[::step] @ rotation.T
     point = turned + translation
@@ -147,22 +188,27 @@ def _to_planes(
     other, n = b.point_map[index].astype(float), b.normal_map[index].astype(float)
     normal = surfels.normals[near] @ rotation.T
     bare = near >= surfels.num_planes
+    off = np.einsum("ij,ij->i", point - other, n)
+    along = np.einsum("ij,ij->i", normal, n)
     # A thin plate's far side is another surface: a bare return must have been able to see the
     # plane.
-    agree = np.where(
-        bare, np.einsum("ij,ij->i", n, ray) < -0.06 * np.sqrt(np.einsum("ij,ij->i", ray, ray)),
-        np.einsum("ij,ij->i", normal, n) > 0.85,
-    )  # fmt: skip
-    keep = agree & (np.abs(np.einsum("ij,ij->i", point - other, n)) < gate_m)
-    near, index, bare, point, other, n = (
-        part[keep] for part in (near, index, bare, point, other, n)
+    sight = np.einsum("ij,ij->i", n, ray) / np.sqrt(np.einsum("ij,ij->i", ray, ray))
+    far = ~bare & (along < -0.85)
+    edge_on = bare & (np.abs(sight) < _EDGE_ON)
+    agree = np.where(bare, sight < _EDGE_ON, along > 0.85) & (np.abs(off) < gate_m)
+    agree |= far & (off < gate_m) & (off > -max(gate_m, 2 * _PLATE_PX * b.footprint_m))
+    near, index, bare, far, edge_on, point, other, n = (
+        part[agree] for part in (near, index, bare, far, edge_on, point, other, n)
     )
-    normal = np.where(bare[:, None], n, normal[keep])
+    normal = np.where(bare[:, None], n, np.where(far, -1.0, 1.0)[:, None] * normal[agree])
     cosine = -np.einsum("ij,ij->i", n, other) / np.sqrt(np.einsum("ij,ij->i", other, other))
     noise = normal_noise(b.sigma_m, b.footprint_m, cosine, b.tilt_rad[index])
     sigma = np.hypot(np.where(bare, noise, surfels.sigma_m[near]), noise)
+    rough = np.where(edge_on, _PLATE_PX, np.where(far, _PLATE_PX / 6, 0.0)) * b.footprint_m
+    sigma = np.hypot(sigma, rough)
     tilt2 = surfels.tilt_rad[near] * np.where(bare, b.normal_noise_rad, b.tilt_rad[index])
-    return point, other, normal, n, sigma, step * surfels.weight[near], tilt2
+    weight = step * surfels.weight[near] * np.where(edge_on, _EDGE_ON_WEIGHT, 1.0)
+    return (point, other, normal, n, sigma, weight, tilt2), far
 
 
 def robust_weights(pairs: Pairs) -> np.ndarray:
@@ -178,12 +224,29 @@ def jacobian(point: np.ndarray, normal: np.ndarray, centre: np.ndarray) -> np.nd
     return np.stack([y * c - z * b, z * a - x * c, x * b - y * a, a, b, c], axis=1)
 
 
+def _stiffness(
+    pairs: Pairs, weighted: np.ndarray, j: np.ndarray, w: np.ndarray, centre: np.ndarray
+) -> np.ndarray:
+    """(6, 6) matrix of the normal equations, with less of what the noise of the normals feigns.
+
+    Where little is observed that feigned part makes the steps many times too short; the product of
+    both views' Jacobians is free of it, but need not be positive.
+    """
+    j_a = jacobian(pairs.point_a, pairs.normal_a, centre)
+    # Of mean normals j = (j_a + j_b) / 2, nearly.
+    product = (j_a * w[:, None]).T @ (2 * j - j_a)
+    information = 0.3 * weighted.T @ j + 0.35 * (product + product.T)
+    information -= pairs.without_thickness(j, w)
+    information[np.diag_indices(6)] += 1e-6 * np.trace(information) / 6 + 1e-9
+    return information
+
+
 def refine(
     matcher: Matcher,
     rotation: np.ndarray,
     translation_m: np.ndarray,
     gates_m: tuple[float, ...],
-    max_iterations: int = 8,
+    max_iterations: int = 20,
 ) -> Refined:
     """Gauss-Newton from a start within the gates; the last gate is used until nothing moves any
     more."""
@@ -196,19 +259,21 @@ def refine(
         gate = gates_m[iteration - 1] if coarse else gates_m[-1]
         pairs = matcher.pairs(rotation, translation, gate, _COARSE_STEP if coarse else 1)
         robust = robust_weights(pairs)
-        j = jacobian(pairs.point_a, pairs.normal, centre)
         w = robust * pairs.weight / pairs.sigma_m**2
+        j = jacobian(pairs.point_a, pairs.normal, centre)
         weighted = j * w[:, None]
-        information = weighted.T @ j
         gradient = weighted.T @ pairs.residual
-        information[np.diag_indices(6)] += 1e-6 * np.trace(information) / 6 + 1e-9
+        information = _stiffness(pairs, weighted, j, w, centre)
         step = -np.linalg.solve(information, gradient)
+        # The step in units of its own standard deviation, squared.
+        moved = -step @ gradient
+        # Pairs that come and go with every step would swing for ever.
+        if iteration > _FREE_ITERATIONS:
+            step *= 0.5
         turn = rotation_from_vector(step[:3])
         rotation = turn @ rotation
         translation = turn @ (translation - centre) + centre + step[3:]
-        # The step in units of its own standard deviation, squared.
-        moved = -step @ gradient
         converged = not coarse and moved < 0.5
-        if converged and moved < 0.05:
+        if converged and (moved < 0.05 or iteration > _FREE_ITERATIONS + 2):
             break
     return Refined(orthonormal(rotation), translation, pairs, robust, converged, iteration)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from ..status import Status
 from .consistency import view_consistency
-from .judgement import uncertainty, weak_directions
+from .judgement import Uncertainty, uncertainty, weak_directions
 from .range_image import RangeImage, range_image
 from .refinement import Matcher, Refined, refine
-from .rigid import pose_matrix, skew
+from .rigid import pose_matrix, rotation_from_vector, skew
 from .search import align_batch, rotation_starts
 from .surfels import SurfaceView, surface_view
 
@@ -19,6 +20,10 @@ from .surfels import SurfaceView, surface_view
 _SURE = 0.95
 # And one from which the search goes no further.
 _LIKELY = 0.9
+# Reach, in rms radii of the target, of the look along a direction that is not observed, and the
+# gain that counts.
+_SLIDE = 0.4
+_BETTER = 0.01
 # Starts of the search lie so far apart.
 _START_SPACING_RAD = np.radians(18.0)
 # Reach of the coarse alignments, step by step, in rms radii of the target.
@@ -151,13 +156,14 @@ def register(
     if prior_b_from_a is not None:
         turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
         prior = (turn_b.T @ prior_b_from_a[:3, :3] @ turn_a, turn_b.T @ prior_b_from_a[:3, 3])
-    found = _find(a.surface, b.surface, prior, config)
+    found = _Finder(a.surface, b.surface, config).find(prior)
     return _judge(found, a, b, config)
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
     refined: Refined
+    b: SurfaceView
     score: float
     overlap: float
     searched: bool
@@ -166,40 +172,81 @@ class _Found:
     def merit(self) -> float:
         return self.score * np.sqrt(self.overlap)
 
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        return uncertainty(self.refined, self.b)
 
-def _find(
-    a: SurfaceView,
-    b: SurfaceView,
-    prior: tuple[np.ndarray, np.ndarray] | None,
-    config: RegistrationConfig,
-) -> _Found:
-    matcher = Matcher(a, b)
-    unit = 2 * b.footprint_m + 4 * np.hypot(a.sigma_m, b.sigma_m)
-    gates = (unit, 0.6 * unit, 0.4 * unit)
+    def sound(self, config: RegistrationConfig) -> bool:
+        """Whether it came to rest where every direction is observed."""
+        limits = config.max_rotation_std_rad, config.max_shift_std_m
+        return self.refined.converged and not len(
+            weak_directions(self.uncertainty.covariance, *limits)
+        )
 
-    def finish(rotation: np.ndarray, translation: np.ndarray, searched: bool) -> _Found:
-        refined = refine(matcher, rotation, translation, gates)
-        seen = view_consistency(a, b, refined.rotation[None], refined.translation_m[None], 600)
-        return _Found(refined, float(seen.score[0]), float(seen.overlap[0]), searched)
 
-    tried = []
-    if prior is not None:
-        tried.append(finish(*prior, False))
-        # What a good start leads to need not be better than what is accepted in the end.
-        if tried[-1].score >= config.min_score:
+class _Finder:
+    """Tries of one registration, from the cheapest start to the dearest."""
+
+    def __init__(self, a: SurfaceView, b: SurfaceView, config: RegistrationConfig) -> None:
+        self._a, self._b, self._config = a, b, config
+        self._matcher = Matcher(a, b)
+        unit = 2 * b.footprint_m + 4 * np.hypot(a.sigma_m, b.sigma_m)
+        self._gates = (unit, 0.6 * unit, 0.4 * unit)
+
+    def find(self, prior: tuple[np.ndarray, np.ndarray] | None) -> _Found:
+        a, b, config = self._a, self._b, self._config
+        tried = []
+        if prior is not None:
+            tried.append(self._finish(*prior, False))
+            # What a good start leads to need not be better than what is accepted in the end.
+            if tried[-1].score >= config.min_score and tried[-1].refined.converged:
+                return tried[-1]
+        shift = b.image.centroid_m - a.image.centroid_m
+        first = align_batch(a, b, np.eye(3)[None], shift[None], b.size_m * _SINGLE_GATES, 250)
+        tried.append(self._settle(first[0][0], first[1][0], False))
+        if tried[-1].score >= _SURE and tried[-1].refined.converged:
             return tried[-1]
-    shift = b.image.centroid_m - a.image.centroid_m
-    first = align_batch(a, b, np.eye(3)[None], shift[None], b.size_m * _SINGLE_GATES, 250)
-    tried.append(finish(first[0][0], first[1][0], False))
-    if tried[-1].score >= _SURE:
-        return tried[-1]
-    # A second candidate, and another reach, only where there is no likely answer yet.
-    for reach in (_FIRST_GATES, _WIDE_GATES):
-        for rotation, translation in _search(a, b, config.search_rad, reach):
-            tried.append(finish(rotation, translation, True))
-            if tried[-1].score >= _LIKELY:
-                return max(tried, key=lambda found: found.merit)
-    return max(tried, key=lambda found: found.merit)
+        # A second candidate, and another reach, only where there is no likely answer yet.
+        for reach in (_FIRST_GATES, _WIDE_GATES):
+            for rotation, translation in _search(a, b, config.search_rad, reach):
+                tried.append(self._settle(rotation, translation, True))
+                if tried[-1].score >= _LIKELY and tried[-1].sound(config):
+                    return max(tried, key=lambda found: found.merit)
+        return max(tried, key=lambda found: found.merit)
+
+    def _finish(self, rotation: np.ndarray, translation: np.ndarray, searched: bool) -> _Found:
+        refined = refine(self._matcher, rotation, translation, self._gates)
+        seen = view_consistency(
+            self._a, self._b, refined.rotation[None], refined.translation_m[None], 600
+        )
+        return _Found(refined, self._b, float(seen.score[0]), float(seen.overlap[0]), searched)
+
+    def _settle(self, rotation: np.ndarray, translation: np.ndarray, searched: bool) -> _Found:
+        """Refine; where a direction is not observed, look along it for what agrees better."""
+        found = self._finish(rotation, translation, searched)
+        if found.sound(self._config):
+            return found
+        rotations, translations = _along_weakest(found, self._b)
+        seen = view_consistency(self._a, self._b, rotations, translations, 300)
+        merit = seen.score * np.sqrt(seen.overlap)
+        best = int(np.argmax(merit))
+        if merit[best] < merit[len(merit) // 2] + _BETTER:
+            return found
+        again = self._finish(rotations[best], translations[best], searched)
+        return max(found, again, key=lambda one: one.merit)
+
+
+def _along_weakest(found: _Found, b: SurfaceView) -> tuple[np.ndarray, np.ndarray]:
+    """Motions (C, 3, 3), (C, 3) to both sides of the found one (the middle one) in the direction
+    that is observed least, in steps of a pixel's width."""
+    scale = np.array([b.size_m] * 3 + [1.0] * 3)
+    vectors = np.linalg.eigh(found.uncertainty.covariance * np.outer(scale, scale))[1]
+    count = int(np.ceil(_SLIDE * b.size_m / b.footprint_m))
+    steps = np.arange(-count, count + 1)[:, None] * b.footprint_m * vectors[:, -1] / scale
+    turns, centre = rotation_from_vector(steps[:, :3]), b.image.centroid_m
+    rotations = turns @ found.refined.rotation
+    moved = turns @ (found.refined.translation_m - centre) + centre + steps[:, 3:]
+    return rotations, moved
 
 
 def _search(
@@ -233,7 +280,7 @@ def _judge(found: _Found, a: TargetView, b: TargetView, config: RegistrationConf
         return replace(known, status=Status.POOR_FIT, reason=reason)
     turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
     both = np.kron(np.eye(2), turn_b)
-    judged = uncertainty(refined, b.surface)
+    judged = found.uncertainty
     covariance = both @ judged.covariance @ both.T
     known = replace(known, rms_residual_m=judged.rms_residual_m)
     weak = weak_directions(covariance, config.max_rotation_std_rad, config.max_shift_std_m)

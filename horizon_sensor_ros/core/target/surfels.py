@@ -25,7 +25,7 @@ _FLAT = 2.0
 # What a plane borrowed from the next window may lean by on a curved surface, alike in both views.
 _BORROWED_TILT_RAD = 0.08
 # Standard deviation of an edge half way between two pixels.
-_EDGE_PX = 0.35
+_EDGE_PX = 0.5
 _THIN_PX = 7
 _FEWEST_PLACES = 8
 _EDGE_REACH_PX = 4.6
