@@ -22,7 +22,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 PEERS := requirements/bench.txt
 INPUTS := setup.py setup.cfg pyproject.toml $(filter-out $(PEERS),$(wildcard requirements/*.txt))
 
-.PHONY: help venv demo test test-slow test-faults test-noble bench lint params clean
+.PHONY: help venv demo test test-slow test-faults test-noble bench lint params docs pictures clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -44,9 +44,13 @@ bench: $(VENV)/.peers ## the benchmark tables, beside other people's registratio
 lint: venv ## ruff and mypy
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/mypy
-params: venv ## write config/params.yaml anew from the table of parameters
-	$(VENV)/bin/python -c "from horizon_sensor_ros.ros.parameters import parameter_file; \
-	open('config/params.yaml', 'w').write(parameter_file())"
+params: venv ## write config/params.yaml and doc/parameters.md from the declared parameters
+	$(VENV)/bin/python doc/write_parameters.py
+docs: venv ## the pages of doc/ as HTML, build/docs/index.html
+	$(VENV)/bin/sphinx-build -q -W --keep-going -b html doc build/docs
+	@echo "build/docs/index.html"
+pictures: venv ## draw the documentation's pictures anew
+	$(VENV)/bin/python doc/make_pictures.py
 clean: ## remove what the other targets made
 	rm -rf $(VENV) $(NOBLE) build install log demo_output bench_output *.egg-info
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -897,17 +897,17 @@ def _shown(value: Any) -> str:
 
 
 def parameter_reference() -> str:
-    """Return the table of all parameters, Markdown, for the README."""
-    lines = ["| parameter | default | unit | values | live | |", "|---|---|---|---|---|---|"]
-    each = (rotation_parameter("camera_N"), mask_parameter("camera_N"))
-    for parameter in (*HORIZON_PARAMETERS, *each, *target_parameters()):
-        default = "none" if parameter.default is None else _yaml_value(parameter.default)
+    """Return the table of all parameters, Markdown, for the documentation."""
+    lines = ["| parameter | default | what |", "|---|---|---|"]
+    rotation = rotation_parameter("camera_N")
+    for parameter in (*HORIZON_PARAMETERS, rotation, *target_parameters()):
+        default = "none" if parameter.default is None else f"`{_yaml_value(parameter.default)}`"
+        unit = f" {parameter.unit}" if parameter.unit else ""
         values = parameter.range_text.replace("|", r"\|")
-        live = "yes" if parameter.live else ""
-        lines.append(
-            f"| `{parameter.name}` | `{default}` | {parameter.unit} | {values} | {live} | "
-            f"{parameter.description} |"
-        )
+        facts = [f"{values}{unit}" if values else "", "live" if parameter.live else ""]
+        known = ", ".join(fact for fact in facts if fact)
+        text = parameter.description.replace("<", r"\<") + (f" *{known}*" if known else "")
+        lines.append(f"| `{parameter.name}` | {default}{unit} | {text} |")
     return "\n".join(lines) + "\n"
 
 

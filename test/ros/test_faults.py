@@ -183,9 +183,7 @@ def start_again(
     def heard(node: str) -> bool:
         # What was under way from the process that died has an older stamp.
         return any(
-            topic == "/diagnostics"
-            and msg.status[0].name.startswith(node)
-            and ns_of(msg) > began
+            topic == "/diagnostics" and msg.status[0].name.startswith(node) and ns_of(msg) > began
             for topic, msg in listener.heard
         )
 
