@@ -12,6 +12,7 @@ COMMANDS = {
     "target_pose_node": "ros.target_pose_node",
     "horizon_sensor": "ros.horizon_sensor",
     "horizon_replay": "tools.replay",
+    "horizon_self_calibration": "tools.self_calibration",
     "horizon_applicability": "tools.applicability",
     "horizon_demo": "tools.demo",
     "horizon_bag_from_images": "tools.bag_from_images",

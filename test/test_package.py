@@ -24,6 +24,7 @@ COMMANDS = {
     "target_pose_node",
     "horizon_sensor",
     "horizon_replay",
+    "horizon_self_calibration",
     "horizon_applicability",
     "horizon_demo",
     "horizon_bag_from_images",

@@ -1,0 +1,318 @@
+"""Least squares over all frame sets: how the cameras are mounted, how surely, and what stays open.
+
+Gauss-Newton with each set's nadir and rho eliminated (`normal_equations`), each set weighted by
+Tukey's function of its own residual, so that frames with a wrong horizon have no say. Directions
+of the unknowns that the sets do not tell are left as they are and named (`observability`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from horizon_sensor_ros.core.attitude import require_rotation
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.self_calibration.measurement import FrameSet
+from horizon_sensor_ros.core.self_calibration.normal_equations import Model, SetEquations
+from horizon_sensor_ros.core.self_calibration.observability import (
+    split_directions,
+    unobserved_in_words,
+)
+from horizon_sensor_ros.core.self_calibration.unknowns import Unknowns
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target.rigid import vector_from_rotation
+
+MIN_SETS = 5
+_MAX_ROUNDS = 50
+# Squared length, in sigmas of the residuals, of the last step.
+_CONVERGED = 1e-8
+_TUKEY = 4.685
+# Sets that scatter more than this many times what their limbs claim have no mounting in common.
+_MAX_SCALE = 10.0
+# Share of the errors that frames have in common which is the same in all frames of a recording.
+_STEADY = 0.25
+# An unknown is observed, or not at all, when this share of it is.
+_NEARLY = 0.02
+
+
+@dataclass(frozen=True)
+class CalibrationConfig:
+    """What is asked for. Raises ValueError for what makes no sense.
+
+    drift : a misalignment that grows linearly in time. focal : an error of each focal length.
+    max_sigma : a direction less certain than this share of a natural unit (1 deg of misalignment,
+    1 deg of drift over half the recording, 1 % of focal length, 10 km of limb height) is not
+    observed and stays as it is.
+    correlation_s : time over which errors of the limb itself (air, clouds) stay alike.
+    """
+
+    drift: bool = False
+    focal: bool = False
+    max_sigma: float = 0.1
+    correlation_s: float = 20.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.max_sigma < np.inf:
+            raise ValueError(f"max_sigma must be positive, got {self.max_sigma}")
+        if not 0.0 <= self.correlation_s < np.inf:
+            raise ValueError(f"correlation_s must not be negative, got {self.correlation_s}")
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What self-calibration found.
+
+    values : (P,) as in `unknowns`; misalignments are rotation vectors in the base frame, rad:
+    ``R = exp(misalignment) R_nominal``, in the middle of the recording; drifts, rad over half of
+    it; focal lengths' relative errors; limb height to be added, m. Zero in directions not observed.
+    cov : (P, P) of the observed part. observed_share : (P,) how much of each unknown that is.
+    not_observed : sentences. rot_base_from_cam : corrected, by camera.
+    sets, used : the frame sets that could tell something, and (T,) which of them had a say.
+    nadir_base (T, 3), rho_rad (T,) : of those sets, fitted. scatter : of the sets' residuals, over
+    what their limbs claim. half_time_s : half the recording's length.
+    When status is not OK there is no result, and `reason` says why.
+    """
+
+    status: Status
+    reason: str
+    unknowns: Unknowns
+    values: np.ndarray
+    cov: np.ndarray
+    observed_share: np.ndarray
+    not_observed: tuple[str, ...]
+    rot_base_from_cam: Mapping[str, np.ndarray]
+    sets: tuple[FrameSet, ...]
+    used: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=bool))
+    nadir_base: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    rho_rad: np.ndarray = field(default_factory=lambda: np.empty(0))
+    scatter: float = np.nan
+    half_time_s: float = 0.0
+
+    @property
+    def ok(self) -> bool:
+        """True when there is a result."""
+        return self.status is Status.OK
+
+    @property
+    def sigmas(self) -> np.ndarray:
+        """(P,) one sigma of each unknown's observed part; NaN where nothing of it is observed."""
+        out = np.sqrt(np.maximum(np.diag(self.cov), 0.0))
+        return np.where(self.observed_share > _NEARLY, out, np.nan)
+
+    def observed(self, index: int) -> str:
+        """Return "yes", "partly" or "no" for one unknown."""
+        share = self.observed_share[index]
+        return "yes" if share > 1.0 - _NEARLY else "no" if share < _NEARLY else "partly"
+
+
+def calibrate(
+    sets: Sequence[FrameSet],
+    rot_base_from_cam: Mapping[str, np.ndarray],
+    planet: Planet,
+    config: CalibrationConfig | None = None,
+) -> Calibration:
+    """Find how the cameras are mounted from what each saw of the horizon at many moments.
+
+    sets : in order of time. rot_base_from_cam : nominal, by camera; the first stays as it is unless
+    a set has a reference attitude. planet : the sphere that was fitted; its limb height is what the
+    found one adds to. Raises ValueError for a horizon of a camera that is not among them.
+    """
+    config = CalibrationConfig() if config is None else config
+    nominal = {c: require_rotation(rot, c) for c, rot in rot_base_from_cam.items()}
+    unknown = {h.camera for s in sets for h in s.horizons} - set(nominal)
+    if unknown:
+        raise ValueError(f"no rotation for {', '.join(sorted(unknown))}")
+    unknowns = Unknowns(tuple(nominal), config.drift, config.focal)
+    telling = tuple(s for s in sets if s.horizons and s.num_residuals > 3)
+    if len(telling) < MIN_SETS:
+        reason = (
+            f"{len(telling)} of {len(sets)} frame sets show the horizon to two cameras (or to one, "
+            f"with a reference), {MIN_SETS} needed"
+        )
+        return _none(Status.TOO_FEW_POINTS, reason, unknowns, nominal, telling)
+    adjustment = _Adjustment(Model(telling, planet, unknowns), nominal, config)
+    if adjustment.scale > _MAX_SCALE:
+        reason = f"the frame sets scatter {adjustment.scale:.0f} times as much as their limbs claim"
+        return _none(Status.POOR_FIT, reason, unknowns, nominal, telling)
+    return adjustment.result(telling, nominal)
+
+
+def _none(
+    status: Status,
+    reason: str,
+    unknowns: Unknowns,
+    nominal: Mapping[str, np.ndarray],
+    sets: tuple[FrameSet, ...],
+) -> Calibration:
+    size = len(unknowns)
+    nothing = np.full(size, np.nan)
+    return Calibration(
+        status, reason, unknowns, nothing, np.full((size, size), np.nan), np.zeros(size), (),
+        nominal, sets,
+    )  # fmt: skip
+
+
+class _Adjustment:
+    """The iteration to its end.
+
+    scale : of the sets' residuals, over the claimed.
+    """
+
+    def __init__(
+        self, model: Model, nominal: Mapping[str, np.ndarray], config: CalibrationConfig
+    ) -> None:
+        self._model = model
+        self._config = config
+        self._units = model.unknowns.scales
+        times = np.array([s.time_s for s in model.sets])
+        self._alike = _sets_alike(times, config.correlation_s)
+        self._free = self._free_unknowns()
+        state = model.start(nominal)
+        for _ in range(_MAX_ROUNDS):
+            equations = [model.equations(state, i) for i in range(len(model.sets))]
+            weight, scale = _weights(equations)
+            step, length2 = self._step(equations, weight)
+            state = model.stepped(state, step, equations)
+            if length2 < _CONVERGED:
+                break
+        self.scale = scale
+        self._state = state
+        self._equations, self._weight = equations, weight
+
+    def _free_unknowns(self) -> np.ndarray:
+        """Indices of what may move: without a reference the first camera holds still."""
+        unknowns, sets = self._model.unknowns, self._model.sets
+        held = unknowns.cameras[:1] if all(s.reference is None for s in sets) else ()
+        return np.array(
+            [
+                i
+                for i, unknown in enumerate(unknowns.all)
+                if not (unknown.camera in held and unknown.kind in ("rotation", "drift"))
+            ]
+        )
+
+    def _information(
+        self, equations: Sequence[SetEquations], weight: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Information (P, P) and right-hand side (P,), natural units."""
+        size = len(self._units)
+        information, right = np.zeros((size, size)), np.zeros(size)
+        for each, w in zip(equations, weight, strict=True):
+            design = each.design * self._units
+            information += w * design.T @ design
+            right += w * design.T @ each.residual
+        return information, right
+
+    def _step(
+        self, equations: Sequence[SetEquations], weight: np.ndarray
+    ) -> tuple[np.ndarray, float]:
+        """Step (P,) along what is observed, and its squared length in sigmas."""
+        information, right = self._information(equations, weight)
+        values, seen, _ = self._directions(information[np.ix_(self._free, self._free)])
+        along = seen.T @ right[self._free] / values
+        step = np.zeros(len(self._units))
+        step[self._free] = (seen @ along) * self._units[self._free]
+        return step, float(along @ (values * along))
+
+    def _directions(self, information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        # Sets that share their errors count as one.
+        return split_directions(information, self._config.max_sigma / np.sqrt(self._alike))
+
+    def result(self, sets: tuple[FrameSet, ...], nominal: Mapping[str, np.ndarray]) -> Calibration:
+        """Return what was found."""
+        unknowns, state = self._model.unknowns, self._state
+        information, _ = self._information(self._equations, self._weight)
+        values, seen, _ = self._directions(information[np.ix_(self._free, self._free)])
+        if len(values) == 0:
+            reason = "the frame sets tell nothing of how the cameras are mounted"
+            return _none(Status.ILL_CONDITIONED, reason, unknowns, nominal, sets)
+        open_directions = self._directions(information)[2]
+        found = state.common.copy()
+        for camera, rot in state.rot_base_from_cam.items():
+            turned = vector_from_rotation(rot @ nominal[camera].T)
+            found[unknowns.where("rotation", camera)] = turned
+        share = np.zeros(len(unknowns))
+        share[self._free] = np.einsum("ij,ij->i", seen, seen)
+        return Calibration(
+            Status.OK,
+            "",
+            unknowns,
+            values=found,
+            cov=self._covariance(values, seen),
+            observed_share=share,
+            not_observed=unobserved_in_words(
+                unknowns,
+                open_directions,
+                state.nadir_base,
+                has_altitude=any(s.altitude is not None for s in sets),
+            ),
+            rot_base_from_cam=dict(state.rot_base_from_cam),
+            sets=sets,
+            used=self._weight > 0.0,
+            nadir_base=state.nadir_base,
+            rho_rad=state.rho_rad,
+            scatter=self.scale,
+            half_time_s=self._model.half_time_s,
+        )
+
+    def _covariance(self, values: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        """(P, P) of the observed part, in the unknowns' own units.
+
+        The errors that limbs claim, propagated: those new in each frame; those that sets close
+        in time share; and the part of these that never changes. Enlarged where the sets' residuals
+        say so: by their scatter and its correlation from set to set (Newey & West 1987), pooled
+        over what is observed.
+        """
+        size = len(self._free)
+        claimed = np.zeros((size, size))
+        steady = np.zeros((size, 3 * len(self._model.unknowns.cameras)))
+        scores = []
+        for each, w in zip(self._equations, self._weight, strict=True):
+            design = w * (each.design * self._units)[:, self._free]
+            shared = design.T @ each.shared
+            claimed += design.T @ design + (self._alike - 1.0) * shared @ shared.T
+            steady += shared
+            scores.append(design.T @ each.residual)
+        gain = (seen / values).T
+        cov = gain @ claimed @ gain.T
+        always = _STEADY * gain @ steady
+        shown = gain @ _long_run(np.array(scores)) @ gain.T
+        factor = max(1.0, float(np.trace(np.linalg.solve(cov, shown))) / len(values))
+        out = np.zeros((len(self._units),) * 2)
+        whole = factor * cov + always @ always.T
+        out[np.ix_(self._free, self._free)] = seen @ whole @ seen.T
+        return out * np.outer(self._units, self._units)
+
+
+def _weights(equations: Sequence[SetEquations]) -> tuple[np.ndarray, float]:
+    """Tukey's weights (T,) of the sets, and the scale of their residuals.
+
+    A scale below that claimed makes no set an outlier.
+    """
+    chi2 = np.array([each.chi2 for each in equations])
+    freedom = np.array([each.freedom for each in equations])
+    # Median of chi-squared (Wilson & Hilferty 1931).
+    middle = freedom * (1.0 - 2.0 / (9.0 * freedom)) ** 3
+    scale = float(np.sqrt(np.median(chi2 / middle)))
+    limit = max(scale, 1.0) * (_TUKEY - 1.0 + np.sqrt(freedom))
+    return np.maximum(1.0 - chi2 / limit**2, 0.0) ** 2, scale
+
+
+def _sets_alike(times_s: np.ndarray, correlation_s: float) -> float:
+    """How many sets there are to each whose shared errors are its own."""
+    if correlation_s == 0.0:
+        return 1.0
+    apart = np.abs(times_s[:, None] - times_s)
+    return float(np.mean(np.exp(-apart / correlation_s).sum(axis=1)))
+
+
+def _long_run(scores: np.ndarray) -> np.ndarray:
+    """Covariance (K, K) of the sum of scores (T, K) whose neighbours may be correlated."""
+    out = scores.T @ scores
+    window = int(np.ceil(len(scores) ** (1.0 / 3.0)))
+    for lag in range(1, window + 1):
+        across = scores[lag:].T @ scores[:-lag]
+        out += (1.0 - lag / (window + 1.0)) * (across + across.T)
+    return out

@@ -1,0 +1,116 @@
+"""What self-calibration starts from: the horizon as each camera alone saw it, frame by frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.fits.maximum_likelihood import (
+    AltitudeMeasurement,
+    fit_maximum_likelihood,
+)
+from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.horizon_sensor import HorizonFix
+from horizon_sensor_ros.core.planet import Planet
+
+_FOCAL_STEP = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class CameraHorizon:
+    """The horizon in one camera's frame, whatever its extrinsics.
+
+    nadir_cam : (3,) unit, towards the planet's centre, optical frame. rho_rad : the disc's angular
+    radius.
+    cov_noise, cov_shared : (3, 3) covariance of nadir's two components along
+    ``tangent_basis(nadir_cam)`` and of rho, rad^2: of the errors that are new in each frame, and of
+    those that frames shortly after each other have in common (air, clouds at the limb).
+    focal_slope : (3,) derivative of the same three by the relative error of the focal length.
+    """
+
+    camera: str
+    nadir_cam: np.ndarray
+    rho_rad: float
+    cov_noise: np.ndarray
+    cov_shared: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    focal_slope: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True, eq=False)
+class NadirReference:
+    """Nadir (3,) in the base frame from another instrument, with its sigma in any direction."""
+
+    nadir_base: np.ndarray
+    sigma_rad: float
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSet:
+    """What is known of one moment: the cameras' horizons, altitude and attitude where given."""
+
+    time_s: float
+    horizons: tuple[CameraHorizon, ...]
+    altitude: AltitudeMeasurement | None = None
+    reference: NadirReference | None = None
+
+    @property
+    def num_residuals(self) -> int:
+        """Number of scalar measurements; nadir and altitude take three of them."""
+        others = (self.altitude is not None) + 2 * (self.reference is not None)
+        return 3 * len(self.horizons) + others
+
+
+def camera_horizon(
+    view: CameraView, fix: HorizonFix, sphere: Planet, *, focal: bool = False
+) -> CameraHorizon | None:
+    """Horizon of one camera from a fix that was made of its frame alone; None without a fix.
+
+    view : of that frame; sphere : the planet that was fitted. With `focal` the limb points are
+    fitted twice more, for the derivative by the focal length.
+    """
+    if not fix.ok:
+        return None
+    limb = fix.limbs[0]
+    optical = CameraView(view.name, view.camera, np.eye(3))
+    initial = (view.rot_base_from_cam.T @ fix.fit.nadir_base, fix.fit.rho_rad)
+    alone = fit_maximum_likelihood([LimbObservation(optical, limb)], sphere, initial)
+    if not alone.ok:
+        return None
+    cov = _cov_nadir_rho(fix.fit, initial[0], view.rot_base_from_cam, sphere)
+    noise = _cov_nadir_rho(alone, initial[0], np.eye(3), sphere)
+    slope = np.zeros(3)
+    if focal:
+        basis = tangent_basis(initial[0])
+        for sign in (1.0, -1.0):
+            scaled = replace(optical, camera=with_focal_scale(view.camera, 1 + sign * _FOCAL_STEP))
+            moved = fit_maximum_likelihood([LimbObservation(scaled, limb)], sphere, initial)
+            if not moved.ok:
+                return None
+            change = np.append(moved.nadir_base @ basis, moved.rho_rad)
+            slope += sign / (2.0 * _FOCAL_STEP) * change
+    return CameraHorizon(
+        view.name, initial[0], fix.fit.rho_rad, noise, _positive_part(cov - noise), slope
+    )
+
+
+def with_focal_scale(camera: Camera, scale: float) -> Camera:
+    """Return the camera with its focal lengths multiplied."""
+    return replace(camera, fx=camera.fx * scale, fy=camera.fy * scale)
+
+
+def _cov_nadir_rho(
+    fit: HorizonFit, nadir_cam: np.ndarray, rot_fit_from_cam: np.ndarray, sphere: Planet
+) -> np.ndarray:
+    """(3, 3) of the tangent components in the optical frame, and rho."""
+    from_fit = np.zeros((3, 4))
+    from_fit[:2, :3] = (rot_fit_from_cam @ tangent_basis(nadir_cam)).T
+    from_fit[2, 3] = 1.0 / sphere.altitude_slope(fit.rho_rad)
+    return from_fit @ fit.cov_nadir_altitude @ from_fit.T
+
+
+def _positive_part(matrix: np.ndarray) -> np.ndarray:
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T

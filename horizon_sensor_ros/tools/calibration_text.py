@@ -1,0 +1,109 @@
+"""A calibration as a table for a person and as a parameter file for the nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from horizon_sensor_ros.core.attitude import quaternion_from_rotation
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.self_calibration.adjustment import Calibration
+from horizon_sensor_ros.core.self_calibration.differences import nadir_differences
+
+_PARAMETERS = "ros__parameters"
+
+
+def calibration_text(
+    calibration: Calibration, nominal: Mapping[str, np.ndarray], summary: str
+) -> str:
+    """Return the table of what was found, and what was not, for a person."""
+    used, sets = int(calibration.used.sum()), len(calibration.sets)
+    length_s = 2.0 * calibration.half_time_s
+    lines = [
+        summary,
+        f"{sets} frame sets over {length_s:.0f} s can be compared; {sets - used} do not fit the "
+        f"others and have no say. Scatter: {calibration.scatter:.2f} of what the limbs claim.",
+        "",
+        f"{'':34}{'value':>12}{'sigma':>12}  {'unit':9}observed",
+    ]
+    lines += _rows(calibration)
+    lines += ["", "Not observed, and left as it is:"]
+    lines += [f"  - {sentence}" for sentence in calibration.not_observed] or ["  - nothing"]
+    lines += ["", "Nadirs apart, RMS (deg): before, after"]
+    before = nadir_differences(calibration.sets, nominal)
+    after = nadir_differences(calibration.sets, calibration.rot_base_from_cam)
+    for one, other in zip(before, after, strict=True):
+        was, remains = np.degrees(one.rms_rad), np.degrees(other.rms_rad)
+        lines.append(f"  {one.name}: {was:.4f}, {remains:.4f}")
+    return "\n".join(lines)
+
+
+def _rows(calibration: Calibration) -> list[str]:
+    rows = []
+    per_hour = 3600.0 / max(calibration.half_time_s, 1e-9)
+    for index, unknown in enumerate(calibration.unknowns.all):
+        share = calibration.observed(index)
+        if share == "no" and unknown.kind == "limb_height":
+            continue
+        factor, unit, digits = {
+            "rotation": (np.degrees(1.0), "deg", 4),
+            "drift": (np.degrees(1.0) * per_hour, "deg/h", 4),
+            "focal": (100.0, "%", 4),
+            "limb_height": (1.0, "m", 0),
+        }[unknown.kind]
+        value, sigma = factor * calibration.values[index], factor * calibration.sigmas[index]
+        shown = (
+            f"{'-':>12}{'-':>12}"
+            if share == "no"
+            else f"{value:>+12.{digits}f}{sigma:>12.{digits}f}"
+        )
+        rows.append(f"{unknown.name:34}{shown}  {unit:9}{share}")
+    return rows
+
+
+def corrected_parameters(source: Path | None, calibration: Calibration, sphere: Planet) -> str:
+    """Return a ROS parameter file: the source's parameters with the rotations that were found.
+
+    The rotations stand under `/**` and nowhere else, so that every node gets them. A limb height
+    is set where it was observed.
+    """
+    content: dict[str, Any] = {}
+    if source is not None:
+        content = yaml.safe_load(source.read_text(encoding="utf-8")) or {}
+    found = {
+        camera: [float(v) for v in quaternion_from_rotation(rot)]
+        for camera, rot in calibration.rot_base_from_cam.items()
+    }
+    (height,) = calibration.unknowns.where("limb_height")
+    has_height = calibration.observed(int(height)) == "yes"
+    for block in _blocks(content):
+        for camera in found:
+            block.pop(f"{camera}.rotation", None)
+            if isinstance(block.get(camera), dict):
+                block[camera].pop("rotation", None)
+                if not block[camera]:
+                    del block[camera]
+        if has_height:
+            block.pop("limb_height", None)
+    everywhere = content.setdefault("/**", {}).setdefault(_PARAMETERS, {})
+    everywhere.update({camera: {"rotation": q} for camera, q in found.items()})
+    if has_height:
+        everywhere["limb_height"] = float(sphere.limb_height_m + calibration.values[height])
+    comment = "# Rotations by horizon_self_calibration"
+    comment += ", in the middle of the recording.\n" if calibration.unknowns.drift else ".\n"
+    return comment + yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
+
+
+def _blocks(content: Any) -> list[dict[str, Any]]:
+    """Return every node's parameters."""
+    if not isinstance(content, dict):
+        return []
+    found = [v for k, v in content.items() if k == _PARAMETERS and isinstance(v, dict)]
+    for key, value in content.items():
+        if key != _PARAMETERS:
+            found += _blocks(value)
+    return found
