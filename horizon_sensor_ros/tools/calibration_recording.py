@@ -7,20 +7,15 @@ cameras do not sit as the parameters say.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
-from tqdm import tqdm
 
+from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
-from horizon_sensor_ros.core.fits.maximum_likelihood import AltitudeMeasurement
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.self_calibration.measurement import (
     CameraHorizon,
@@ -28,6 +23,7 @@ from horizon_sensor_ros.core.self_calibration.measurement import (
     NadirReference,
     camera_horizon,
 )
+from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.pairing import Pairing
@@ -39,10 +35,10 @@ from horizon_sensor_ros.ros.parameters import (
     read_parameter_file,
 )
 from horizon_sensor_ros.tools.bag_errors import BagError
-from horizon_sensor_ros.tools.input_bag import bag_messages, open_bag
+from horizon_sensor_ros.tools.bag_listening import Listener, listen
 from horizon_sensor_ros.tools.reference_topics import (
-    ALTITUDE_TYPES,
     NADIR_TYPES,
+    POSE_TYPES,
     Series,
     altitude_of,
     nadir_of,
@@ -76,12 +72,29 @@ class _Horizons:
         self._next: int | None = None
         planet = settings.sensor.planet
         self.sphere = Planet(planet.mean_radius_m, planet.limb_height_m)
+        # An altitude that is known goes into the calibration, not into each camera's fit.
+        unaided = replace(settings.aiding, pose_altitude_sigma_m=0.0, altitude_sigma_m=0.0)
         self._pairing: Pairing[Any] = Pairing(settings.cameras, settings.slop_ns)
         self._alone = {
-            camera: HorizonPipeline(replace(settings, cameras=(camera,), rotations=(rotation,)))
-            for camera, rotation in zip(settings.cameras, settings.rotations, strict=True)
+            camera: HorizonPipeline(
+                replace(
+                    settings,
+                    cameras=(camera,),
+                    rotations=(rotation,),
+                    masks=(mask,),
+                    aiding=unaided,
+                )
+            )
+            for camera, rotation, mask in zip(
+                settings.cameras, settings.rotations, settings.masks, strict=True
+            )
         }
         self.sets: list[tuple[int, tuple[CameraHorizon, ...]]] = []
+
+    def on_coarse_pose(self, msg: Any) -> None:
+        """Take a coarse pose, which an ellipsoid's limb needs."""
+        for alone in self._alone.values():
+            alone.aiding.on_coarse_pose(msg)
 
     def on_camera_info(self, camera: str, msg: Any) -> None:
         """Take a camera's calibration."""
@@ -116,12 +129,47 @@ class _Horizons:
         return "; ".join(lines)
 
 
-@dataclass(frozen=True)
-class _Listener:
-    """What becomes of a topic's messages, and which types of them will do."""
+class _OtherInstruments:
+    """Altitude and nadir from elsewhere, as the command line names them."""
 
-    types: tuple[str, ...]
-    take: Callable[[Any, str], None]
+    def __init__(
+        self,
+        arguments: argparse.Namespace,
+        settings: HorizonSettings,
+        sphere: Planet,
+        names: TopicNames,
+    ) -> None:
+        self.listeners: list[Listener] = []
+        self._altitudes, self._nadirs = Series(_MAX_GAP_NS), Series(_MAX_GAP_NS)
+        self._altitude_m = _number(arguments.altitude)
+        self._altitude_sigma_m = arguments.altitude_sigma
+        self._nadir_sigma_rad = float(np.radians(arguments.reference_sigma))
+        prior = settings.pipeline.aiding
+        if arguments.altitude is None and prior.altitude_sigma_m > 0.0:
+            self._altitude_m, self._altitude_sigma_m = prior.altitude_m, prior.altitude_sigma_m
+        if arguments.altitude is not None and self._altitude_m is None:
+            topic = names(arguments.altitude)
+            find = partial(altitude_of, planet=sphere)
+            take = _into(self._altitudes, topic, lambda msg, _: find(msg))
+            self.listeners.append(Listener(topic, POSE_TYPES, take))
+        if arguments.reference is not None:
+            topic = names(arguments.reference)
+            take = _into(self._nadirs, topic, partial(nadir_of, level_z=settings.level_z))
+            self.listeners.append(Listener(topic, NADIR_TYPES, take))
+
+    def altitude_at(self, stamp: int) -> AltitudeMeasurement | None:
+        """Altitude at a stamp (ns)."""
+        if self._altitude_m is not None:
+            return AltitudeMeasurement(self._altitude_m, self._altitude_sigma_m)
+        known = self._altitudes.at(stamp)
+        return None if known is None else AltitudeMeasurement(known[0], self._altitude_sigma_m)
+
+    def reference_at(self, stamp: int) -> NadirReference | None:
+        """Nadir at a stamp (ns)."""
+        nadir = self._nadirs.at(stamp)
+        if nadir is None:
+            return None
+        return NadirReference(nadir / np.linalg.norm(nadir), self._nadir_sigma_rad)
 
 
 def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -> Recording:
@@ -130,44 +178,27 @@ def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -
     pipeline = settings.pipeline
     names = TopicNames(arguments.namespace, arguments.remap)
     horizons = _Horizons(pipeline, round(arguments.interval * 1e9), focal=arguments.focal)
-    listeners: dict[str, _Listener] = {}
+    others = _OtherInstruments(arguments, settings, horizons.sphere, names)
+    coarse_pose = _plain(horizons.on_coarse_pose)
+    listeners = [
+        Listener(names(COARSE_POSE_TOPIC), POSE_TYPES[:1], coarse_pose, needed=False),
+        *others.listeners,
+    ]
     for camera in pipeline.cameras:
-        take_image, take_info = (
-            partial(_without_type, partial(take, camera))
-            for take in (horizons.on_image, horizons.on_camera_info)
-        )
-        listeners[names(f"{camera}/image_raw")] = _Listener(_IMAGE, take_image)
-        listeners[names(f"{camera}/camera_info")] = _Listener(_CAMERA_INFO, take_info)
-    altitudes, nadirs = Series(_MAX_GAP_NS), Series(_MAX_GAP_NS)
-    altitude_m = _number(arguments.altitude)
-    if arguments.altitude is not None and altitude_m is None:
-        find = partial(altitude_of, planet=horizons.sphere)
-        topic = names(arguments.altitude)
-        listeners[topic] = _Listener(ALTITUDE_TYPES, _into(altitudes, topic, lambda m, _: find(m)))
-    if arguments.reference is not None:
-        topic = names(arguments.reference)
-        down = partial(nadir_of, level_z=settings.level_z)
-        listeners[topic] = _Listener(NADIR_TYPES, _into(nadirs, topic, down))
-    _read(arguments.in_bag, listeners, stopped)
-
-    def altitude_at(stamp: int) -> AltitudeMeasurement | None:
-        if arguments.altitude is None:
-            return None
-        known = altitudes.at(stamp) if altitude_m is None else np.array([altitude_m])
-        return None if known is None else AltitudeMeasurement(float(known[0]), sigma_m)
-
-    def reference_at(stamp: int) -> NadirReference | None:
-        nadir = nadirs.at(stamp)
-        if nadir is None:
-            return None
-        return NadirReference(nadir / np.linalg.norm(nadir), np.radians(sigma_deg))
-
-    sigma_m, sigma_deg = arguments.altitude_sigma, arguments.reference_sigma
+        image = _plain(partial(horizons.on_image, camera))
+        camera_info = _plain(partial(horizons.on_camera_info, camera))
+        listeners += [
+            Listener(names(f"{camera}/image_raw"), _IMAGE, image),
+            Listener(names(f"{camera}/camera_info"), _CAMERA_INFO, camera_info),
+        ]
+    listen(arguments.in_bag, listeners, stopped)
     found = sorted(horizons.sets, key=lambda each: each[0])
     start = found[0][0] if found else 0
     return Recording(
         tuple(
-            FrameSet((stamp - start) * 1e-9, seen, altitude_at(stamp), reference_at(stamp))
+            FrameSet(
+                (stamp - start) * 1e-9, seen, others.altitude_at(stamp), others.reference_at(stamp)
+            )
             for stamp, seen in found
         ),
         {
@@ -202,6 +233,9 @@ def _settings(arguments: argparse.Namespace) -> HorizonSettings:
             f"{cameras[0]} is the only camera and has nothing to be compared with; give "
             "--reference TOPIC with the attitude from elsewhere"
         )
+    known = arguments.altitude is not None or settings.pipeline.aiding.altitude_sigma_m > 0.0
+    if known and settings.pipeline.sensor.planet.flattening > 0.0:
+        raise BagError("limb height is told on a sphere only: no altitude with planet: wgs84")
     return settings
 
 
@@ -212,8 +246,8 @@ def _number(text: str | None) -> float | None:
         return None
 
 
-def _without_type(take: Callable[[Any], None], msg: Any, _msgtype: str) -> None:
-    take(msg)
+def _plain(take: Callable[[Any], None]) -> Callable[[Any, str], None]:
+    return lambda msg, _msgtype: take(msg)
 
 
 def _into(
@@ -231,37 +265,3 @@ def _into(
             series.add(stamp, value)
 
     return take
-
-
-def _read(path: Path, listeners: Mapping[str, _Listener], stopped: Callable[[], bool]) -> None:
-    """Hand every message that somebody listens to over, in the bag's order."""
-    typestore = get_typestore(Stores.ROS2_JAZZY)
-    reader = open_bag(path)
-    try:
-        wanted = [
-            c
-            for c in reader.connections
-            if c.topic in listeners and c.msgtype in listeners[c.topic].types
-        ]
-        missing = sorted(set(listeners) - {c.topic for c in wanted})
-        if missing:
-            looked_for = "\n".join(
-                f"  {topic} ({' or '.join(listeners[topic].types)})" for topic in missing
-            )
-            there = "\n".join(sorted(f"  {c.topic} ({c.msgtype})" for c in reader.connections))
-            raise BagError(
-                f"{path} has not:\n{looked_for}\nIt has:\n{there}\n"
-                "Name topics with --remap FROM:=TO, cameras with the parameter `cameras`."
-            )
-        total = sum(c.msgcount for c in wanted)
-        with tqdm(bag_messages(reader, wanted), total=total, unit="msg", file=sys.stderr) as all_:
-            for connection, _, raw in all_:
-                if stopped():
-                    raise KeyboardInterrupt
-                try:
-                    msg = typestore.deserialize_cdr(raw, connection.msgtype)
-                except SerdeError:
-                    continue
-                listeners[connection.topic].take(msg, connection.msgtype)
-    finally:
-        reader.close()

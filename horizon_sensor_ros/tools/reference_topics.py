@@ -15,9 +15,8 @@ from horizon_sensor_ros.tools.bag_errors import BagError
 EARTH_FRAME = "earth"
 _VECTOR = "geometry_msgs/msg/Vector3Stamped"
 _IMU = "sensor_msgs/msg/Imu"
-_POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped")
-NADIR_TYPES = (_VECTOR, *_POSES, _IMU)
-ALTITUDE_TYPES = _POSES
+POSE_TYPES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped")
+NADIR_TYPES = (_VECTOR, *POSE_TYPES, _IMU)
 
 
 def nadir_of(msg: Any, msgtype: str, level_z: str) -> np.ndarray | None:

@@ -20,7 +20,8 @@ times the rotation in FILE. What the recording cannot tell is named and left as 
 recording turns the craft by 10 deg or more about two axes; see doc/self_calibration.md."""
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
     parser = argparse.ArgumentParser(
         prog="horizon_self_calibration",
         description="Find how the cameras are mounted from a recording of the horizon.",
@@ -61,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `horizon_self_calibration`; return the exit code."""
-    arguments = _parser().parse_args(argv)
+    arguments = parser().parse_args(argv)
 
     def work(stopped: Callable[[], bool]) -> str:
         from horizon_sensor_ros.tools.bag_calibration import calibrate_bag  # noqa: PLC0415

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.fits.maximum_likelihood import AltitudeMeasurement
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.self_calibration.measurement import (
     CameraHorizon,
