@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -75,6 +76,8 @@ BAD_MESSAGES: dict[str, tuple[dict[str, Any], str, str]] = {
     "empty": ({"width": 0, "row_step": 0}, "zero_size", "empty cloud: 0 x"),
     "no rows": ({"height": 0}, "zero_size", "empty cloud"),
     "no z": ({"fields": _floats(0, 4)}, "missing_field", "cloud has no field z"),
+    "no x": ({"fields": _floats(0, 4, 8)[1:]}, "missing_field", "cloud has no field x"),
+    "no y": ({"fields": _floats(0, 4, 8)[::2]}, "missing_field", "cloud has no field y"),
     "no fields": ({"fields": []}, "missing_field", "cloud has no field x, y, z"),
     "x twice": ({"fields": _floats(0, 4, 8) * 2}, "duplicate_field", "two fields x"),
     "field outside": ({"fields": _floats(0, 4, 14)}, "field_outside_point", "field z ends at"),
@@ -104,3 +107,49 @@ BAD_CLOUDS: dict[str, tuple[np.ndarray, str]] = {
     "a line": (np.linspace([-1, 0.3, 2], [1, 0.3, 2], 5000), "too_few_points"),
     "huge": (np.random.default_rng(1).normal(size=(5000, 3)) * 1e30, "too_few_points"),
 }
+
+
+def _with_strays(points: np.ndarray) -> np.ndarray:
+    """Nonsense in pixels that saw nothing."""
+    out = points.copy()
+    empty = np.argwhere(~np.isfinite(points[..., 2]))
+    places = empty[np.random.default_rng(0).permutation(len(empty))[:30]]
+    out[tuple(places.T)] = np.tile([[0, 0, 0], [1e30, -1e30, 1e30], [np.inf, 0, 1]], (10, 1))
+    return out
+
+
+def _plain(points: np.ndarray) -> np.ndarray:
+    return points[np.isfinite(points[..., 2])]
+
+
+# What is done to the points of a good cloud without changing what they say.
+SAME_POINTS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "zeros where nothing came back": np.nan_to_num,
+    "stray points": _with_strays,
+    "plain": _plain,
+    "plain, every point twice": lambda points: np.repeat(_plain(points), 2, axis=0),
+    "plain, shuffled": lambda points: np.random.default_rng(0).permutation(_plain(points)),
+}
+
+
+def rewritten(cloud: PointCloud2, order: str, offsets: tuple[int, ...], step: int) -> PointCloud2:
+    """The cloud's points as float64 at other places, in another byte order, among other bytes."""
+    points = np.frombuffer(cloud.data, "<f4").reshape(cloud.height, cloud.width, 4)[..., :3]
+    kind = np.dtype({
+        "names": ["x", "y", "z", "intensity"], "formats": [f"{order}f8"] * 3 + ["u2"],
+        "offsets": [*offsets, step - 2], "itemsize": step,
+    })  # fmt: skip
+    data = np.zeros(points.shape[:2], kind)
+    for i, name in enumerate("xyz"):
+        data[name] = points[..., i]
+    data["intensity"] = 7
+    msg = PointCloud2()
+    msg.header, msg.height, msg.width = cloud.header, cloud.height, cloud.width
+    msg.is_bigendian = order == ">"
+    msg.fields = _floats(*offsets, datatype=PointField.FLOAT64)
+    msg.fields.append(
+        PointField(name="intensity", offset=step - 2, datatype=PointField.UINT16, count=1)
+    )
+    msg.point_step, msg.row_step = step, step * cloud.width
+    msg.data.frombytes(data.tobytes())
+    return msg

@@ -26,6 +26,7 @@ from target_messages import (
     BAD_MESSAGES,
     cloud_of,
     good_cloud,
+    rewritten,
     scan,
     stamp_of,
 )
@@ -130,8 +131,10 @@ def test_live_equals_replay(
     clouds[2] = good_cloud(2, **BAD_MESSAGES["no z"][0])
     clouds[4] = cloud_of(BAD_CLOUDS["a plane"][0], stamp_of(4))
     plain = scan(6)
-    clouds += [cloud_of(plain[np.isfinite(plain[..., 2])], stamp_of(6)), good_cloud(0)]
-    clouds += [good_cloud(1)]
+    clouds += [cloud_of(plain[np.isfinite(plain[..., 2])], stamp_of(6))]
+    clouds += [rewritten(good_cloud(7), ">", (20, 3, 11), 31)]
+    # Time jumps back.
+    clouds += [good_cloud(0), good_cloud(1)]
     bag = write_bag(
         tmp_path / "in", [("/target/points", START_NS + i, c) for i, c in enumerate(clouds)]
     )
@@ -139,7 +142,7 @@ def test_live_equals_replay(
     command += [str(tmp_path / "out"), "--params", params[1]]
     subprocess.run(command, check=True, env=environment, stderr=subprocess.DEVNULL)
     expected = replayed(tmp_path / "out")
-    assert [len(messages) for messages in expected.values()] == [7, 5, 5]
+    assert [len(messages) for messages in expected.values()] == [8, 6, 6]
 
     node = start(program, *params, *(() if program == NODE else ("-p", f"nodes:=[{NODE}]")))
     chaser.match()
@@ -150,7 +153,7 @@ def test_live_equals_replay(
         if number in (2, 4):
             chaser.wait_for_state("refused" if number == 2 else "no_fix")
         chaser.wait(lambda given=given: len(chaser.estimates(POSE)) >= given, f"cloud {number}")
-    chaser.wait(lambda: len(chaser.estimates(TWIST)) >= 5, "the last twist")
+    chaser.wait(lambda: len(chaser.estimates(TWIST)) >= 6, "the last twist")
     for topic, messages in expected.items():
         assert chaser.estimates(topic) == messages
     assert node.end()[0] == 0

@@ -15,8 +15,10 @@ from target_messages import (
     BAD_MESSAGES,
     CLOUD_PERIOD_NS,
     FRAME_ID,
+    SAME_POINTS,
     cloud_of,
     good_cloud,
+    rewritten,
     scan,
     stamp_of,
     truth_at,
@@ -138,15 +140,28 @@ def test_the_target_frame_has_the_name_it_is_given() -> None:
     assert delta.header.frame_id == "debris_previous"
 
 
-def test_organised_and_plain_clouds_tell_the_same() -> None:
+@pytest.mark.parametrize("name", SAME_POINTS)
+def test_the_same_points_in_another_way_tell_the_same(name: str) -> None:
     pipeline = pipeline_of()
     for index in range(3):
-        points = scan(index)
-        plain = points[np.isfinite(points[..., 2])]
-        step = pipeline.on_cloud(cloud_of(plain, stamp_of(index)))
+        points = SAME_POINTS[name](scan(index))
+        step = pipeline.on_cloud(cloud_of(points, stamp_of(index)))
     error = error_of(matrix(output(step, "target/pose")), target_truth(2))
     assert np.linalg.norm(error[:3]) < 0.01
     assert np.linalg.norm(error[3:]) < np.radians(0.5)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("offsets", [(0, 8, 16), (20, 3, 11)])
+def test_fields_in_any_order_padding_and_endianness(
+    order: str, offsets: tuple[int, int, int]
+) -> None:
+    one, other = pipeline_of(), pipeline_of()
+    for index in range(3):
+        cloud = good_cloud(index)
+        same = other.on_cloud(rewritten(cloud, order, offsets, 31))
+        assert one.on_cloud(cloud).outputs == same.outputs
+        assert same.outputs
 
 
 def test_the_same_clouds_give_the_same_messages() -> None:
