@@ -9,6 +9,8 @@ that.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 # Not observed by a horizon sensor. Yaw: one sigma is a full turn. Along the ground: one sigma is of
@@ -27,7 +29,7 @@ def rotation_from_quaternion(quaternion_xyzw: np.ndarray) -> np.ndarray:
     q = np.asarray(quaternion_xyzw, dtype=float)
     if q.shape != (4,) or not np.all(np.isfinite(q)):
         raise ValueError(f"quaternion must be four finite numbers x, y, z, w, got {q.tolist()}")
-    norm = float(np.linalg.norm(q))
+    norm = math.hypot(*q)
     if abs(norm - 1.0) > _QUATERNION_NORM_TOLERANCE:
         raise ValueError(f"quaternion must have length 1, got {norm:.6g} for {q.tolist()}")
     x, y, z, w = q / norm

@@ -7,7 +7,7 @@ be used comes back as a `Refusal`, never as an exception: a message is data.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -56,6 +56,8 @@ _ENCODINGS: dict[str, tuple[int, int, int | None]] = {
 ENCODINGS = tuple(_ENCODINGS)
 
 _FARTHEST_M = 1e12  # of a coarse pose
+_MAX_BEND = 4.0  # of angles off the axis by a lens; a fisheye as plumb_bob has less than 2
+_FASTEST_RAD_S = 100.0  # of an angular rate; no gyro measures more
 
 # OpenCV's demosaicing needs a neighbour on each side; a smaller frame shows no limb anyway.
 _MIN_BAYER_SIZE = 4
@@ -145,11 +147,30 @@ def camera_from_info(msg: Any) -> Camera | Refusal:
     roi = (msg.roi.x_offset, msg.roi.y_offset, msg.roi.width, msg.roi.height)
     model = str(msg.distortion_model)
     try:
-        return Camera.from_calibration(
+        camera = Camera.from_calibration(
             msg.width, msg.height, k, model, d, msg.binning_x, msg.binning_y, roi
         )
     except ValueError as error:
         return Refusal("bad_camera_info", f"camera_info: {error}")
+    if _bend(camera) > _MAX_BEND:
+        return Refusal("bad_camera_info", "camera_info: no lens has such distortion coefficients")
+    return camera
+
+
+def _bend(camera: Camera) -> float:
+    """By which factor distortion changes angles off the axis, at worst along the frame's edge."""
+    x, y = np.linspace(0, camera.width - 1, 5), np.linspace(0, camera.height - 1, 5)
+    grid = np.stack(np.meshgrid(x, y), axis=-1)
+    edge = np.concatenate([grid[0], grid[-1], grid[:, 0], grid[:, -1]])
+    straight = replace(camera, distortion=(0.0,) * len(camera.distortion))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = _off_axis(camera.rays(edge)) / _off_axis(straight.rays(edge))
+    ratio = ratio[np.isfinite(ratio) & (ratio > 0)]
+    return float(np.max(np.maximum(ratio, 1 / ratio), initial=1.0))
+
+
+def _off_axis(rays: np.ndarray) -> np.ndarray:
+    return np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
 
 
 def coarse_pose_from_message(msg: Any, planet: Planet) -> tuple[np.ndarray, np.ndarray] | Refusal:
@@ -181,6 +202,8 @@ def rate_from_imu(msg: Any, base_frame: str) -> np.ndarray | Refusal:
     rate = np.array([msg.angular_velocity.x, msg.angular_velocity.y, msg.angular_velocity.z])
     if not np.all(np.isfinite(rate)):
         return Refusal("not_finite", "angular velocity is not finite")
+    if math.hypot(*rate) > _FASTEST_RAD_S:
+        return Refusal("too_fast", f"angular velocity is {math.hypot(*rate):.3g} rad/s")
     if float(msg.angular_velocity_covariance[0]) == -1.0:
         return Refusal("no_rate", "angular_velocity_covariance[0] is -1: there is no rate")
     return rate

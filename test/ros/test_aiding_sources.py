@@ -113,6 +113,7 @@ BAD_RATES: dict[str, tuple[Callable[[Imu], Any], str]] = {
     "wrong_frame": (lambda m: setattr(m.header, "frame_id", "imu_link"), "'imu_link'"),
     "not_finite": (lambda m: setattr(m.angular_velocity, "z", NAN), "not finite"),
     "no_rate": (lambda m: m.angular_velocity_covariance.__setitem__(0, -1.0), "no rate"),
+    "too_fast": (lambda m: setattr(m.angular_velocity, "x", 1e6), "angular velocity is 1e+06"),
     "bad_stamp": (lambda m: setattr(m.header.stamp, "nanosec", 2 * S), "nanoseconds"),
 }
 
