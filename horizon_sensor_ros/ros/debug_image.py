@@ -1,38 +1,46 @@
-"""The picture behind an estimate: horizon points, fitted limb and nadir drawn over the frames."""
+"""The picture behind an estimate: limb points, fitted limb, nadir and its uncertainty over frames.
+
+Colours are Okabe and Ito's, which colour-blind people tell apart; shapes differ as well.
+"""
 
 from __future__ import annotations
+
+import textwrap
 
 import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.fits.assessment import inliers
+from horizon_sensor_ros.core.fits.limb_rays import gather
+from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix
 from horizon_sensor_ros.core.limb.points import LimbPoints
-from horizon_sensor_ros.core.status import Status
 
-# Okabe and Ito's colours, told apart by colour-blind people too; BGR.
-_ORANGE = (0, 159, 230)
-_SKY_BLUE = (233, 180, 86)
-_YELLOW = (66, 228, 240)
-_WHITE = (255, 255, 255)
-_BLACK = (0, 0, 0)
-# Yellow shows on dark ground, its outline on bright.
-_OUTLINED = ((_BLACK, 3), (_YELLOW, 1))
+# Blue, green, red.
+SKY_BLUE, YELLOW, VERMILLION = (233, 180, 86), (66, 228, 240), (0, 94, 213)
+BLUISH_GREEN, PURPLE = (115, 158, 0), (167, 121, 204)
+_WHITE, _BLACK, _GRAY = (255, 255, 255), (0, 0, 0), (180, 180, 180)
 
-_MAX_WIDTH = 800
-_LIMB_SAMPLES = 721
-_MAX_DOTS = 50
+# Smaller frames are drawn larger, and larger ones smaller: lines and letters stay readable.
+_LEAST_WIDTH, _MOST_WIDTH = 640, 800
+_FONT, _LETTERS, _LINE = cv2.FONT_HERSHEY_SIMPLEX, 0.5, 20
+_LIMB_SAMPLES = 1441
+_MOST_DOTS = 60
+_NEAR_POINTS = 3.0  # spacings of the limb's points: nearer than this the limb was seen
+_INSET = 92  # side of the square that shows the uncertainty
 
 
 def draw_fix(frames: tuple[Frame, ...], fix: HorizonFix) -> np.ndarray:
     """Return the frames side by side, (H, W, 3) uint8 BGR, with what was found in them.
 
-    Orange: horizon points, some of them. Sky blue: the fitted limb. Yellow: nadir, or an arrow
-    towards it. A frame wider than 800 pixels is drawn smaller.
+    Each is 640 to 800 pixels wide. Yellow dots: limb points, some of them. Vermillion crosses:
+    points that the fit threw away. Sky blue: the fitted limb, dashed where it is only predicted.
+    White arrow: towards nadir (a cross where nadir is in the frame). Purple, in the corner: nadir's
+    one-sigma ellipse as the camera sees it. Above: status and reason.
     """
-    tiles = [_draw_frame(frame, limb, fix) for frame, limb in zip(frames, fix.limbs, strict=True)]
+    tiles = [_Tile(frame, limb, fix).draw() for frame, limb in zip(frames, fix.limbs, strict=True)]
     height = max(tile.shape[0] for tile in tiles)
     padded = [
         cv2.copyMakeBorder(tile, 0, height - tile.shape[0], 0, 0, cv2.BORDER_CONSTANT)
@@ -41,82 +49,254 @@ def draw_fix(frames: tuple[Frame, ...], fix: HorizonFix) -> np.ndarray:
     return np.ascontiguousarray(np.hstack(padded))
 
 
-def _draw_frame(frame: Frame, limb: LimbPoints, fix: HorizonFix) -> np.ndarray:
-    gray = frame.gray
-    scale = min(1.0, _MAX_WIDTH / gray.shape[1])
-    if scale < 1.0:
-        gray = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    if gray.dtype != np.uint8:
-        gray = cv2.convertScaleAbs(gray, alpha=255.0 / max(int(gray.max()), 1))
-    picture = cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR)
-    if fix.status is Status.OK:
-        for piece in _limb_pieces(frame.view, fix.fit):
-            cv2.polylines(picture, [_scaled(piece, scale)], False, _SKY_BLUE, 1, cv2.LINE_AA)
-        _draw_nadir(picture, frame.view, fix.fit, scale)
-    # A share of the points, so that the curve under them can be seen.
-    for x, y in _scaled(limb.px, scale)[:: 1 + len(limb.px) // _MAX_DOTS]:
-        cv2.circle(picture, (int(x), int(y)), 2, _ORANGE, -1, cv2.LINE_AA)
-    _write(picture, _caption(frame, limb, fix))
-    return picture
+class _Tile:
+    """One camera's frame."""
+
+    def __init__(self, frame: Frame, limb: LimbPoints, fix: HorizonFix) -> None:
+        self._view, self._limb, self._fix = frame.view, limb, fix
+        self._used = fix.ok and frame.view.name in fix.cameras_used
+        width = frame.gray.shape[1]
+        self._scale = min(max(width, _LEAST_WIDTH), _MOST_WIDTH) / width
+        self._picture = _in_colour(frame.gray, self._scale)
+
+    def draw(self) -> np.ndarray:
+        """Draw everything over the frame."""
+        if self._fix.ok:
+            self._draw_limb(self._fix.fit)
+        counts = self._draw_points()
+        if self._fix.ok:
+            self._draw_nadir(self._fix.fit)
+        self._write_status(counts)
+        if self._fix.ok:
+            self._draw_sigma(self._fix.fit)
+        return self._picture
+
+    # ------------------------------------------------------------------ limb
+
+    def _draw_limb(self, fit: HorizonFit) -> None:
+        """The fitted limb: a line where points support it, dashes where they do not."""
+        px = limb_px(self._view, fit)
+        inside = self._view.camera.in_frame(px)
+        seen = inside & self._supported(px)
+        for run in _runs(inside):
+            for colour, width in ((_BLACK, 3), (SKY_BLUE, 1)):
+                for piece in _runs(seen[run]):
+                    self._line(px[run][piece], colour, width)
+                for piece in _runs(~seen[run]):
+                    for dash in _dashes(px[run][piece] * self._scale):
+                        self._line(dash / self._scale, colour, width)
+
+    def _supported(self, px: np.ndarray) -> np.ndarray:
+        """Whether limb points that are in use lie beside places (M, 2) on the limb."""
+        if not self._used or len(self._limb.px) == 0:
+            return np.zeros(len(px), bool)
+        blank = np.full((self._view.camera.height, self._view.camera.width), 255, np.uint8)
+        x, y = np.rint(self._limb.px).astype(int).T
+        blank[y.clip(0, blank.shape[0] - 1), x.clip(0, blank.shape[1] - 1)] = 0
+        away = cv2.distanceTransform(blank, cv2.DIST_L2, 3)
+        rows = np.nan_to_num(px, nan=0.0).round().astype(int)
+        x, y = rows[:, 0].clip(0, blank.shape[1] - 1), rows[:, 1].clip(0, blank.shape[0] - 1)
+        return away[y, x] <= _NEAR_POINTS * max(self._limb.spacing_px, 2.0)
+
+    def _draw_points(self) -> tuple[int, int]:
+        """Draw the limb points; number of those in use and of those thrown away."""
+        px = self._limb.px
+        kept = self._kept()
+        # A share of the points, so that the curve under them can be seen.
+        good, bad = px[kept], px[~kept]
+        for x, y in self._places(good[:: 1 + len(good) // _MOST_DOTS]):
+            cv2.circle(self._picture, (x, y), 3, _BLACK, -1, cv2.LINE_AA)
+            cv2.circle(self._picture, (x, y), 2, YELLOW, -1, cv2.LINE_AA)
+        for x, y in self._places(bad[:: 1 + len(bad) // _MOST_DOTS]):
+            for colour, width in ((_BLACK, 4), (VERMILLION, 2)):
+                cv2.drawMarker(
+                    self._picture, (x, y), colour, cv2.MARKER_TILTED_CROSS, 9, width, cv2.LINE_AA
+                )
+        return len(good), len(bad)
+
+    def _kept(self) -> np.ndarray:
+        """Mask (N,) of the points that the fit used; all where there is no fit to tell."""
+        kept = np.full(len(self._limb.px), not self._fix.ok)
+        rays = gather([LimbObservation(self._view, self._limb)])
+        if self._used and len(rays) == len(kept):
+            kept = inliers(rays.residuals_px(self._fix.fit.nadir_base, self._fix.fit.rho_rad))
+        return kept
+
+    # ------------------------------------------------------------------ nadir
+
+    def _draw_nadir(self, fit: HorizonFit) -> None:
+        nadir_cam = fit.nadir_base @ self._view.rot_base_from_cam
+        px = self._view.camera.pixels(nadir_cam[None])
+        if self._view.camera.in_frame(px)[0]:
+            ((x, y),) = self._places(px)
+            for colour, width in ((_BLACK, 4), (_WHITE, 2)):
+                cv2.drawMarker(
+                    self._picture, (x, y), colour, cv2.MARKER_CROSS, 21, width, cv2.LINE_AA
+                )
+            self._label("nadir", np.array([x + 40, y]))
+            return
+        length = float(np.hypot(*nadir_cam[:2]))
+        if length == 0:
+            return
+        height, width = self._picture.shape[:2]
+        centre = np.array([width, height]) / 2
+        ahead = nadir_cam[:2] / length
+        tip = centre + ahead * min(height, width) / 4
+        ends = [tuple(int(v) for v in np.round(point)) for point in (centre, tip)]
+        for colour, thickness in ((_BLACK, 5), (_WHITE, 2)):
+            cv2.arrowedLine(
+                self._picture, ends[0], ends[1], colour, thickness, cv2.LINE_AA, tipLength=0.15
+            )
+        away_deg = np.degrees(np.arctan2(length, nadir_cam[2]))
+        text = f"nadir, {away_deg:.0f} deg off axis"
+        # Beyond the arrow's tip, as far as its half width reaches that way.
+        beyond = 14 + abs(ahead[0]) * _width(text) / 2
+        self._label(text, tip + beyond * ahead)
+
+    def _draw_sigma(self, fit: HorizonFit) -> None:
+        """Nadir's one-sigma ellipse, right and down as in the frame, with its two half axes."""
+        cov = sigma_in_frame(self._view, fit)
+        values, vectors = np.linalg.eigh(cov)
+        sigma_deg = np.degrees(np.sqrt(np.maximum(values, 0.0)))
+        if not (np.isfinite(sigma_deg).all() and sigma_deg[1] > 0):
+            return
+        height, width = self._picture.shape[:2]
+        corner = np.array([width - _INSET - 8, height - _INSET - 8])
+        _darken(self._picture, corner, corner + _INSET, 0.35)
+        centre = corner + np.array([_INSET / 2, _INSET / 2 - 8])
+        half = 0.36 * _INSET * sigma_deg / sigma_deg[1]
+        angle = np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))
+        x, y = (int(v) for v in np.round(centre))
+        cv2.line(self._picture, (x - 38, y), (x + 38, y), _GRAY, 1)
+        cv2.line(self._picture, (x, y - 34), (x, y + 34), _GRAY, 1)
+        axes = (max(round(half[1]), 1), max(round(half[0]), 1))
+        cv2.ellipse(self._picture, (x, y), axes, angle, 0, 360, PURPLE, 2, cv2.LINE_AA)
+        text = f"{sigma_deg[1]:.2g} deg"
+        left = corner[0] + (_INSET - _width(text)) / 2
+        self._text(text, (int(left), int(corner[1]) + _INSET - 6))
+
+    # ------------------------------------------------------------------ words
+
+    def _write_status(self, counts: tuple[int, int]) -> None:
+        """A strip with the verdict, its reason and the figures."""
+        fix, name = self._fix, self._view.name
+        verdict = "FIX" if self._used else "LEFT OUT" if fix.ok else "NO FIX"
+        colour = BLUISH_GREEN if self._used else VERMILLION
+        width = self._picture.shape[1]
+        found = f"{counts[0]} points, {counts[1]} thrown away" if fix.ok else f"{counts[0]} points"
+        if sum(counts) == 0:
+            found = self._limb.reason or str(self._limb.status)
+        lines = [f"{name}: {found}"]
+        if fix.ok:
+            sigma_km = np.sqrt(max(fix.fit.cov_nadir_altitude[3, 3], 0.0)) / 1e3
+            lines.append(
+                f"altitude {fix.fit.altitude_m / 1e3:.1f} km, sigma {sigma_km:.2g};  "
+                f"residual {fix.fit.rms_residual_px:.2f} px"
+            )
+        elif (whole := f"{fix.reason or fix.status}") not in found:
+            lines.append(whole)
+        box = _width(verdict) + 16
+        first = _wrapped(lines[0], width - box - 22)
+        rows = [*first, *(row for line in lines[1:] for row in _wrapped(line, width - 16))]
+        _darken(self._picture, (0, 0), (width, _LINE * len(rows) + 10), 0.35)
+        cv2.rectangle(self._picture, (6, 5), (6 + box, 24), colour, -1)
+        self._text(verdict, (14, 20))
+        for i, row in enumerate(rows):
+            self._text(row, (box + 14 if i < len(first) else 8, 20 + _LINE * i))
+
+    def _text(self, text: str, where: tuple[int, int]) -> None:
+        """White on the dark, from the left end of its base line."""
+        cv2.putText(self._picture, text, where, _FONT, _LETTERS, _WHITE, 1, cv2.LINE_AA)
+
+    def _label(self, text: str, middle: np.ndarray) -> None:
+        """White on a dark box around its middle, within the picture."""
+        height, width = self._picture.shape[:2]
+        size = np.array([_width(text) + 10, _LINE])
+        corner = np.clip(np.round(middle - size / 2), 0, np.array([width, height]) - size)
+        _darken(self._picture, corner, corner + size, 0.35)
+        self._text(text, (int(corner[0]) + 5, int(corner[1]) + 15))
+
+    def _places(self, px: np.ndarray) -> list[tuple[int, int]]:
+        """Pixels of the frame in the picture."""
+        places = np.round((px + 0.5) * self._scale - 0.5).astype(int)
+        return [(int(x), int(y)) for x, y in places]
+
+    def _line(self, px: np.ndarray, colour: tuple[int, int, int], width: int) -> None:
+        if len(px) > 1:
+            points = np.array(self._places(px), np.int32)
+            cv2.polylines(self._picture, [points], False, colour, width, cv2.LINE_AA)
 
 
-def _scaled(px: np.ndarray, scale: float) -> np.ndarray:
-    return np.round((px + 0.5) * scale - 0.5).astype(np.int32)
-
-
-def _limb_pieces(view: CameraView, fit: HorizonFit) -> list[np.ndarray]:
-    """Return the fitted limb's pixels (N, 2), one array for each piece inside the frame."""
+def limb_px(view: CameraView, fit: HorizonFit) -> np.ndarray:
+    """Pixels (M, 2) of the fitted limb once round the planet; NaN where the camera has none."""
     angle = np.linspace(0.0, 2 * np.pi, _LIMB_SAMPLES)
     across = tangent_basis(fit.nadir_base) @ np.array([np.cos(angle), np.sin(angle)])
     rays_base = np.cos(fit.rho_rad) * fit.nadir_base + np.sin(fit.rho_rad) * across.T
-    px = view.camera.pixels(rays_base @ view.rot_base_from_cam)
-    inside = view.camera.in_frame(px)
-    runs = np.split(np.arange(len(px)), np.flatnonzero(np.diff(inside)) + 1)
-    return [px[run] for run in runs if inside[run[0]] and len(run) > 1]
+    return view.camera.pixels(rays_base @ view.rot_base_from_cam)
 
 
-def _draw_nadir(picture: np.ndarray, view: CameraView, fit: HorizonFit, scale: float) -> None:
+def sigma_in_frame(view: CameraView, fit: HorizonFit) -> np.ndarray:
+    """Covariance (2, 2), rad^2, of nadir to the right and downwards in a camera's frame.
+
+    Where nadir lies across an axis of the frame that axis has no component of it, and another that
+    is perpendicular to nadir takes its place.
+    """
     nadir_cam = fit.nadir_base @ view.rot_base_from_cam
-    px = view.camera.pixels(nadir_cam[None])
-    if view.camera.in_frame(px)[0]:
-        x, y = _scaled(px, scale)[0]
-        for colour, width in _OUTLINED:
-            cv2.drawMarker(
-                picture, (int(x), int(y)), colour, cv2.MARKER_CROSS, 15, width, cv2.LINE_AA
-            )
-        return
-    length = float(np.hypot(*nadir_cam[:2]))
-    if length == 0:
-        return
-    centre = np.array([picture.shape[1], picture.shape[0]]) / 2
-    tip = centre + nadir_cam[:2] / length * min(picture.shape[:2]) / 4
-    start, end = (tuple(int(v) for v in np.round(point)) for point in (centre, tip))
-    for colour, width in _OUTLINED:
-        cv2.arrowedLine(picture, start, end, colour, width, cv2.LINE_AA, tipLength=0.1)
+    right = np.eye(3)[0] - nadir_cam[0] * nadir_cam
+    if np.linalg.norm(right) < 1e-3:
+        right = np.cross(np.eye(3)[1], nadir_cam)
+    right /= np.linalg.norm(right)
+    down = np.cross(nadir_cam, right)
+    # Downwards in the frame, whichever way nadir points along the optical axis.
+    down *= 1.0 if down[1] >= 0 else -1.0
+    plane = view.rot_base_from_cam @ np.column_stack([right, down])
+    return plane.T @ fit.cov_nadir_altitude[:3, :3] @ plane
 
 
-def _caption(frame: Frame, limb: LimbPoints, fix: HorizonFix) -> list[str]:
-    name = frame.view.name
-    if limb.status is Status.OK:
-        lines = [f"{name}: {len(limb.px)} points"]
-    else:
-        lines = [f"{name}: {limb.reason or limb.status}"]
-    if fix.status is not Status.OK:
-        lines.append(f"no fix: {fix.reason or fix.status}")
-    else:
-        if name not in fix.cameras_used:
-            lines.append("left out")
-        lines.append(f"altitude {fix.fit.altitude_m / 1e3:.1f} km")
-        lines.append(f"residual {fix.fit.rms_residual_px:.3f} px")
-    return lines
+def _width(text: str) -> int:
+    """Width of a text as it is written, pixels."""
+    (width, _), _ = cv2.getTextSize(text, _FONT, _LETTERS, 1)
+    return int(width)
 
 
-def _write(picture: np.ndarray, lines: list[str]) -> None:
-    size = 0.4
-    for row, line in enumerate(lines):
-        where = (4, 14 + 15 * row)
-        text = line.encode("ascii", "replace").decode()
-        for colour, width in ((_BLACK, 3), (_WHITE, 1)):
-            cv2.putText(
-                picture, text, where, cv2.FONT_HERSHEY_SIMPLEX, size, colour, width, cv2.LINE_AA
-            )
+def _wrapped(text: str, width: int) -> list[str]:
+    """Lines of a text, in letters that can be drawn, no wider than this many pixels."""
+    printable = text.encode("ascii", "replace").decode()
+    letters = max(int(len(printable) * width / max(_width(printable), 1)), 8)
+    while letters > 8 and any(_width(line) > width for line in textwrap.wrap(printable, letters)):
+        letters -= 1
+    return textwrap.wrap(printable, letters) or [""]
+
+
+def _in_colour(gray: np.ndarray, scale: float) -> np.ndarray:
+    if scale != 1.0:
+        how = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
+        gray = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=how)
+    if gray.dtype != np.uint8:
+        gray = cv2.convertScaleAbs(gray, alpha=255.0 / max(int(gray.max()), 1))
+    return cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR)
+
+
+def _darken(
+    picture: np.ndarray, corner: np.ndarray | tuple[int, int], end: np.ndarray | tuple[int, int],
+    share: float,
+) -> None:  # fmt: skip
+    (left, top), (right, low) = (int(v) for v in corner), (int(v) for v in end)
+    part = picture[top:low, left:right]
+    part[:] = (part * share).astype(np.uint8)
+
+
+def _runs(mask: np.ndarray) -> list[slice]:
+    """Stretches of a mask (N,) that are true; each but the last takes a point of the next too."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [slice(start, end + 1) for start, end in edges.reshape(-1, 2)]
+
+
+def _dashes(px: np.ndarray, dash: float = 9.0) -> list[np.ndarray]:
+    """Every other stretch of a polyline (N, 2), each of a length of `dash` pixels."""
+    if len(px) < 2:
+        return []
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(px, axis=0), axis=1))])
+    starts = np.arange(0.0, along[-1], 2 * dash)
+    places = [np.linspace(start, min(start + dash, along[-1]), 4) for start in starts]
+    return [np.column_stack([np.interp(p, along, column) for column in px.T]) for p in places]

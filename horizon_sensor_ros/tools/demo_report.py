@@ -42,8 +42,9 @@ _PAGE = """<!doctype html>
 <p>Line: error against the simulation's truth. Band: three sigma of the covariance in the message.
 Ticks below: moments without an answer.</p>
 <h2>What the cameras saw</h2>
-<p>The topic <code>attitude_node/debug_image</code>. Orange: points found on the horizon. Blue: the
-horizon of the published fix. Yellow: nadir, or the way there.</p>
+<p>The topic <code>attitude_node/debug_image</code>. Yellow: points on the
+horizon; crosses: points thrown away. Blue: the horizon of the published fix, dashed where it is
+only predicted. White: the way to nadir; in the corner its one-sigma ellipse.</p>
 {frames}
 <h2>Errors of the target's pose</h2>
 <p>A satellite of unknown shape tumbles in front of a range camera (204 x 204 pixels, 5 mm of

@@ -182,7 +182,7 @@ def test_with_one_camera_blind_the_other_gives_the_fix_and_the_stamp(blind: str)
     assert result.fix.cameras_used == (seeing,)
     assert result.stamp == START_NS + CAMERAS.index(seeing)
     picture = draw_fix(result.frames, result.fix)
-    assert picture.shape == (HEIGHT, 2 * WIDTH, 3)
+    assert picture.shape == (480, 2 * 640, 3)
 
 
 def test_repeated_and_looped_stamps() -> None:

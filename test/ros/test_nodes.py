@@ -444,7 +444,7 @@ def test_debug_image_only_for_who_asks(
     picture = pictures()[0]
     # The first pair's is drawn after its estimate is published, so it may be heard as well.
     assert picture.header.stamp.sec * 10**9 + picture.header.stamp.nanosec >= START_NS
-    assert (picture.encoding, picture.height, picture.width) == ("bgr8", HEIGHT, 2 * WIDTH)
-    colours = np.frombuffer(picture.data, np.uint8).reshape(HEIGHT, 2 * WIDTH, 3)
+    assert (picture.encoding, picture.height, picture.width) == ("bgr8", 480, 2 * 640)
+    colours = np.frombuffer(picture.data, np.uint8).reshape(480, 2 * 640, 3)
     assert np.any(np.ptp(colours.astype(int), axis=2) > 100)
     craft.node.destroy_subscription(subscription)
