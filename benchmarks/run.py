@@ -25,6 +25,7 @@ PARTS = {
     "paper_c": "paper_c",
     "horizon_scenes": "horizon_scenes",
     "horizon_hard": "horizon_hard",
+    "horizon_figure": "horizon_figure",
     "horizon_timing": "horizon_timing",
     "self_calibration": "self_calibration",
     "target": "target_bench",

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from horizon_sensor_ros.core.figure import VERTICALS
 from horizon_sensor_ros.core.fits import METHODS
 from horizon_sensor_ros.core.planet import Planet
 
@@ -17,8 +18,9 @@ class HorizonConfig:
     """What the sensor is told once. Raises ValueError for what makes no sense.
 
     method : one of `METHODS`. limb : `subpixel`, or `canny` (whole pixels, as the four papers).
-    planet : the body; for an ellipsoid its mean sphere is fitted, and what that leaves out is in
-    the covariance.
+    planet : the body; an ellipsoid is fitted where a coarse pose is known, else its mean sphere,
+    and what that leaves out is in the covariance. vertical : the one that is published, one of
+    `VERTICALS`.
     altitude_min_m, altitude_max_m : a disc outside these is no horizon of ours.
     max_nadir_sigma_rad : an estimate less certain than this is withheld.
     max_residual_px : a limb that scatters more than this about the fit, per 640 pixels of image
@@ -33,6 +35,7 @@ class HorizonConfig:
     method: str = "ml"
     limb: str = "subpixel"
     planet: Planet = field(default_factory=Planet)
+    vertical: str = "geocentric"
     altitude_min_m: float = 10e3
     altitude_max_m: float = 100e6
     max_nadir_sigma_rad: float = float(np.radians(0.5))
@@ -48,6 +51,9 @@ class HorizonConfig:
             raise ValueError(f"method must be one of {', '.join(METHODS)}, got {self.method!r}")
         if self.limb not in LIMB_SOURCES:
             raise ValueError(f"limb must be one of {', '.join(LIMB_SOURCES)}, got {self.limb!r}")
+        if self.vertical not in VERTICALS:
+            known = ", ".join(VERTICALS)
+            raise ValueError(f"vertical must be one of {known}, got {self.vertical!r}")
         if not 0.0 < self.altitude_min_m < self.altitude_max_m < np.inf:
             raise ValueError(
                 "altitude_min_m must be positive and below altitude_max_m, got "

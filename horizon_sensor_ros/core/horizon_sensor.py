@@ -11,16 +11,16 @@ import numpy as np
 
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
 from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.figure import Figure, MeanSphere, StretchedEllipsoid, mean_sphere
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.assessment import inliers, root_mean_square
-from horizon_sensor_ros.core.fits.limb_rays import gather
+from horizon_sensor_ros.core.fits.known_altitude import with_altitude
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.judgement import disagreement_rad, doubt, full_scale, refusal
 from horizon_sensor_ros.core.limb.detector import Detection, canny_limbs, detect_limb
 from horizon_sensor_ros.core.limb.evidence import sky_evidence
 from horizon_sensor_ros.core.limb.points import LimbPoints
-from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.shared_error import with_shared_error
 from horizon_sensor_ros.core.status import Status
 
@@ -57,11 +57,10 @@ class HorizonFix:
 
         Outliers are left out. NaN without a fix or without points.
         """
-        rays = gather([LimbObservation(view, limb)])
-        if not self.ok or len(rays) == 0:
+        if not self.ok or self.fit.disc is None:
             return np.nan
-        residual = rays.residuals_px(self.fit.nadir_base, self.fit.rho_rad)
-        return root_mean_square(residual[inliers(residual)])
+        residual = self.fit.disc.residuals_px(view, limb)
+        return root_mean_square(residual[inliers(residual)]) if len(residual) else np.nan
 
 
 class HorizonSensor:
@@ -70,12 +69,7 @@ class HorizonSensor:
     def __init__(self, config: HorizonConfig | None = None) -> None:
         self.config = HorizonConfig() if config is None else config
         planet = self.config.planet
-        # Without a position an ellipsoid can only be fitted by its mean sphere.
-        self._sphere = (
-            planet
-            if planet.flattening == 0.0
-            else Planet(planet.mean_radius_m, planet.limb_height_m)
-        )
+        self._sphere = mean_sphere(planet)
         self._rho_min = self._sphere.rho_from_altitude(self.config.altitude_max_m)
         # Nothing is seen from below the limb.
         lowest_m = max(self.config.altitude_min_m, planet.limb_height_m)
@@ -98,19 +92,25 @@ class HorizonSensor:
             rest = [i for i, limb in enumerate(limbs) if limb is None]
             if not rest:
                 return _no_fix(frames, limbs)
-            fix, doubtful = self._attempt([frames[i] for i in rest])
+            fix, doubtful = self._attempt([frames[i] for i in rest], aiding)
             if not doubtful:
                 for i, limb in zip(rest, fix.limbs, strict=True):
                     limbs[i] = limb
                 fix = HorizonFix(
                     fix.status, fix.reason, fix.fit, tuple(_filled(limbs)), fix.cameras_used
                 )
-                return self._contradicted(frames, fix) or self._single(frames, fix) or fix
+                return (
+                    self._contradicted(frames, fix, aiding)
+                    or self._single(frames, fix, aiding)
+                    or fix
+                )
             # What a camera says against itself may have misled the others: once more without it.
             for i, limb in doubtful.items():
                 limbs[rest[i]] = limb
 
-    def _contradicted(self, frames: Sequence[Frame], fix: HorizonFix) -> HorizonFix | None:
+    def _contradicted(
+        self, frames: Sequence[Frame], fix: HorizonFix, aiding: Aiding
+    ) -> HorizonFix | None:
         """Refusal of one camera's fix where another camera, looked at alone, has a fix elsewhere.
 
         Where the extrinsics are wrong two good limbs lie on no common cone; the consensus keeps
@@ -121,7 +121,7 @@ class HorizonSensor:
         for frame, limb in zip(frames, fix.limbs, strict=True):
             if limb.status in (Status.OK, Status.BAD_IMAGE):
                 continue
-            alone, doubtful = self._attempt([frame])
+            alone, doubtful = self._attempt([frame], aiding)
             if not alone.ok or doubtful:
                 continue
             apart = disagreement_rad(alone.fit, fix.fit)
@@ -136,7 +136,9 @@ class HorizonSensor:
                 return HorizonFix(none.status, reason, none, fix.limbs, ())
         return None
 
-    def _single(self, frames: Sequence[Frame], fix: HorizonFix) -> HorizonFix | None:
+    def _single(
+        self, frames: Sequence[Frame], fix: HorizonFix, aiding: Aiding
+    ) -> HorizonFix | None:
         """Fix of the one camera that has one by itself, where all together have none.
 
         A flooded frame may spoil the common fit. The others must be blind by themselves: if a limb
@@ -148,7 +150,7 @@ class HorizonSensor:
         for i, frame in enumerate(frames):
             if fix.limbs[i].status is Status.BAD_IMAGE:
                 continue
-            alone, doubtful = self._attempt([frame])
+            alone, doubtful = self._attempt([frame], aiding)
             if alone.ok and not doubtful:
                 found.append((i, alone))
             elif not doubtful and alone.status is not Status.NO_LIMB:
@@ -160,9 +162,18 @@ class HorizonSensor:
         limbs[i] = alone.limbs[0]
         return HorizonFix(Status.OK, "", alone.fit, tuple(limbs), alone.cameras_used)
 
-    def _attempt(self, frames: Sequence[Frame]) -> tuple[HorizonFix, dict[int, LimbPoints]]:
+    def _figure(self, aiding: Aiding) -> Figure:
+        planet, vertical = self.config.planet, self.config.vertical
+        if planet.flattening == 0.0 or aiding.coarse_pose is None:
+            return MeanSphere(planet, vertical)
+        return StretchedEllipsoid(planet, vertical, aiding.coarse_pose)
+
+    def _attempt(
+        self, frames: Sequence[Frame], aiding: Aiding
+    ) -> tuple[HorizonFix, dict[int, LimbPoints]]:
         """One detection and fit; with the frames whose own evidence speaks against it, and why."""
-        views = [frame.view for frame in frames]
+        figure = self._figure(aiding)
+        views = [figure.view(frame.view) for frame in frames]
         images = [frame.gray for frame in frames]
         detection = detect_limb(
             views, images, self._sphere, rho_min_rad=self._rho_min, rho_max_rad=self._rho_max
@@ -170,6 +181,9 @@ class HorizonSensor:
         limbs = detection.limbs
         if self.config.limb == "canny" and np.isfinite(detection.rho_rad):
             limbs = canny_limbs(views, images, detection.nadir_base, detection.rho_rad)
+        if np.isfinite(detection.rho_rad):
+            figure = figure.aligned(detection.nadir_base)
+            views = [figure.view(frame.view) for frame in frames]
         observations = [LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)]
         if not any(limb.status is Status.OK for limb in limbs):
             fit = HorizonFit.none(limbs[0].status, limbs[0].reason, self.config.method)
@@ -177,19 +191,22 @@ class HorizonSensor:
         fit = fit_horizon(observations, self._sphere, self.config.method)
         if not fit.ok:
             return HorizonFix(fit.status, fit.reason, fit, limbs, ()), {}
-        doubtful = self._doubts(frames, detection, limbs, fit)
+        doubtful = self._doubts(frames, views, detection, limbs, fit)
         if doubtful:
             return HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), doubtful
-        fit = with_shared_error(fit, observations, self._sphere, self.config.planet)
+        fit = with_shared_error(fit, observations, figure)
+        if aiding.altitude is not None:
+            fit = with_altitude(fit, figure.altitude(aiding.altitude), self._sphere)
         refused = refusal(fit, observations, self.config)
         if refused is not None:
             none = HorizonFit.none(*refused, self.config.method, fit.num_points)
             return HorizonFix(*refused, none, limbs, ()), {}
-        return HorizonFix(Status.OK, "", fit, limbs, fit.cameras), {}
+        return HorizonFix(Status.OK, "", figure.estimate(fit), limbs, fit.cameras), {}
 
     def _doubts(
         self,
         frames: Sequence[Frame],
+        views: Sequence[CameraView],
         detection: Detection,
         limbs: Sequence[LimbPoints],
         fit: HorizonFit,
@@ -198,7 +215,7 @@ class HorizonSensor:
         limb.
         """
         doubts = {}
-        for i, (frame, limb) in enumerate(zip(frames, limbs, strict=True)):
+        for i, (frame, view, limb) in enumerate(zip(frames, views, limbs, strict=True)):
             if limb.status is not Status.OK:
                 continue
             candidates = detection.candidates[i]
@@ -207,7 +224,7 @@ class HorizonSensor:
                 int(candidates.pitch_px),
                 candidates.space_level,
                 candidates.noise,
-                frame.view,
+                view,
                 fit.nadir_base,
                 fit.rho_rad,
             )

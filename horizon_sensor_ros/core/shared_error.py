@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.figure import Figure
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
@@ -15,25 +16,18 @@ from horizon_sensor_ros.core.planet import Planet
 
 _STRETCHES = 6
 _CAMERA_SHIFT = 1.5  # error of a camera's whole limb, over that of its stretches
-# The sphere that stands in for an ellipsoid whose orientation is not known: worst latitude and
-# heading, short arcs in low orbit, one sigma (0.24 deg at most).
-_ELLIPSOID_SIGMA_RAD = np.radians(0.1)
-_ELLIPSOID_ALTITUDE_SIGMA_M = 10.7e3  # half of the polar flattening
 
 
 def with_shared_error(
-    fit: HorizonFit, observations: Sequence[LimbObservation], sphere: Planet, planet: Planet
+    fit: HorizonFit, observations: Sequence[LimbObservation], figure: Figure
 ) -> HorizonFit:
     """Return the fit with the errors that points share added to its covariance.
 
     Those are what stretches of the limb have in common (`LimbPoints.coherent_px`), and what the
-    mean `sphere` that was fitted leaves out of a flattened `planet`.
+    figure that was fitted leaves out of the planet's.
     """
-    cov = fit.cov_nadir_altitude + _coherent_covariance(fit, observations, sphere)
-    if planet.flattening > 0.0:
-        across = np.eye(3) - np.outer(fit.nadir_base, fit.nadir_base)
-        cov[:3, :3] += _ELLIPSOID_SIGMA_RAD**2 * across
-        cov[3, 3] += _ELLIPSOID_ALTITUDE_SIGMA_M**2
+    cov = fit.cov_nadir_altitude + _coherent_covariance(fit, observations, figure.sphere)
+    cov += figure.covariance(fit, observations)
     return replace(fit, cov_nadir_altitude=cov)
 
 

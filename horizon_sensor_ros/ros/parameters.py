@@ -18,6 +18,7 @@ import yaml
 
 from horizon_sensor_ros.core.aiding import CoarsePose
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
+from horizon_sensor_ros.core.figure import VERTICALS
 from horizon_sensor_ros.core.fits import METHODS
 from horizon_sensor_ros.core.horizon_config import LIMB_SOURCES, HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
@@ -148,7 +149,7 @@ HORIZON_PARAMETERS = (
         "geocentric",
         "Which vertical is published: towards the planet's centre, or normal to the ellipsoid "
         "(needs a coarse pose; on a sphere the two are one).",
-        choices=("geocentric", "geodetic"),
+        choices=VERTICALS,
     ),
     Parameter(
         "coarse_pose_max_age",
@@ -519,6 +520,7 @@ def mask_parameter(camera: str) -> Parameter:
 _SENSOR_FIELDS = {
     "method": "method",
     "limb": "limb",
+    "vertical": "vertical",
     "altitude_min": "altitude_min_m",
     "altitude_max": "altitude_max_m",
     "max_nadir_sigma": "max_nadir_sigma_rad",

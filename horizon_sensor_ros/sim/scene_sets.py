@@ -9,18 +9,20 @@ is.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.poses import camera_from_fov, random_direction, rot_from_axis
 
 FloatArray = NDArray[np.float64]
 
+_SPHERE = EarthScene().planet
 _ALTITUDES_M = (300e3, 6000e3)
 _FIELDS_RAD = (np.radians(40.0), np.radians(80.0))
 _SIZES_PX = (400, 1024)
@@ -56,8 +58,11 @@ def set_c(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
     )
 
 
-def two_camera_set(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
-    """Draw n pairs as in set B, axes perpendicular; the base frame is camera 1's optical one."""
+def two_camera_set(n: int = 200, seed: int = 0, planet: Planet = _SPHERE) -> Iterator[SceneCase]:
+    """Draw n pairs as in set B, axes perpendicular; the base frame is camera 1's optical one.
+
+    planet : any figure; the craft is anywhere above it.
+    """
     for i in range(n):
         rng = np.random.default_rng([seed, i, 2])
         distance = _distance(rng)
@@ -72,10 +77,8 @@ def two_camera_set(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
             CameraView("camera_1", camera, np.eye(3)),
             CameraView("camera_2", camera, rot_1.T @ rot_2),
         )
-        imaging = Imaging(noise_dn=4.0)
-        frames = render_views(
-            views, rot_1, -nadir * distance, _clouds(seed, i), rng, imaging=imaging
-        )
+        imaging, scene = Imaging(noise_dn=4.0), replace(_clouds(seed, i), planet=planet)
+        frames = render_views(views, rot_1, -nadir * distance, scene, rng, imaging=imaging)
         yield SceneCase(f"two{i}", views, frames)
 
 

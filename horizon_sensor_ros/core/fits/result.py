@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.status import Status
+
+if TYPE_CHECKING:
+    from horizon_sensor_ros.core.figure import Disc
 
 
 @dataclass(frozen=True)
@@ -23,13 +27,15 @@ class LimbObservation:
 class HorizonFit:
     """Nadir, disc radius and altitude from limb points of one or more cameras.
 
-    nadir_base : (3,) unit vector towards the planet's centre, base frame.
-    rho_rad : angular radius of the planet's disc. altitude_m : above the planet's surface.
+    nadir_base : (3,) unit vector along the vertical, towards the planet, base frame.
+    rho_rad : angular radius of the planet's disc, of an ellipsoid's that of the sphere which stands
+    for it. altitude_m : above the planet's surface.
     cov_nadir_altitude : (4, 4) covariance of (nadir_base, altitude_m); the nadir block has rank 2
     (rad^2).
     rms_residual_px : of the inliers, across the limb. cameras : names of the cameras used.
     history : per-iteration states of the iterative methods, rows (nadir_base, rho_rad); empty for
-    closed forms. When status is not OK every estimate is NaN and `reason` says why.
+    closed forms. disc : of a whole chain's fit, the disc as it was fitted: an ellipsoid's limb is
+    no cone about nadir. When status is not OK every estimate is NaN and `reason` says why.
     """
 
     status: Status
@@ -44,6 +50,7 @@ class HorizonFit:
     num_inliers: int = 0
     cameras: tuple[str, ...] = ()
     history: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
+    disc: Disc | None = None
 
     @property
     def ok(self) -> bool:

@@ -1,0 +1,221 @@
+"""The planet's figure as the chain fits it: always a sphere.
+
+Stretched along its axis by the ratio of its semi-axes, an ellipsoid of revolution becomes a sphere,
+straight lines stay straight, and rays that graze the one graze the other. So with the axis known
+in the base frame (a coarse pose) the cameras' rays are stretched, the limb is found and fitted as a
+sphere's, exactly, and the result is brought back. Without it the mean sphere is fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from horizon_sensor_ros.core.aiding import AltitudeMeasurement, CoarsePose
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.figure_error import (
+    ANY_POLE,
+    figure_covariance,
+    figure_influence,
+    pole_covariance,
+)
+from horizon_sensor_ros.core.fits.limb_rays import gather
+from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.stretched_camera import stretched_view
+
+VERTICALS = ("geocentric", "geodetic")
+# A coarse attitude farther off the measured vertical than this many of its sigmas is none.
+_CONTRADICTION_SIGMAS = 5.0
+
+
+class Figure(Protocol):
+    """What stands for the planet while a set of frames is processed.
+
+    sphere : the body that is fitted, `mean_sphere` of the planet.
+    """
+
+    @property
+    def sphere(self) -> Planet:
+        """The sphere that is fitted."""
+
+    def view(self, view: CameraView) -> CameraView:
+        """Return a camera as it sees that sphere."""
+
+    def aligned(self, nadir_base: np.ndarray) -> Figure:
+        """Return the figure with its axis where a first fit's nadir, of that sphere, puts it."""
+
+    def covariance(self, fit: HorizonFit, observations: Sequence[LimbObservation]) -> np.ndarray:
+        """(4, 4) of (nadir, altitude): error of a fit that the figure's own error makes."""
+
+    def altitude(self, known: AltitudeMeasurement) -> AltitudeMeasurement:
+        """Return an altitude above the planet's surface as one above that sphere."""
+
+    def estimate(self, fit: HorizonFit) -> HorizonFit:
+        """Return a fit of that sphere as nadir and altitude of the planet."""
+
+
+def mean_sphere(planet: Planet) -> Planet:
+    """Sphere of the planet's mean radius, the planet itself if it is one."""
+    if planet.flattening == 0.0:
+        return planet
+    return Planet(planet.mean_radius_m, planet.limb_height_m)
+
+
+@dataclass(frozen=True, eq=False)
+class Disc:
+    """The planet's disc as it was fitted: a cone ``u . nadir = cos rho`` of a figure's rays."""
+
+    figure: Figure
+    nadir: np.ndarray
+    rho_rad: float
+
+    def residuals_px(self, view: CameraView, limb: LimbPoints) -> np.ndarray:
+        """Distance of one camera's usable limb points from the disc's edge, along their normals."""
+        rays = gather([LimbObservation(self.figure.view(view), limb)])
+        return rays.residuals_px(self.nadir, self.rho_rad)
+
+
+class MeanSphere:
+    """A sphere, or an ellipsoid of which nobody knows how its axis lies.
+
+    vertical : the one whose error the covariance is of, geocentric or geodetic.
+    """
+
+    def __init__(self, planet: Planet, vertical: str) -> None:
+        self._planet = planet
+        self._vertical = vertical
+        self.sphere = mean_sphere(planet)
+
+    def view(self, view: CameraView) -> CameraView:
+        """Return the camera as it is."""
+        return view
+
+    def aligned(self, nadir_base: np.ndarray) -> Figure:
+        """Return itself: a sphere lies any way."""
+        del nadir_base
+        return self
+
+    def covariance(self, fit: HorizonFit, observations: Sequence[LimbObservation]) -> np.ndarray:
+        """Error of taking the ellipsoid for a sphere, over all ways in which it may lie."""
+        if self._planet.flattening == 0.0:
+            return np.zeros((4, 4))
+        influence = figure_influence(fit, observations, self._planet, self._vertical)
+        return figure_covariance(fit, influence, ANY_POLE)
+
+    def altitude(self, known: AltitudeMeasurement) -> AltitudeMeasurement:
+        """Return the altitude as it is."""
+        return known
+
+    def estimate(self, fit: HorizonFit) -> HorizonFit:
+        """Return the fit with its disc."""
+        return replace(fit, disc=Disc(self, fit.nadir_base, fit.rho_rad))
+
+
+class StretchedEllipsoid:
+    """An ellipsoid whose axis a coarse pose gives, stretched to a sphere of its mean limb.
+
+    pole_base : (3,) unit vector along the axis; by default as the pose has it.
+    """
+
+    def __init__(
+        self,
+        planet: Planet,
+        vertical: str,
+        pose: CoarsePose,
+        pole_base: np.ndarray | None = None,
+    ) -> None:
+        self._planet = planet
+        self._vertical = vertical
+        self._pose = pose
+        self._pole = pose.rot_ecef_from_base[2] if pole_base is None else pole_base
+        self.sphere = mean_sphere(planet)
+        equator = planet.radius_m + planet.limb_height_m
+        self._ratio = equator / (planet.polar_radius_m + planet.limb_height_m)
+        # So that the limb gets the mean sphere's radius.
+        self._scale = self.sphere.limb_radius_m / equator
+        self._views: dict[int, tuple[CameraView, CameraView]] = {}
+
+    def view(self, view: CameraView) -> CameraView:
+        """Return the camera with its rays stretched along the planet's axis."""
+        # Asked for a few times a set.
+        kept = self._views.get(id(view))
+        if kept is None or kept[0] is not view:
+            kept = self._views[id(view)] = (view, stretched_view(view, self._pole, self._ratio))
+        return kept[1]
+
+    def aligned(self, nadir_base: np.ndarray) -> Figure:
+        """Return the figure turned, by the shortest way, to the vertical that was measured.
+
+        What is left of the coarse attitude is the heading. Where it contradicts the vertical it is
+        not believed, and the mean sphere is returned.
+        """
+        up = self._unstretched(-nadir_base)
+        up /= np.linalg.norm(up)
+        coarse_up = self._pose.position_ecef_m @ self._pose.rot_ecef_from_base
+        coarse_up = coarse_up / np.linalg.norm(coarse_up)
+        axis, cosine = np.cross(coarse_up, up), float(coarse_up @ up)
+        off = np.arctan2(np.linalg.norm(axis), cosine)
+        if off > min(_CONTRADICTION_SIGMAS * self._pose.rotation_sigma_rad + 1e-3, 0.9 * np.pi):
+            return MeanSphere(self._planet, self._vertical)
+        pole = self._pose.rot_ecef_from_base[2]
+        pole = cosine * pole + np.cross(axis, pole) + axis * (axis @ pole) / (1.0 + cosine)
+        return StretchedEllipsoid(self._planet, self._vertical, self._pose, pole)
+
+    def covariance(self, fit: HorizonFit, observations: Sequence[LimbObservation]) -> np.ndarray:
+        """Error that the pose's leaves: its position's in latitude, its attitude's in heading."""
+        influence = figure_influence(fit, observations, self._planet, self._vertical)
+        distance = float(np.linalg.norm(self._pose.position_ecef_m))
+        of_pole = pole_covariance(
+            fit.nadir_base,
+            self._pole,
+            self._pose.position_sigma_m / distance,
+            self._pose.rotation_sigma_rad,
+        )
+        return figure_covariance(fit, influence, of_pole)
+
+    def altitude(self, known: AltitudeMeasurement) -> AltitudeMeasurement:
+        """Return the altitude of the stretched position, at the pose's latitude."""
+        latitude, _, _ = self._planet.geodetic_from_ecef(self._pose.position_ecef_m)
+        position = self._planet.ecef_from_geodetic(latitude, 0.0, known.altitude_m)
+        stretched = self._scale * position * (1.0, 1.0, self._ratio)
+        altitude = float(np.linalg.norm(stretched)) - self.sphere.mean_radius_m
+        return AltitudeMeasurement(altitude, known.sigma_m)
+
+    def estimate(self, fit: HorizonFit) -> HorizonFit:
+        """Return the position brought back, its vertical, and its height above the ellipsoid."""
+        distance = self.sphere.mean_radius_m + fit.altitude_m
+        position = self._unstretched(-fit.nadir_base * distance) / self._scale
+        along = float(position @ self._pole)
+        across = position - along * self._pole
+        latitude, _, height = self._planet.geodetic_from_ecef(
+            np.array([np.linalg.norm(across), 0.0, along])
+        )
+        nadir = -position / np.linalg.norm(position)
+        if self._vertical == "geodetic" and np.any(across):
+            east_free = across / np.linalg.norm(across)
+            nadir = -(np.cos(latitude) * east_free + np.sin(latitude) * self._pole)
+        # The covariance turns along; what stretching does to its size is a few parts in a thousand.
+        turn = np.eye(4)
+        turn[:3, :3] = _shortest_rotation(fit.nadir_base, nadir)
+        return replace(
+            fit,
+            nadir_base=nadir,
+            altitude_m=height,
+            cov_nadir_altitude=turn @ fit.cov_nadir_altitude @ turn.T,
+            disc=Disc(self, fit.nadir_base, fit.rho_rad),
+        )
+
+    def _unstretched(self, vector: np.ndarray) -> np.ndarray:
+        return vector + (1.0 / self._ratio - 1.0) * (vector @ self._pole) * self._pole
+
+
+def _shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Rotation (3, 3) of a unit vector to another one that is not its opposite."""
+    x, y, z = np.cross(start, end)
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + k + k @ k / (1.0 + float(start @ end))

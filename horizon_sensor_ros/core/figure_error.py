@@ -1,0 +1,112 @@
+"""What an error of the planet's figure does to a fit of its limb, for any arcs of it.
+
+To first order in the flattening the ellipsoid enters through the symmetric matrix ``K = k k^T`` of
+its axis k alone: rays are stretched by ``1 + eps K``. So whatever is wrong about the axis moves
+nadir and altitude by a linear map of K's error, and its covariance follows from K's.
+Derived here. Symmetric matrices are six numbers, (11, 22, 33, 12, 13, 23), in the axes (two
+tangents at nadir, nadir).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.fits.limb_rays import gather
+from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.target.rigid import rotation_from_vector
+
+_POINTS = 100  # of a camera's limb, at most; the influence needs no more
+_OUTLIER_PX = 5.0
+
+# Covariance of K over all directions of k, about its mean, the unit matrix over three: fourth
+# moments of a unit vector are (d_ij d_kl + d_ik d_jl + d_il d_jk) / 15.
+ANY_POLE = np.diag([4 / 45] * 3 + [1 / 15] * 3)
+ANY_POLE[:3, :3] -= np.full((3, 3), 2 / 45) - np.diag([2 / 45] * 3)
+
+
+def figure_influence(
+    fit: HorizonFit, observations: Sequence[LimbObservation], planet: Planet, vertical: str
+) -> np.ndarray:
+    """(3, 6): how nadir's two tangent components, rad, and the altitude, m, answer to K.
+
+    fit : of the sphere that stands for the planet, to these observations' limbs, weighted as the
+    maximum-likelihood fit does. vertical : the published one, geocentric or geodetic.
+    """
+    rays = gather([_thinned(o) for o in observations if o.view.name in fit.cameras])
+    axes = np.column_stack((tangent_basis(fit.nadir_base), fit.nadir_base))
+    theta, growth = rays.angles(fit.nadir_base)
+    near = np.abs(theta - fit.rho_rad) < _OUTLIER_PX * growth
+    weight = np.where(near, 1.0 / (growth * rays.sigma_px) ** 2, 0.0)
+    u1, u2, u3 = (rays.rays_base @ axes).T
+    sine = np.sqrt(np.maximum(1.0 - u3 * u3, 1e-300))
+    design = np.column_stack((-u1 / sine, -u2 / sine, np.full_like(u1, -1.0)))
+    # Angle from nadir gained by stretching: -(n^T K u - cos theta u^T K u) / sin theta.
+    twice = 1.0 - 2.0 * u3 * u3
+    gained = np.array(
+        [
+            u3 * u1 * u1,
+            u3 * u2 * u2,
+            -u3 * sine * sine,
+            2.0 * u3 * u1 * u2,
+            -u1 * twice,
+            -u2 * twice,
+        ]
+    ).T
+    gained /= sine[:, None]
+    weighted = design * weight[:, None]
+    # A ray that seems farther out by `gained` moves nadir and rho by as much as fits it again.
+    moved = -np.linalg.pinv(weighted.T @ design, hermitian=True) @ (weighted.T @ gained)
+    # Bringing the position back, and from it to the vertical.
+    distance = planet.mean_radius_m + fit.altitude_m
+    tilt = 2.0 * planet.mean_radius_m / distance - 1.0 if vertical == "geodetic" else -1.0
+    moved[2] *= planet.altitude_slope(fit.rho_rad)
+    moved[0, 4] += tilt
+    moved[1, 5] += tilt
+    moved[2, 2] -= fit.altitude_m
+    equator = planet.radius_m + planet.limb_height_m
+    return (equator / (planet.polar_radius_m + planet.limb_height_m) - 1.0) * moved
+
+
+def _thinned(observation: LimbObservation) -> LimbObservation:
+    """Every so many-th point; each stands for as many others."""
+    limb = observation.limb
+    step = 1 + (len(limb.px) - 1) // _POINTS
+    part = LimbPoints(
+        limb.status,
+        limb.reason,
+        limb.px[::step],
+        limb.normal_px[::step],
+        limb.sigma_px[::step] / np.sqrt(step),
+    )
+    return LimbObservation(observation.view, part)
+
+
+def pole_covariance(
+    nadir_base: np.ndarray, pole_base: np.ndarray, position_rad: float, heading_rad: float
+) -> np.ndarray:
+    """(6, 6) of K from one sigma of the position, as an angle each way, and of the heading."""
+    axes = np.column_stack((tangent_basis(nadir_base), nadir_base))
+    k = pole_base @ axes
+    # Points at +-sqrt(3) sigma with a sixth of the weight each have the Gaussian's moments up to
+    # the fifth; a heading is rarely so good that its square does not matter.
+    angle = np.sqrt(3.0) * np.array([position_rad, position_rad, heading_rad])
+    angle = np.minimum(angle, np.pi / 2)
+    turns = np.concatenate((np.diag(angle), -np.diag(angle)))
+    turned = rotation_from_vector(turns) @ k
+    i, j = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
+    rows = (turned[:, i] * turned[:, j] - k[i] * k[j]) / np.sqrt(6.0)
+    return rows.T @ rows
+
+
+def figure_covariance(fit: HorizonFit, influence: np.ndarray, of_pole: np.ndarray) -> np.ndarray:
+    """(4, 4) of (nadir_base, altitude_m) from the influence (3, 6) and K's covariance (6, 6)."""
+    to_fit = np.zeros((4, 3))
+    to_fit[:3, :2] = tangent_basis(fit.nadir_base)
+    to_fit[3, 2] = 1.0
+    out = to_fit @ influence
+    return out @ of_pole @ out.T

@@ -1,0 +1,59 @@
+"""A camera whose rays are stretched along an axis: to it an ellipsoid is a sphere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+
+from horizon_sensor_ros.core.camera import Camera, CameraView
+
+
+@dataclass(frozen=True, eq=False)
+class StretchedCamera(Camera):
+    """The same pixels, other rays: ``stretch @ u`` where the original has u, made unit vectors.
+
+    stretch : (3, 3), symmetric, and its inverse, in the optical frame.
+    """
+
+    original: Camera = field(kw_only=True)
+    stretch: np.ndarray = field(kw_only=True)
+    inverse: np.ndarray = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Nothing to check: the original is a camera."""
+
+    def rays(self, px: np.ndarray) -> np.ndarray:
+        """Stretched unit rays (N, 3); see `Camera.rays`."""
+        return _unit(self.original.rays(px) @ self.stretch)
+
+    def pixels(self, rays: np.ndarray) -> np.ndarray:
+        """Raw pixels (N, 2) of stretched rays; see `Camera.pixels`."""
+        return self.original.pixels(np.asarray(rays, dtype=float) @ self.inverse)
+
+    def project(self, rays_unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels and their derivative by the stretched rays; see `Camera.project`."""
+        rays = np.asarray(rays_unit, dtype=float) @ self.inverse
+        length = np.sqrt(np.einsum("ij,ij->i", rays, rays))
+        px, jacobian = self.original.project(rays / length[:, None])
+        jacobian = (jacobian.reshape(-1, 3) @ self.inverse).reshape(-1, 2, 3)
+        jacobian /= length[:, None, None]
+        return px, jacobian
+
+
+def stretched_view(view: CameraView, axis_base: np.ndarray, ratio: float) -> CameraView:
+    """Return a view whose rays are ``ratio`` times as long along an axis (3,), unit."""
+    axis = axis_base @ view.rot_base_from_cam
+    outer = np.outer(axis, axis)
+    values = {f.name: getattr(view.camera, f.name) for f in fields(Camera)}
+    camera = StretchedCamera(
+        **values,
+        original=view.camera,
+        stretch=np.eye(3) + (ratio - 1.0) * outer,
+        inverse=np.eye(3) + (1.0 / ratio - 1.0) * outer,
+    )
+    return replace(view, camera=camera)
+
+
+def _unit(rays: np.ndarray) -> np.ndarray:
+    return rays / np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]

@@ -1,0 +1,399 @@
+"""The ellipsoid's limb as a sphere's: against its numerical limb, closed forms, and many refits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from limb_frames import as_frames, shared_frames, shared_truths
+from limb_samples import BARREL, CAMERAS, FISHEYE, angle_between, view_at_limb
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement, CoarsePose
+from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.figure import VERTICALS, Figure, MeanSphere, StretchedEllipsoid
+from horizon_sensor_ros.core.figure_error import ANY_POLE, figure_influence, pole_covariance
+from horizon_sensor_ros.core.fits import METHODS, fit_horizon
+from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
+from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.stretched_camera import stretched_view
+from horizon_sensor_ros.sim.scene_sets import two_camera_set
+
+WGS84 = Planet.wgs84()
+FLAT = Planet(6.4e6, 2e4, 0.1)  # ten times as flat as any planet need be
+seeds = st.integers(0, 2**32 - 1)
+
+
+class Craft:
+    """Somewhere above an ellipsoid, any way up, with cameras at its limb."""
+
+    def __init__(
+        self,
+        seed: int,
+        planet: Planet = WGS84,
+        cameras: tuple[Camera, ...] = (BARREL, BARREL),
+        altitudes_m: tuple[float, float] = (300e3, 6000e3),
+    ) -> None:
+        rng = np.random.default_rng(seed)
+        self.planet = planet
+        self.height_m = float(np.exp(rng.uniform(*np.log(altitudes_m))))
+        self.latitude = float(np.arcsin(rng.uniform(-1, 1)))
+        self.position = planet.ecef_from_geodetic(
+            self.latitude, rng.uniform(-np.pi, np.pi), self.height_m
+        )
+        self.rot_ecef_from_base = Rotation.random(random_state=rng.integers(2**31)).as_matrix()
+        nadir = self.nadir("geocentric")
+        rho = Planet(planet.mean_radius_m).rho_from_altitude(self.height_m)
+        start = rng.uniform(0, 2 * np.pi)
+        self.views = [
+            view_at_limb(camera, nadir, rho, start + k * np.pi / 2, rng.uniform(0, 6), name=str(k))
+            for k, camera in enumerate(cameras)
+        ]
+
+    def nadir(self, vertical: str) -> np.ndarray:
+        return self.rot_ecef_from_base.T @ self.planet.nadir_ecef(self.position, vertical)
+
+    def pose(
+        self,
+        rng: np.random.Generator | None = None,
+        position_sigma_m: float = 50e3,
+        rotation_sigma_rad: float = float(np.radians(10.0)),
+    ) -> CoarsePose:
+        """Coarse pose: the true one, or with errors drawn as its sigmas say."""
+        position, rot = self.position, self.rot_ecef_from_base
+        if rng is not None:
+            position = position + rng.normal(0, position_sigma_m, 3)
+            rot = rot @ Rotation.from_rotvec(rng.normal(0, rotation_sigma_rad, 3)).as_matrix()
+        return CoarsePose(position, rot, position_sigma_m, rotation_sigma_rad)
+
+    def observations(self, sigma_px: float = 0.05, count: int = 1200) -> list[LimbObservation]:
+        """Limb points without noise, from the quadric's cone."""
+        azimuth = np.linspace(-np.pi, np.pi, count, endpoint=False)
+        higher = Planet(
+            self.planet.radius_m, self.planet.limb_height_m + 200.0, self.planet.flattening
+        )
+        found = []
+        for view in self.views:
+            rot = self.rot_ecef_from_base @ view.rot_base_from_cam
+            px, ahead = (
+                view.camera.pixels(self.planet.limb_rays_ecef(self.position, a) @ rot)
+                for a in (azimuth, azimuth + 1e-5)
+            )
+            outer = view.camera.pixels(higher.limb_rays_ecef(self.position, azimuth) @ rot)
+            normal = np.column_stack((px[:, 1] - ahead[:, 1], ahead[:, 0] - px[:, 0]))
+            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+            normal *= np.sign(np.sum(normal * (outer - px), axis=1))[:, None]
+            keep = np.isfinite(normal).all(axis=1) & view.camera.in_frame(px)
+            sigma = np.full(int(keep.sum()), sigma_px)
+            found.append(
+                LimbObservation(view, LimbPoints(Status.OK, "", px[keep], normal[keep], sigma))
+            )
+        return found
+
+
+def fitted(
+    figure: Figure, observations: list[LimbObservation], method: str = "ml"
+) -> tuple[HorizonFit, list[LimbObservation]]:
+    seen = [LimbObservation(figure.view(o.view), o.limb) for o in observations]
+    fit = fit_horizon(seen, figure.sphere, method)
+    assert fit.ok, fit.reason
+    return fit, seen
+
+
+def solved(
+    figure: Figure, observations: list[LimbObservation]
+) -> tuple[HorizonFit, np.ndarray, Figure]:
+    """What the chain makes of limb points: estimate, the figure's covariance, the figure."""
+    figure = figure.aligned(fitted(figure, observations)[0].nadir_base)
+    fit, seen = fitted(figure, observations)
+    return figure.estimate(fit), figure.covariance(fit, seen), figure
+
+
+# ------------------------------------------------------------------ the limb itself
+
+
+def numerical_limb(planet: Planet, position: np.ndarray, azimuth: float) -> np.ndarray:
+    """Ray at an azimuth about nadir that just grazes the limb's ellipsoid, by root finding."""
+    nadir = -position / np.linalg.norm(position)
+    basis = tangent_basis(nadir)
+    outward = basis @ [np.cos(azimuth), np.sin(azimuth)]
+    axes = np.array([planet.radius_m, planet.radius_m, planet.polar_radius_m])
+    axes = axes + planet.limb_height_m
+
+    def ray(angle: float) -> np.ndarray:
+        return np.cos(angle) * nadir + np.sin(angle) * outward
+
+    def miss(angle: float) -> float:
+        """How far the ray's nearest point lies outside, in semi-axes."""
+        start, step = position / axes, ray(angle) / axes
+        nearest = start - (start @ step) / (step @ step) * step
+        return float(np.linalg.norm(nearest)) - 1.0
+
+    return ray(brentq(miss, 1e-6, np.pi / 2, xtol=1e-14))
+
+
+@given(seeds, st.sampled_from([WGS84, FLAT, Planet.wgs84(3e4)]))
+@settings(deadline=None, max_examples=60)
+def test_stretched_limb_is_a_circular_cone(seed: int, planet: Planet) -> None:
+    craft = Craft(seed, planet, cameras=())
+    figure = StretchedEllipsoid(planet, "geocentric", craft.pose())
+    rng = np.random.default_rng(seed)
+    rays_ecef = np.array(
+        [numerical_limb(planet, craft.position, a) for a in rng.uniform(-np.pi, np.pi, 12)]
+    )
+    # Any camera: here one that sees all directions as they are.
+    view = CameraView("all", FISHEYE, np.eye(3))
+    stretched = stretched_view(view, craft.rot_ecef_from_base[2], ratio(planet))
+    assert isinstance(figure.view(view).camera, type(stretched.camera))
+    rays = rays_ecef @ craft.rot_ecef_from_base @ stretched.camera.stretch  # type: ignore[attr-defined]
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    m = np.linalg.lstsq(rays, np.ones(len(rays)), rcond=None)[0]
+    # On one cone about its own nadir, u . m = 1 ...
+    np.testing.assert_allclose(rays @ m, 1.0, atol=1e-9)
+    # ... that the estimate takes back to where the craft is.
+    rho = float(np.arccos(1.0 / np.linalg.norm(m)))
+    fit = HorizonFit(
+        Status.OK, "", "ml", m / np.linalg.norm(m), rho, figure.sphere.altitude_from_rho(rho),
+        np.zeros((4, 4)),
+    )  # fmt: skip
+    for vertical in VERTICALS:
+        estimate = StretchedEllipsoid(planet, vertical, craft.pose()).estimate(fit)
+        assert angle_between(estimate.nadir_base, craft.nadir(vertical)) < 1e-7
+        assert estimate.altitude_m == pytest.approx(craft.height_m, abs=2.0)
+
+
+def ratio(planet: Planet) -> float:
+    return (planet.radius_m + planet.limb_height_m) / (planet.polar_radius_m + planet.limb_height_m)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_stretched_cameras_pixels_rays_and_jacobian(camera: Camera) -> None:
+    axis = np.array([0.6, 0.0, 0.8])
+    rot = Rotation.from_euler("xyz", [0.3, 1.0, -0.4]).as_matrix()
+    view = CameraView("c", camera, rot)
+    stretched = stretched_view(view, axis, 1.1).camera
+    px = np.random.default_rng(0).uniform(50, 400, (40, 2))
+    rays = stretched.rays(px)
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1.0, atol=1e-14)
+    np.testing.assert_allclose(stretched.pixels(rays), px, atol=1e-8)
+    original = camera.rays(px) @ rot.T
+    longer = original + 0.1 * (original @ axis)[:, None] * axis
+    longer /= np.linalg.norm(longer, axis=1, keepdims=True)
+    np.testing.assert_allclose(rays @ rot.T, longer, atol=1e-13)
+    again, jacobian = stretched.project(rays)
+    np.testing.assert_allclose(again, px, atol=1e-8)
+    np.testing.assert_array_equal(stretched.pixel_jacobian(rays), jacobian)
+    for axis_index in range(3):
+        step = np.zeros(3)
+        step[axis_index] = 1e-6
+        numeric = (stretched.pixels(rays + step) - stretched.pixels(rays - step)) / 2e-6
+        np.testing.assert_allclose(jacobian[:, :, axis_index], numeric, rtol=1e-5, atol=1e-3)
+
+
+@given(seeds, st.sampled_from(VERTICALS), st.sampled_from([WGS84, Planet.wgs84(2e4), FLAT]))
+@settings(deadline=None, max_examples=30)
+def test_with_the_true_pose_the_chain_is_exact(seed: int, vertical: str, planet: Planet) -> None:
+    craft = Craft(seed, planet)
+    figure = StretchedEllipsoid(planet, vertical, craft.pose())
+    estimate, _, _ = solved(figure, craft.observations())
+    assert angle_between(estimate.nadir_base, craft.nadir(vertical)) < 1e-9
+    assert estimate.altitude_m == pytest.approx(craft.height_m, abs=0.1)
+    assert estimate.disc is not None
+    for observation in craft.observations():
+        off = estimate.disc.residuals_px(observation.view, observation.limb)
+        assert np.abs(off).max() < 1e-6
+
+
+@pytest.mark.parametrize("method", sorted(set(METHODS) - {"chord", "chord_image", "arc"}))
+def test_any_method_over_all_rays_fits_the_ellipsoid(method: str) -> None:
+    craft = Craft(5)
+    figure = StretchedEllipsoid(WGS84, "geodetic", craft.pose())
+    estimate = figure.estimate(fitted(figure, craft.observations(), method)[0])
+    assert np.degrees(angle_between(estimate.nadir_base, craft.nadir("geodetic"))) < 1e-4
+
+
+# ------------------------------------------------------------------ coarse poses
+
+
+def test_a_tilt_of_the_coarse_attitude_is_measured_away() -> None:
+    craft = Craft(11)
+    tilt = Rotation.from_rotvec(0.2 * tangent_basis(craft.nadir("geocentric"))[:, 0]).as_matrix()
+    pose = CoarsePose(craft.position, craft.rot_ecef_from_base @ tilt)
+    figure = StretchedEllipsoid(WGS84, "geocentric", pose)
+    estimate, _, _ = solved(figure, craft.observations())
+    # What is left is second order: the first fit's axis was 11 deg off.
+    assert np.degrees(angle_between(estimate.nadir_base, craft.nadir("geocentric"))) < 1e-3
+
+
+def test_a_coarse_attitude_that_the_limb_contradicts_is_not_believed() -> None:
+    craft = Craft(12)
+    upside_down = (
+        craft.rot_ecef_from_base
+        @ Rotation.from_rotvec(np.pi * tangent_basis(craft.nadir("geocentric"))[:, 0]).as_matrix()
+    )
+    figure = StretchedEllipsoid(WGS84, "geodetic", CoarsePose(craft.position, upside_down))
+    estimate, cov, figure = solved(figure, craft.observations())
+    assert isinstance(figure, MeanSphere)
+    error = angle_between(estimate.nadir_base, craft.nadir("geodetic"))
+    assert error < 4.0 * np.sqrt(np.linalg.eigvalsh(cov[:3, :3])[-1])
+
+
+def nees(estimate: HorizonFit, cov: np.ndarray, nadir: np.ndarray) -> float:
+    """Two degrees of freedom, with 0.003 deg of other errors: the figure's own may be singular."""
+    basis = tangent_basis(nadir)
+    error = basis.T @ estimate.nadir_base
+    both = basis.T @ cov[:3, :3] @ basis + np.radians(0.003) ** 2 * np.eye(2)
+    return float(error @ np.linalg.solve(both, error))
+
+
+@pytest.mark.parametrize("vertical", VERTICALS)
+def test_the_error_of_coarse_poses_is_in_the_covariance(vertical: str) -> None:
+    rng = np.random.default_rng(50)
+    found, errors = [], []
+    for seed in range(60):
+        craft = Craft(seed, cameras=(BARREL,) * (1 + seed % 2))
+        figure = StretchedEllipsoid(WGS84, vertical, craft.pose(rng))
+        estimate, cov, _ = solved(figure, craft.observations(count=600))
+        found.append(nees(estimate, cov, craft.nadir(vertical)))
+        errors.append(np.degrees(angle_between(estimate.nadir_base, craft.nadir(vertical))))
+    assert np.median(errors) < 0.02
+    assert 0.5 < np.mean(found) < 2.4
+    assert np.mean(np.array(found) > 11.8) < 0.05
+
+
+@pytest.mark.parametrize("vertical", VERTICALS)
+@pytest.mark.parametrize("cameras", [1, 2])
+@pytest.mark.parametrize("altitudes_m", [(300e3, 800e3), (2000e3, 6000e3)])
+def test_the_error_of_the_mean_sphere_is_in_the_covariance(
+    vertical: str, cameras: int, altitudes_m: tuple[float, float]
+) -> None:
+    found, heights = [], []
+    for seed in range(60):
+        craft = Craft(seed, cameras=(BARREL,) * cameras, altitudes_m=altitudes_m)
+        estimate, cov, _ = solved(MeanSphere(WGS84, vertical), craft.observations(count=600))
+        found.append(nees(estimate, cov, craft.nadir(vertical)))
+        heights.append((estimate.altitude_m - craft.height_m) / np.sqrt(cov[3, 3] + 100.0**2))
+    assert 1.5 < np.mean(found) < 2.6
+    # The ellipsoid's worst is bounded, unlike a Gaussian's.
+    assert max(found) < 12.0
+    assert 0.7 < np.sqrt(np.mean(np.square(heights))) < 1.3
+    assert np.abs(heights).max() < 3.0
+
+
+def test_a_sphere_has_no_error_of_its_figure() -> None:
+    craft = Craft(1, Planet())
+    figure = MeanSphere(Planet(), "geodetic")
+    fit, seen = fitted(figure, craft.observations())
+    assert not figure.covariance(fit, seen).any()
+
+
+def test_the_pole_of_nowhere_in_particular() -> None:
+    k = np.random.default_rng(0).normal(size=(400_000, 3))
+    k /= np.linalg.norm(k, axis=1, keepdims=True)
+    i, j = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
+    np.testing.assert_allclose(np.cov((k[:, i] * k[:, j]).T), ANY_POLE, atol=1e-3)
+
+
+def test_poles_covariance_against_drawn_ones() -> None:
+    rng = np.random.default_rng(2)
+    nadir, pole = np.array([0.0, 0.0, 1.0]), np.array([0.6, 0.0, -0.8])
+    basis = tangent_basis(nadir)
+    sigmas = np.array([0.01, 0.01, 0.15])
+    axes = np.column_stack((basis, nadir))
+    turns = Rotation.from_rotvec(rng.normal(size=(200_000, 3)) * sigmas @ axes.T)
+    k, k_mean = turns.apply(pole) @ axes, pole @ axes
+    i, j = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
+    off = k[:, i] * k[:, j] - k_mean[i] * k_mean[j]
+    drawn = off.T @ off / len(off)
+    found = pole_covariance(nadir, pole, 0.01, 0.15)
+    np.testing.assert_allclose(found, drawn, atol=0.03 * np.abs(drawn).max())
+
+
+@pytest.mark.parametrize("vertical", VERTICALS)
+def test_influence_against_refits_with_the_axis_moved(vertical: str) -> None:
+    craft = Craft(21)
+    true = StretchedEllipsoid(WGS84, vertical, craft.pose())
+    observations = craft.observations()
+    fit, seen = fitted(true, observations)
+    influence = figure_influence(fit, seen, WGS84, vertical)
+    axes = np.column_stack((tangent_basis(fit.nadir_base), fit.nadir_base))
+    i, j = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
+    pole = craft.rot_ecef_from_base[2]
+    right = true.estimate(fit)
+    for turn in np.eye(3) * 0.02:
+        moved = Rotation.from_rotvec(turn).apply(pole)
+        figure = StretchedEllipsoid(WGS84, vertical, craft.pose(), moved)
+        wrong = figure.estimate(fitted(figure, observations)[0])
+        k, k_wrong = pole @ axes, moved @ axes
+        # The axis used less the true one. To first order in the flattening, of terms that cancel.
+        predicted = influence @ (k_wrong[i] * k_wrong[j] - k[i] * k[j])
+        found = np.append(
+            axes[:, :2].T @ (wrong.nadir_base - right.nadir_base),
+            wrong.altitude_m - right.altitude_m,
+        )
+        np.testing.assert_allclose(predicted[:2], found[:2], atol=0.1 * np.abs(found[:2]).max())
+        assert predicted[2] == pytest.approx(found[2], rel=0.15, abs=3.0)
+
+
+# ------------------------------------------------------------------ altitudes
+
+
+@given(seeds)
+@settings(deadline=None, max_examples=20)
+def test_a_known_height_is_that_of_the_stretched_craft(seed: int) -> None:
+    craft = Craft(seed)
+    figure = StretchedEllipsoid(WGS84, "geocentric", craft.pose())
+    fit, _ = fitted(figure, craft.observations(count=400))
+    known = figure.altitude(AltitudeMeasurement(craft.height_m, 100.0))
+    assert known.altitude_m == pytest.approx(fit.altitude_m, abs=0.1)
+    assert known.sigma_m == 100.0
+    assert MeanSphere(WGS84, "geocentric").altitude(known) == known
+
+
+# ------------------------------------------------------------------ whole scenes
+
+
+@pytest.mark.parametrize("vertical", VERTICALS)
+def test_the_sensor_on_a_drawn_ellipsoid(vertical: str) -> None:
+    (case,) = two_camera_set(1, 3, WGS84)
+    truth = case.frames[0].truth
+    frames = as_frames(case.views, case.frames)
+    nadir = truth.geodetic_nadir_base if vertical == "geodetic" else truth.nadir_base
+    sensor = HorizonSensor(HorizonConfig(planet=WGS84, vertical=vertical))
+    pose = CoarsePose(truth.position_ecef_m, truth.rot_world_from_base, 1e3, 0.01)
+    fix = sensor.process(frames, Aiding(pose))
+    assert fix.ok, fix.reason
+    assert np.degrees(angle_between(fix.fit.nadir_base, nadir)) < 0.01
+    assert fix.fit.altitude_m == pytest.approx(truth.altitude_m, abs=1e3)
+    for view, frame, limb in zip(case.views, frames, fix.limbs, strict=True):
+        assert isinstance(frame, Frame)
+        assert 0.0 < fix.residual_px(view, limb) < 0.5
+    # An altitude known to 10 m is kept, and says nothing against the rest.
+    known = sensor.process(frames, Aiding(pose, AltitudeMeasurement(truth.altitude_m, 10.0)))
+    assert known.fit.altitude_m == pytest.approx(truth.altitude_m, abs=30.0)
+    assert known.fit.cov_nadir_altitude[3, 3] < 10.0**2
+    assert np.degrees(angle_between(known.fit.nadir_base, nadir)) < 0.01
+
+
+@pytest.mark.parametrize("vertical", VERTICALS)
+def test_the_shared_ellipsoid(vertical: str, shared_data: Path) -> None:
+    truth = shared_truths(shared_data)["wgs840"]
+    pose = CoarsePose(np.array(truth["position_ecef_km"]) * 1e3, np.array(truth["world_from_body"]))
+    sensor = HorizonSensor(HorizonConfig(planet=WGS84, vertical=vertical))
+    frames = shared_frames(shared_data, truth)
+    nadir = truth["geodetic_nadir_body" if vertical == "geodetic" else "nadir_body"]
+    fix = sensor.process(frames, Aiding(pose))
+    assert np.degrees(angle_between(fix.fit.nadir_base, np.array(nadir))) < 0.02
+    # Without the position the sphere's error is large, and in the covariance.
+    alone = sensor.process(frames)
+    error = angle_between(alone.fit.nadir_base, np.array(nadir))
+    sigma = np.sqrt(np.linalg.eigvalsh(alone.fit.cov_nadir_altitude[:3, :3])[-1])
+    assert error < 3.0 * sigma

@@ -1,0 +1,93 @@
+"""An altitude known from elsewhere against the closed form of how covariances shrink."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from limb_samples import BARREL, angle_between, observe, view_at_limb
+
+from horizon_sensor_ros.core.aiding import AltitudeMeasurement
+from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.fits import fit_horizon
+from horizon_sensor_ros.core.fits.known_altitude import with_altitude
+from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
+from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.planet import Planet
+
+PLANET = Planet()
+NADIR = np.array([-0.2, 0.6, 0.77]) / np.linalg.norm([-0.2, 0.6, 0.77])
+ALTITUDE_M = 600e3
+RHO = PLANET.rho_from_altitude(ALTITUDE_M)
+
+
+def short_arc(seed: int, arc_rad: float = 0.4) -> HorizonFit:
+    view = view_at_limb(BARREL, NADIR, RHO, 0.4)
+    noise = np.random.default_rng(seed)
+    return fit_horizon([observe(view, NADIR, RHO, 0.1, noise, arc_rad=arc_rad)], PLANET)
+
+
+def three(fit: HorizonFit) -> np.ndarray:
+    """Covariance (3, 3) of (two tangent components, altitude in km)."""
+    to = np.zeros((3, 4))
+    to[:2, :3] = tangent_basis(fit.nadir_base).T
+    to[2, 3] = 1e-3
+    return to @ fit.cov_nadir_altitude @ to.T
+
+
+@given(st.integers(0, 1000), st.floats(10.0, 1e6))
+@settings(deadline=None, max_examples=30)
+def test_the_covariance_shrinks_as_information_adds(seed: int, sigma_m: float) -> None:
+    fit = short_arc(seed)
+    both = with_altitude(fit, AltitudeMeasurement(ALTITUDE_M, sigma_m), PLANET)
+    information = np.linalg.inv(three(fit))
+    information[2, 2] += 1.0 / (sigma_m * 1e-3) ** 2
+    # To a turn of the tangent plane by the update, a fraction of a degree.
+    np.testing.assert_allclose(
+        np.linalg.eigvalsh(three(both)), np.linalg.eigvalsh(np.linalg.inv(information)), rtol=1e-3
+    )
+    variance = fit.cov_nadir_altitude[3, 3]
+    want = variance * sigma_m**2 / (variance + sigma_m**2)
+    assert both.cov_nadir_altitude[3, 3] == pytest.approx(want, rel=1e-9)
+    mean = (fit.altitude_m * sigma_m**2 + ALTITUDE_M * variance) / (variance + sigma_m**2)
+    assert both.altitude_m == pytest.approx(mean, rel=1e-9)
+    assert np.linalg.norm(both.nadir_base) == pytest.approx(1.0, abs=1e-12)
+    along = both.nadir_base @ both.cov_nadir_altitude[:3, :3] @ both.nadir_base
+    assert abs(along) < 1e-15
+    assert both.rho_rad == pytest.approx(PLANET.rho_from_altitude(both.altitude_m))
+
+
+def test_it_is_what_the_maximum_likelihood_fit_with_the_same_measurement_finds() -> None:
+    view = view_at_limb(BARREL, NADIR, RHO, 0.4)
+    for seed in range(5):
+        noise = np.random.default_rng(seed)
+        observed = [observe(view, NADIR, RHO, 0.1, noise, arc_rad=0.4)]
+        known = AltitudeMeasurement(ALTITUDE_M + 800.0, 1e3)
+        inside = fit_maximum_likelihood(observed, PLANET, altitude=known)
+        after = with_altitude(fit_horizon(observed, PLANET), known, PLANET)
+        # The disc's curvature makes the two differ a little on so short an arc.
+        sigma = np.sqrt(np.linalg.eigvalsh(inside.cov_nadir_altitude[:3, :3])[-1])
+        assert angle_between(inside.nadir_base, after.nadir_base) < 0.4 * sigma
+        assert after.altitude_m == pytest.approx(inside.altitude_m, abs=100.0)
+
+
+def test_nadir_on_a_short_arc_gains_too_and_stays_honest() -> None:
+    errors, gains = [], []
+    for seed in range(60):
+        fit = short_arc(seed)
+        both = with_altitude(fit, AltitudeMeasurement(ALTITUDE_M, 100.0), PLANET)
+        basis = tangent_basis(NADIR)
+        error = basis.T @ both.nadir_base
+        cov = basis.T @ both.cov_nadir_altitude[:3, :3] @ basis
+        errors.append(error @ np.linalg.solve(cov, error))
+        gains.append(np.trace(cov) / np.trace(fit.cov_nadir_altitude[:3, :3]))
+    assert np.median(gains) < 0.2
+    assert 1.4 < np.mean(errors) < 2.7
+
+
+def test_a_useless_altitude_changes_nothing() -> None:
+    fit = short_arc(3)
+    same = with_altitude(fit, AltitudeMeasurement(0.0, 1e15), PLANET)
+    np.testing.assert_allclose(same.nadir_base, fit.nadir_base, atol=1e-12)
+    assert same.altitude_m == pytest.approx(fit.altitude_m, rel=1e-9)
