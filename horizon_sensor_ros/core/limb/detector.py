@@ -97,6 +97,8 @@ def detect_limb(
         rays = gather([LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)])
         nearer = refine(rays, planet, (nadir, rho))
         if not nearer.ok:
+            nearer = refine(rays, planet)
+        if not nearer.ok:
             break
         nadir, rho = nearer.nadir_base, nearer.rho_rad
     return Detection(tuple(limbs), candidates, consensus, nadir, rho)
