@@ -30,6 +30,8 @@ class HorizonConfig:
     see `SkyEvidence`.
     min_contrast : planet over space beside the limb, in sigmas of the reduced image's noise.
     max_space_level : gray level of empty space, over the largest gray level.
+    tracking : look for the limb where the last fix predicts it, and search the whole frames only
+    where that does not do.
     """
 
     method: str = "ml"
@@ -45,6 +47,7 @@ class HorizonConfig:
     min_clear_sky: float = 0.72
     min_contrast: float = 12.0
     max_space_level: float = 0.15
+    tracking: bool = True
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:

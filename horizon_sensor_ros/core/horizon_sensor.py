@@ -5,7 +5,7 @@ reason why not.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,11 +18,12 @@ from horizon_sensor_ros.core.fits.known_altitude import with_altitude
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.judgement import disagreement_rad, doubt, full_scale, refusal
-from horizon_sensor_ros.core.limb.detector import Detection, canny_limbs, detect_limb
+from horizon_sensor_ros.core.limb.detector import Detection, canny_limbs, detect_limb, follow_limb
 from horizon_sensor_ros.core.limb.evidence import sky_evidence
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.shared_error import with_shared_error
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.track import Track
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,11 @@ class HorizonFix:
         return root_mean_square(residual[inliers(residual)]) if len(residual) else np.nan
 
 
+# Sets of frames followed before the whole frames are searched again: a track that had slipped off
+# the limb, or a camera that has come to see it, is noticed after so many at the latest.
+_LONGEST_TRACK = 50
+
+
 class HorizonSensor:
     """Frames of any number of cameras to nadir and altitude."""
 
@@ -74,9 +80,11 @@ class HorizonSensor:
         # Nothing is seen from below the limb.
         lowest_m = max(self.config.altitude_min_m, planet.limb_height_m)
         self._rho_max = self._sphere.rho_from_altitude(lowest_m)
+        self._track: Track | None = None
 
     def reset(self) -> None:
-        """Forget the past. Every set of frames is judged on its own, so there is none yet."""
+        """Forget where the limb was: the next frames are searched."""
+        self._track = None
 
     def process(self, frames: Sequence[Frame], aiding: Aiding = NOTHING_KNOWN) -> HorizonFix:
         """Find the horizon in simultaneous frames, with what is known of them from elsewhere.
@@ -88,23 +96,41 @@ class HorizonSensor:
         if len(frames) == 0:
             raise ValueError("frames must hold at least one frame")
         limbs: list[LimbPoints | None] = [_unusable(frame) for frame in frames]
+        if self._track is not None and not any(limbs):
+            followed = self._follow(frames, self._track, aiding)
+            if followed is not None:
+                return followed
+        fix, detection = self._search(frames, limbs, aiding)
+        self._track = None
+        if self.config.tracking and detection is not None and fix.fit.disc is not None:
+            self._track = Track.started([frame.view for frame in frames], detection, fix.fit)
+        return fix
+
+    def _search(
+        self, frames: Sequence[Frame], limbs: list[LimbPoints | None], aiding: Aiding
+    ) -> tuple[HorizonFix, Detection | None]:
+        """Look for the limb all over the frames; with the detection, if the answer is of them all.
+
+        limbs : one per frame, None where it is yet to be looked for.
+        """
+        everything = not any(limbs)
         while True:
             rest = [i for i, limb in enumerate(limbs) if limb is None]
             if not rest:
-                return _no_fix(frames, limbs)
-            fix, doubtful = self._attempt([frames[i] for i in rest], aiding)
+                return _no_fix(frames, limbs), None
+            seen = [frames[i] for i in rest]
+            detection, figure = self._detect(seen, aiding)
+            fix, doubtful = self._judge(seen, detection, figure, aiding)
             if not doubtful:
                 for i, limb in zip(rest, fix.limbs, strict=True):
                     limbs[i] = limb
                 fix = HorizonFix(
                     fix.status, fix.reason, fix.fit, tuple(_filled(limbs)), fix.cameras_used
                 )
-                return (
-                    self._contradicted(frames, fix, aiding)
-                    or self._single(frames, fix, aiding)
-                    or fix
-                )
+                other = self._contradicted(frames, fix, aiding) or self._single(frames, fix, aiding)
+                return other or fix, detection if everything and not other else None
             # What a camera says against itself may have misled the others: once more without it.
+            everything = False
             for i, limb in doubtful.items():
                 limbs[rest[i]] = limb
 
@@ -168,22 +194,55 @@ class HorizonSensor:
             return MeanSphere(planet, vertical)
         return StretchedEllipsoid(planet, vertical, aiding.coarse_pose)
 
+    def _follow(
+        self, frames: Sequence[Frame], track: Track, aiding: Aiding
+    ) -> HorizonFix | None:
+        """Fix from where the limb is expected; None where a search has to say what is there."""
+        if track.age >= _LONGEST_TRACK or not track.is_of([frame.view for frame in frames]):
+            return None
+        nadir = track.predicted_nadir_base(aiding.rot_now_from_last)
+        figure = self._figure(aiding).aligned(nadir)
+        views = [figure.view(frame.view) for frame in frames]
+        images = [frame.gray for frame in frames]
+        detection = follow_limb(views, images, self._sphere, nadir, track.rho_rad, track.looks)
+        if detection is None:
+            return None
+        detection = replace(detection, candidates=track.samples(images))
+        fix, doubtful = self._judge(frames, detection, figure, aiding)
+        if doubtful or fix.cameras_used != track.cameras_used or fix.fit.disc is None:
+            return None
+        self._track = track.continued(detection, fix.fit)
+        return fix
+
     def _attempt(
         self, frames: Sequence[Frame], aiding: Aiding
     ) -> tuple[HorizonFix, dict[int, LimbPoints]]:
-        """One detection and fit; with the frames whose own evidence speaks against it, and why."""
+        """One search and fit; with the frames whose own evidence speaks against it, and why."""
+        return self._judge(frames, *self._detect(frames, aiding), aiding)
+
+    def _detect(self, frames: Sequence[Frame], aiding: Aiding) -> tuple[Detection, Figure]:
+        """Limb in whole frames, and the planet's figure as it turned out to lie."""
         figure = self._figure(aiding)
-        views = [figure.view(frame.view) for frame in frames]
-        images = [frame.gray for frame in frames]
         detection = detect_limb(
-            views, images, self._sphere, rho_min_rad=self._rho_min, rho_max_rad=self._rho_max
+            [figure.view(frame.view) for frame in frames],
+            [frame.gray for frame in frames],
+            self._sphere,
+            rho_min_rad=self._rho_min,
+            rho_max_rad=self._rho_max,
         )
-        limbs = detection.limbs
-        if self.config.limb == "canny" and np.isfinite(detection.rho_rad):
-            limbs = canny_limbs(views, images, detection.nadir_base, detection.rho_rad)
         if np.isfinite(detection.rho_rad):
             figure = figure.aligned(detection.nadir_base)
-            views = [figure.view(frame.view) for frame in frames]
+        return detection, figure
+
+    def _judge(
+        self, frames: Sequence[Frame], detection: Detection, figure: Figure, aiding: Aiding
+    ) -> tuple[HorizonFix, dict[int, LimbPoints]]:
+        """Fit of a detection; with the frames whose own evidence speaks against it, and why."""
+        views = [figure.view(frame.view) for frame in frames]
+        limbs = detection.limbs
+        if self.config.limb == "canny" and np.isfinite(detection.rho_rad):
+            images = [frame.gray for frame in frames]
+            limbs = canny_limbs(views, images, detection.nadir_base, detection.rho_rad)
         observations = [LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)]
         if not any(limb.status is Status.OK for limb in limbs):
             fit = HorizonFit.none(limbs[0].status, limbs[0].reason, self.config.method)

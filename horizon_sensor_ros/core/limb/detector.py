@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.fits.limb_rays import gather
+from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
 from horizon_sensor_ros.core.fits.maximum_likelihood import refine
 from horizon_sensor_ros.core.fits.result import LimbObservation
 from horizon_sensor_ros.core.limb.candidates import (
@@ -35,6 +35,9 @@ _SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0)
 _NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0)
 _GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0)
 _FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0)
+# Where the prediction was off.
+_AGAIN = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0)
+_ON_COURSE_PX = 0.6
 _CANNY_REACH_PX = 2.0
 
 
@@ -44,6 +47,7 @@ class Detection:
 
     limbs : one per frame, in order. nadir_base, rho_rad : the cone whose limb the last pass
     refined; NaN where there is none. candidates : step one's, for drawing. consensus : step two's.
+    looks : one per frame, what the limb's edge looks like.
     """
 
     limbs: tuple[LimbPoints, ...]
@@ -51,6 +55,7 @@ class Detection:
     consensus: Consensus = field(default_factory=lambda: Consensus(Status.NO_LIMB))
     nadir_base: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     rho_rad: float = np.nan
+    looks: tuple[tuple[EdgeLook, ...], ...] = ()
 
 
 def detect_limb(
@@ -101,7 +106,55 @@ def detect_limb(
         if not nearer.ok:
             break
         nadir, rho = nearer.nadir_base, nearer.rho_rad
-    return Detection(tuple(limbs), candidates, consensus, nadir, rho)
+    return Detection(tuple(limbs), candidates, consensus, nadir, rho, tuple(looks))
+
+
+def follow_limb(
+    views: Sequence[CameraView],
+    images: Sequence[np.ndarray],
+    planet: Planet,
+    nadir_base: np.ndarray,
+    rho_rad: float,
+    looks: Sequence[tuple[EdgeLook, ...]],
+) -> Detection | None:
+    """Find the limb again near a predicted one; None where the prediction is of no help.
+
+    looks : of the edge in each frame, as in the last detection. The last pass of `detect_limb`
+    around the predicted cone; if the limb turns out to lie more than a part of a pixel off, once
+    more around where it is, so that the answer is that of a search.
+    """
+    nadir, rho = nadir_base, rho_rad
+    for step in (_FINAL, _AGAIN, _FINAL):
+        found = [
+            refine_limb(image, view, nadir, rho, step, () if step is _AGAIN else look)
+            for view, image, look in zip(views, images, looks, strict=True)
+        ]
+        limbs = tuple(limb for limb, _ in found)
+        rays = gather([LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)])
+        if step is _FINAL and _on_course(rays, nadir, rho, limbs, looks):
+            seen = tuple(
+                new or old for (_, new), old in zip(found, looks, strict=True)
+            )
+            return Detection(limbs, nadir_base=nadir, rho_rad=rho, looks=seen)
+        nearer = refine(rays, planet, (nadir, rho))
+        if not nearer.ok:
+            return None
+        nadir, rho = nearer.nadir_base, nearer.rho_rad
+    return None
+
+
+def _on_course(
+    rays: LimbRays,
+    nadir_base: np.ndarray,
+    rho_rad: float,
+    limbs: Sequence[LimbPoints],
+    looks: Sequence[tuple[EdgeLook, ...]],
+) -> bool:
+    """Whether the limb lies within a part of a pixel of the cone it was measured around."""
+    if any(look and limb.status is not Status.OK for look, limb in zip(looks, limbs, strict=True)):
+        return False
+    off = np.abs(rays.residuals_px(nadir_base, rho_rad))
+    return len(off) > 0 and bool(np.percentile(off, 90) < _ON_COURSE_PX)
 
 
 def canny_limbs(

@@ -1,0 +1,86 @@
+"""Where the limb will be in the next frames, from where it was: what spares them the search."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.limb.candidates import LimbCandidates
+from horizon_sensor_ros.core.limb.detector import Detection
+from horizon_sensor_ros.core.limb.edge_model import EdgeLook
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """The limb of the last set of frames, and what it looked like.
+
+    views, cameras_used : of that set. nadir_base, rho_rad : its cone. last_nadir_base : that of the
+    set before, None right after a search. looks : of the limb's edge, one per frame. skies : one
+    per frame, level and noise of empty space as the search measured them. age : sets since the
+    search.
+    """
+
+    views: tuple[CameraView, ...]
+    cameras_used: tuple[str, ...]
+    nadir_base: np.ndarray
+    rho_rad: float
+    looks: tuple[tuple[EdgeLook, ...], ...]
+    skies: tuple[LimbCandidates, ...]
+    last_nadir_base: np.ndarray | None = None
+    age: int = 0
+
+    @classmethod
+    def started(
+        cls, views: Sequence[CameraView], detection: Detection, fit: HorizonFit
+    ) -> Track:
+        """Track from a fix that a search found."""
+        empty = np.empty((0, 0), dtype=np.float32)
+        skies = tuple(
+            LimbCandidates(
+                pitch_px=found.pitch_px,
+                space_level=found.space_level,
+                noise=found.noise,
+                reduced=empty,
+            )
+            for found in detection.candidates
+        )
+        return cls(
+            tuple(views), fit.cameras, fit.nadir_base, fit.rho_rad, detection.looks, skies
+        )
+
+    def continued(self, detection: Detection, fit: HorizonFit) -> Track:
+        """Track with one more fix."""
+        return replace(
+            self,
+            nadir_base=fit.nadir_base,
+            rho_rad=fit.rho_rad,
+            last_nadir_base=self.nadir_base,
+            looks=detection.looks,
+            age=self.age + 1,
+        )
+
+    def predicted_nadir_base(self, rot_now_from_last: np.ndarray | None) -> np.ndarray:
+        """Nadir (3,) expected now: turned as the gyro says, or once more as in the last step.
+
+        rot_now_from_last : (3, 3), see `Aiding`. Without it sets are taken to come evenly.
+        """
+        if rot_now_from_last is not None:
+            return rot_now_from_last @ self.nadir_base
+        if self.last_nadir_base is None:
+            return self.nadir_base
+        ahead = 2.0 * (self.nadir_base @ self.last_nadir_base) * self.nadir_base
+        return ahead - self.last_nadir_base
+
+    def samples(self, images: Sequence[np.ndarray]) -> tuple[LimbCandidates, ...]:
+        """Sky and ground of new frames for their evidence: single pixels, not averaged ones."""
+        out = []
+        for sky, image in zip(self.skies, images, strict=True):
+            step = int(sky.pitch_px)
+            height, width = image.shape[0] // step, image.shape[1] // step
+            every = image[step // 2 :: step, step // 2 :: step][:height, :width]
+            out.append(replace(sky, reduced=every))
+        return tuple(out)
