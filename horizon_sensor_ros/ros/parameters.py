@@ -316,6 +316,13 @@ HORIZON_PARAMETERS = (
         live=True,
     ),
     Parameter(
+        "tracking",
+        "bool",
+        HorizonConfig.tracking,
+        "Look for the limb where the last fix predicts it; search whole frames where that fails.",
+        live=True,
+    ),
+    Parameter(
         "slop",
         "double",
         0.02,
@@ -530,6 +537,7 @@ _SENSOR_FIELDS = {
     "min_clear_sky": "min_clear_sky",
     "min_contrast": "min_contrast",
     "max_space_level": "max_space_level",
+    "tracking": "tracking",
 }
 
 

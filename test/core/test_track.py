@@ -1,0 +1,154 @@
+"""Following the limb from frame to frame: the answer of a search, where the prediction is good."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from limb_frames import CAMERA, PLANET, as_frames, clouds, limb_views
+from limb_samples import angle_between
+from scipy.spatial.transform import Rotation
+
+from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
+from horizon_sensor_ros.core.horizon_config import HorizonConfig
+from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix, HorizonSensor
+from horizon_sensor_ros.core.limb import detector
+from horizon_sensor_ros.sim.earth_camera import render_views
+from horizon_sensor_ros.sim.earth_scene import Imaging
+from horizon_sensor_ros.sim.poses import rot_from_axis
+
+ALTITUDE_M = 500e3
+VIEWS = limb_views(ALTITUDE_M, azimuths_rad=(0.0, 1.5))
+ZENITH = np.array([0.6, 0.64, 0.48])
+# One pixel is 0.1 deg: a turn of several pixels from frame to frame, too far to follow blindly.
+TURN_RAD = np.radians(0.6) * np.array([0.8, -0.6, 0.0])
+SEARCHING = HorizonConfig(tracking=False)
+
+
+@lru_cache(maxsize=16)
+def turned(steps: float) -> tuple[list[Frame], np.ndarray]:
+    """Frames after so many turns of the base about its own axis, and nadir in the base (3,)."""
+    rot_start_from_now = Rotation.from_rotvec(steps * TURN_RAD).as_matrix()
+    rot_world_from_base = rot_from_axis(-ZENITH, 0.7) @ rot_start_from_now
+    position = ZENITH * (PLANET.radius_m + ALTITUDE_M)
+    drawn = render_views(
+        VIEWS,
+        rot_world_from_base,
+        position,
+        clouds(2),
+        np.random.default_rng(round(10 * steps)),
+        imaging=Imaging(noise_dn=1.5),
+    )
+    return as_frames(VIEWS, drawn), -rot_world_from_base.T @ ZENITH
+
+
+def sigma_rad(fix: HorizonFix) -> float:
+    return float(np.sqrt(np.linalg.eigvalsh(fix.fit.cov_nadir_altitude[:3, :3])[-1]))
+
+
+@pytest.fixture
+def searches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """One entry for every search of whole frames that a sensor makes."""
+    made: list[int] = []
+    search = detector.space_boundary_candidates
+
+    def counted(*args: object, **kwargs: object) -> object:
+        made.append(1)
+        return search(*args, **kwargs)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(detector, "space_boundary_candidates", counted)
+    return made
+
+
+def test_followed_fixes_are_those_of_a_search(searches: list[int]) -> None:
+    sensor = HorizonSensor()
+    for steps in range(4):
+        frames, nadir = turned(steps)
+        before = len(searches)
+        fix = sensor.process(frames)
+        followed = len(searches) == before
+        # After two fixes the turn is known.
+        assert followed == (steps > 0)
+        searched = HorizonSensor(SEARCHING).process(frames)
+        assert fix.ok and searched.ok
+        assert fix.cameras_used == searched.cameras_used
+        assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+        assert angle_between(fix.fit.nadir_base, searched.fit.nadir_base) < sigma_rad(searched)
+        assert sigma_rad(fix) == pytest.approx(sigma_rad(searched), rel=0.3)
+        assert fix.fit.altitude_m == pytest.approx(searched.fit.altitude_m, rel=1e-3)
+
+
+def test_a_gyro_tells_of_any_turn(searches: list[int]) -> None:
+    sensor = HorizonSensor()
+    far = 12.0  # 7 deg
+    start, _ = turned(0)
+    frames, nadir = turned(far)
+    rot_now_from_start = Rotation.from_rotvec(-far * TURN_RAD).as_matrix()
+    assert sensor.process(start).ok
+    before = len(searches)
+    fix = sensor.process(frames, Aiding(rot_now_from_last=rot_now_from_start))
+    assert len(searches) == before
+    assert fix.ok
+    assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+
+
+def test_an_unexpected_turn_is_searched_for(searches: list[int]) -> None:
+    sensor = HorizonSensor()
+    assert sensor.process(turned(0)[0]).ok
+    frames, nadir = turned(12.0)
+    before = len(searches)
+    fix = sensor.process(frames)
+    assert len(searches) > before
+    alone = HorizonSensor(SEARCHING).process(frames)
+    np.testing.assert_array_equal(fix.fit.nadir_base, alone.fit.nadir_base)
+    assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+
+
+def test_a_limb_that_is_gone_is_not_followed() -> None:
+    sensor = HorizonSensor()
+    frames, _ = turned(0)
+    assert sensor.process(frames).ok
+    for level in (0, 40, 255):
+        dark = [Frame(frame.view, np.full_like(frame.gray, level)) for frame in frames]
+        fix = sensor.process(dark)
+        assert not fix.ok
+        assert fix.reason
+        assert np.isnan(fix.fit.nadir_base).all()
+    # The next good frames are searched.
+    assert sensor.process(frames).ok
+
+
+def test_a_camera_that_went_blind_is_left_out() -> None:
+    sensor = HorizonSensor()
+    frames, nadir = turned(0)
+    assert sensor.process(frames).cameras_used == ("camera_1", "camera_2")
+    blind = [Frame(frames[0].view, np.zeros_like(frames[0].gray)), frames[1]]
+    fix = sensor.process(blind)
+    assert fix.cameras_used in (("camera_2",), ())
+    if fix.ok:
+        assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+
+
+@pytest.mark.parametrize("change", ["reset", "other calibration", "no tracking"])
+def test_the_past_is_forgotten(change: str, searches: list[int]) -> None:
+    sensor = HorizonSensor(HorizonConfig(tracking=change != "no tracking"))
+    frames, _ = turned(0)
+    assert sensor.process(frames).ok
+    if change == "reset":
+        sensor.reset()
+    if change == "other calibration":
+        views = limb_views(ALTITUDE_M, CAMERA, (0.0, 1.5))
+        frames = [Frame(view, frame.gray) for view, frame in zip(views, frames, strict=True)]
+    before = len(searches)
+    assert sensor.process(frames, NOTHING_KNOWN).ok
+    assert len(searches) > before
+
+
+def test_a_search_now_and_then(searches: list[int]) -> None:
+    """However good the track, whole frames are looked at again within a hundred sets."""
+    sensor = HorizonSensor()
+    frames, _ = turned(0)
+    for _ in range(100):
+        assert sensor.process(frames).ok
+    assert 2 * 2 <= len(searches) <= 2 * 10
