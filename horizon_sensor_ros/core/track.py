@@ -13,12 +13,14 @@ from horizon_sensor_ros.core.limb.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.detector import Detection
 from horizon_sensor_ros.core.limb.edge_model import EdgeLook
 
+_NO_IMAGE = np.empty((0, 0), dtype=np.float32)
+
 
 @dataclass(frozen=True, eq=False)
 class Track:
     """The limb of the last set of frames, and what it looked like.
 
-    views, cameras_used : of that set. nadir_base, rho_rad : its cone. last_nadir_base : that of the
+    views, cameras_used : of that set. nadir_base, rho_rad : its disc's cone. last_nadir_base : that of the
     set before, None right after a search. looks : of the limb's edge, one per frame. skies : one
     per frame, level and noise of empty space as the search measured them. age : sets since the
     search.
@@ -34,33 +36,29 @@ class Track:
     age: int = 0
 
     @classmethod
-    def started(
-        cls, views: Sequence[CameraView], detection: Detection, fit: HorizonFit
-    ) -> Track:
-        """Track from a fix that a search found."""
-        empty = np.empty((0, 0), dtype=np.float32)
-        skies = tuple(
-            LimbCandidates(
-                pitch_px=found.pitch_px,
-                space_level=found.space_level,
-                noise=found.noise,
-                reduced=empty,
-            )
-            for found in detection.candidates
-        )
-        return cls(
-            tuple(views), fit.cameras, fit.nadir_base, fit.rho_rad, detection.looks, skies
-        )
+    def started(cls, views: Sequence[CameraView], detection: Detection, fit: HorizonFit) -> Track:
+        """Track from a fit, with its disc, of what a search found."""
+        assert fit.disc is not None
+        skies = tuple(replace(found, reduced=_NO_IMAGE) for found in detection.candidates)
+        disc = fit.disc
+        return cls(tuple(views), fit.cameras, disc.nadir, disc.rho_rad, detection.looks, skies)
 
     def continued(self, detection: Detection, fit: HorizonFit) -> Track:
-        """Track with one more fix."""
+        """Track with one more fit, with its disc."""
+        assert fit.disc is not None
         return replace(
             self,
-            nadir_base=fit.nadir_base,
-            rho_rad=fit.rho_rad,
+            nadir_base=fit.disc.nadir,
+            rho_rad=fit.disc.rho_rad,
             last_nadir_base=self.nadir_base,
             looks=detection.looks,
             age=self.age + 1,
+        )
+
+    def is_of(self, views: Sequence[CameraView]) -> bool:
+        """Whether frames come from the very cameras of the track, calibrations included."""
+        return len(views) == len(self.views) and all(
+            new is old for new, old in zip(views, self.views, strict=True)
         )
 
     def predicted_nadir_base(self, rot_now_from_last: np.ndarray | None) -> np.ndarray:

@@ -71,7 +71,8 @@ def test_followed_fixes_are_those_of_a_search(searches: list[int]) -> None:
         # After two fixes the turn is known.
         assert followed == (steps > 0)
         searched = HorizonSensor(SEARCHING).process(frames)
-        assert fix.ok and searched.ok
+        assert fix.ok
+        assert searched.ok
         assert fix.cameras_used == searched.cameras_used
         assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
         assert angle_between(fix.fit.nadir_base, searched.fit.nadir_base) < sigma_rad(searched)

@@ -132,9 +132,7 @@ def follow_limb(
         limbs = tuple(limb for limb, _ in found)
         rays = gather([LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)])
         if step is _FINAL and _on_course(rays, nadir, rho, limbs, looks):
-            seen = tuple(
-                new or old for (_, new), old in zip(found, looks, strict=True)
-            )
+            seen = tuple(new or old for (_, new), old in zip(found, looks, strict=True))
             return Detection(limbs, nadir_base=nadir, rho_rad=rho, looks=seen)
         nearer = refine(rays, planet, (nadir, rho))
         if not nearer.ok:
