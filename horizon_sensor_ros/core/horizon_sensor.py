@@ -194,9 +194,7 @@ class HorizonSensor:
             return MeanSphere(planet, vertical)
         return StretchedEllipsoid(planet, vertical, aiding.coarse_pose)
 
-    def _follow(
-        self, frames: Sequence[Frame], track: Track, aiding: Aiding
-    ) -> HorizonFix | None:
+    def _follow(self, frames: Sequence[Frame], track: Track, aiding: Aiding) -> HorizonFix | None:
         """Fix from where the limb is expected; None where a search has to say what is there."""
         if track.age >= _LONGEST_TRACK or not track.is_of([frame.view for frame in frames]):
             return None

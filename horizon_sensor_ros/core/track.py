@@ -13,16 +13,14 @@ from horizon_sensor_ros.core.limb.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.detector import Detection
 from horizon_sensor_ros.core.limb.edge_model import EdgeLook
 
-_NO_IMAGE = np.empty((0, 0), dtype=np.float32)
-
 
 @dataclass(frozen=True, eq=False)
 class Track:
     """The limb of the last set of frames, and what it looked like.
 
-    views, cameras_used : of that set. nadir_base, rho_rad : its disc's cone. last_nadir_base : that of the
-    set before, None right after a search. looks : of the limb's edge, one per frame. skies : one
-    per frame, level and noise of empty space as the search measured them. age : sets since the
+    views, cameras_used : of that set. nadir_base, rho_rad : its disc's cone. last_nadir_base : that
+    of the set before, None right after a search. looks : of the limb's edge, one per frame. skies :
+    one per frame, level and noise of empty space as the search measured them. age : sets since the
     search.
     """
 
@@ -39,7 +37,10 @@ class Track:
     def started(cls, views: Sequence[CameraView], detection: Detection, fit: HorizonFit) -> Track:
         """Track from a fit, with its disc, of what a search found."""
         assert fit.disc is not None
-        skies = tuple(replace(found, reduced=_NO_IMAGE) for found in detection.candidates)
+        skies = tuple(
+            LimbCandidates(pitch_px=c.pitch_px, space_level=c.space_level, noise=c.noise)
+            for c in detection.candidates
+        )
         disc = fit.disc
         return cls(tuple(views), fit.cameras, disc.nadir, disc.rho_rad, detection.looks, skies)
 
