@@ -9,7 +9,6 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.target.direct_search import direct_search, plateau_mean
 from horizon_sensor_ros.core.target.registration import register, target_view
-from horizon_sensor_ros.core.target.rigid import pose_matrix, rotation_from_vector
 from horizon_sensor_ros.core.target.section_pattern import (
     BatchObjective,
     candidate_of,
@@ -17,9 +16,14 @@ from horizon_sensor_ros.core.target.section_pattern import (
     motion,
     objective,
 )
+from horizon_sensor_ros.sim.paper_d import (
+    CURRENT_DEG,
+    PREVIOUS_DEG,
+    SECTION_PITCH_M,
+    paper_pose,
+)
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 
-PITCH_M = 0.026
 # Paper D's tables 1 and 2: errors of theta, phi, psi (deg) and x, y, z (cm).
 PAPER = {
     ("n5", 1): ((0.17, -0.01, -0.14), (0.02, 0.27, 0.13)),
@@ -29,16 +33,9 @@ PAPER = {
 }
 
 
-def paper_pose(pitch_roll_deg: float, yaw_deg: float) -> np.ndarray:
-    """(4, 4) of the paper's attitude (pitch and roll alike), 5.5 m away."""
-    a, b = np.radians([pitch_roll_deg, yaw_deg])
-    turn = [rotation_from_vector(v) for v in ([0, a, 0], [a, 0, 0], [0, 0, b])]
-    return pose_matrix(turn[0] @ turn[1] @ turn[2], np.array([0, 0, 5.5]))
-
-
 def search_sections(pair: Pair) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Method D: true candidate, found by direct search, and the mean of its plateau."""
-    sections = cut(pair.a.plain().astype(float), PITCH_M)
+    sections = cut(pair.a.plain().astype(float), SECTION_PITCH_M)
     function = BatchObjective(sections, pair.b.plain())
     found = direct_search(function, np.array([np.radians(15.0)] * 3 + [0.08] * 3))
     middle = plateau_mean(function, found.best, np.array([np.radians(1.0)] * 3 + [0.01] * 3))
@@ -52,14 +49,14 @@ def paper_table(options: Options) -> Table:
     for (target, variant), (paper_deg, paper_cm) in PAPER.items():
         for noise in (0.0, 0.005):
             camera = ToFCamera(range_noise_m=noise)
-            current = paper_pose(24.5, 2) if variant == 1 else paper_pose(33.5, 11)
+            current = paper_pose(*CURRENT_DEG[variant])
             d_error: list[np.ndarray] = []
             middle_error: list[np.ndarray] = []
             default = []
             drawn = range(trials if noise else 1)
             for trial in tqdm(drawn, desc=f"paper D, {target} {variant}", unit="pair"):
                 rng = np.random.default_rng([options.seed, trial])
-                pair = scan_pair(target, paper_pose(23.5, 1), current, rng, camera)
+                pair = scan_pair(target, paper_pose(*PREVIOUS_DEG), current, rng, camera)
                 if trial < 5:
                     truth, best, middle = search_sections(pair)
                     d_error.append(best - truth)
@@ -102,8 +99,8 @@ def literal_table(options: Options) -> Table:
     """Paper D's objective as printed and for many candidates at once; a whole search; the
     default."""
     rng = np.random.default_rng(options.seed)
-    pair = scan_pair("n5", paper_pose(23.5, 1), paper_pose(33.5, 11), rng, ToFCamera())
-    sections = cut(pair.a.plain().astype(float), PITCH_M)
+    pair = scan_pair("n5", paper_pose(*PREVIOUS_DEG), paper_pose(*CURRENT_DEG[2]), rng, ToFCamera())
+    sections = cut(pair.a.plain().astype(float), SECTION_PITCH_M)
     points = pair.b.plain().astype(float)
     batch = BatchObjective(sections, points)
     spread = np.array([0.1] * 3 + [0.03] * 3)

@@ -7,7 +7,16 @@ from importlib import import_module
 from pathlib import Path
 
 HERE = Path(__file__).parent
-FIGURES = ("chain", "geometry", "frames", "graph", "architecture")
+FIGURES = (
+    "chain",
+    "geometry",
+    "frames",
+    "graph",
+    "architecture",
+    "sections",
+    "registration",
+    "drift",
+)
 
 
 def main() -> None:

@@ -33,7 +33,7 @@ def cloud_figure(
     low, high = low - _MARGIN_M, high + _MARGIN_M
     figure, axes = plt.subplots(2, 2, figsize=(9.0, 7.6), layout="constrained")
     for column, (cloud, title) in enumerate(
-        ((old, "as they came"), (moved, "the earlier one moved by the motion found"))
+        ((old, "as they came"), (moved, "earlier one moved as found"))
     ):
         for row, (up, name) in enumerate(((1, "y (down), m"), (2, "z (away), m"))):
             ax: Axes = axes[row, column]
@@ -45,7 +45,7 @@ def cloud_figure(
             if row == 0:
                 ax.invert_yaxis()
                 ax.set_title(title, fontsize=11)
-    axes[0, 0].legend(loc="upper right", markerscale=5)
+    axes[1, 0].legend(loc="upper center", markerscale=5)
     return figure
 
 
