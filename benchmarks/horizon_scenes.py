@@ -26,10 +26,11 @@ from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
 
 # Nadir's largest error by kind, deg. Those of the second line may also go without a fix.
 BARS_DEG = {
-    **dict.fromkeys(("flat", "clouds", "air", "dim", "sun", "moon", "boom", "lens", "high"), 0.1),
-    **{"terminator": 0.3, "balloon": 0.3},
+    **dict.fromkeys(("flat", "clouds", "air", "dim", "sun", "moon", "boom", "lens", "high"), 0.04),
+    **{"terminator": 0.1, "balloon": 0.1},
     "wgs84": 0.3,
 }
+MEDIAN_BAR_DEG = 0.01
 MAY_REFUSE = ("terminator", "balloon")
 NO_FIX = ("night",)
 NO_FIX_ALONE = ("space", "earth", "night")
@@ -101,7 +102,9 @@ def scenes_table(directory: Path) -> Table:
         tuple(rows),
         (
             f"nadir: angle from true geocentric nadir, both cameras; median of the {len(errors)} "
-            f"fixes {number(percentile(errors, 50), 4)}. geodetic: from the ellipsoid's normal. "
+            f"fixes {number(percentile(errors, 50), 4)}, "
+            f"{verdict(percentile(errors, 50), MEDIAN_BAR_DEG)}. "
+            "geodetic: from the ellipsoid's normal. "
             "altitude: estimate minus truth; of wgs84 the truth is above the ellipsoid, the "
             "estimate above a sphere of 6371 km. sigma: the message's own, of nadir in its least "
             "certain direction.",

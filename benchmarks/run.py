@@ -40,15 +40,20 @@ def main(argv: list[str] | None = None) -> int:
         "--only", nargs="+", choices=list(PARTS), metavar="NAME", help=f"of: {', '.join(PARTS)}"
     )
     parser.add_argument("--frames", type=int, default=200, help="frames a set (default 200)")
+    parser.add_argument("--hard-scenes", type=int, default=500, help="of all kinds (default 500)")
     parser.add_argument("--seed", type=int, default=0, help="of all random draws (default 0)")
     parser.add_argument("--out", type=Path, default=Path("bench_output"), help="directory")
     arguments = parser.parse_args(argv)
-    if arguments.frames < 1:
-        parser.error(f"--frames must be at least 1, got {arguments.frames}")
+    for name in ("frames", "hard_scenes"):
+        if getattr(arguments, name) < 1:
+            flag = name.replace("_", "-")
+            parser.error(f"--{flag} must be at least 1, got {getattr(arguments, name)}")
 
     cv2 = importlib.import_module("cv2")
     numpy = importlib.import_module("numpy")
-    options = importlib.import_module("tables").Options(arguments.frames, arguments.seed)
+    options = importlib.import_module("tables").Options(
+        arguments.frames, arguments.seed, arguments.hard_scenes, arguments.out
+    )
     cv2.setNumThreads(1)
     arguments.out.mkdir(parents=True, exist_ok=True)
     print(
