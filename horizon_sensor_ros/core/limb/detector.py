@@ -11,6 +11,7 @@ from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
 from horizon_sensor_ros.core.fits.maximum_likelihood import refine
 from horizon_sensor_ros.core.fits.result import LimbObservation
+from horizon_sensor_ros.core.limb.air_layer import ground_under_airglow
 from horizon_sensor_ros.core.limb.candidates import (
     LimbCandidates,
     block_average,
@@ -77,6 +78,7 @@ def detect_limb(
     )
     found = rays_of_candidates(views, candidates)
     consensus = limb_consensus(found, rho_min_rad=rho_min_rad, rho_max_rad=rho_max_rad)
+    consensus = ground_under_airglow(views, candidates, found, consensus, planet)
     if consensus.status is not Status.OK:
         none = LimbPoints.none(consensus.status, consensus.reason)
         return Detection((none,) * len(views), candidates, consensus)

@@ -1,0 +1,137 @@
+"""The night's airglow: a bright layer some 95 km above the ground, taken for the limb.
+
+By night the outermost edge is that layer's upper side. What gives it away: behind the edge the
+brightness falls again, and rises once more where the ground begins, all along the limb at the same
+height. Cloud does not keep its distance from the limb; the ground does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.limb.candidates import LimbCandidates
+from horizon_sensor_ros.core.limb.selection import Consensus, RayCandidates
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.status import Status
+
+_LAYER_M = 95e3  # height of the layer; depths below its edge are counted in this height's scale
+_COLUMNS = 48  # places along the limb that are looked at, a camera
+_GLANCE = 8  # ... and those that a first look takes
+_DEPTHS_M = np.arange(-12e3, 156e3, 6e3)
+_CREST_M, _TROUGH_M, _GROUND_M = 45e3, (20e3, 110e3), 110e3  # where each is looked for
+_FALL, _RISE = 0.75, 1.25  # the trough over the crest, the ground over the trough
+_SIGMAS = 6.0  # of noise that make a difference
+_APART_M = 14e3  # how far the ground may lie from the middle of where it does
+_SHARE = 0.7  # of the columns, from which it is a layer (cloud: a third, two thirds at most)
+_DARK = 0.07  # brightness farther in, over the crest's, below which nothing lies behind
+
+
+def ground_under_airglow(
+    views: Sequence[CameraView],
+    candidates: Sequence[LimbCandidates],
+    found: RayCandidates,
+    consensus: Consensus,
+    planet: Planet,
+) -> Consensus:
+    """The consensus, moved to the ground's limb where it holds the airglow's edge for it.
+
+    candidates : those of every view, with their reduced images. Where the layer is seen but no
+    ground behind it: status NO_LIMB.
+    """
+    if consensus.status is not Status.OK:
+        return consensus
+    apparent = planet.altitude_from_rho(consensus.rho_rad)
+    sine = np.sin(consensus.rho_rad)
+    above_m = apparent + _LAYER_M / sine
+    scale = consensus.rho_rad - planet.rho_from_altitude(above_m)
+    depths = _DEPTHS_M * (scale / _LAYER_M)
+    columns: list[np.ndarray] = []
+    levels: list[np.ndarray] = []
+    for i, (view, seen) in enumerate(zip(views, candidates, strict=True)):
+        of_view = np.flatnonzero(consensus.inliers & (found.camera == i))
+        if len(of_view) == 0:
+            continue
+        for count, thin in ((_GLANCE, 3), (_COLUMNS, 1)):
+            some = of_view[np.linspace(0, len(of_view) - 1, count).astype(np.intp)]
+            level = _levels(view, seen, _rays(found.rays[some], consensus, depths[::thin]))
+            whole = np.isfinite(level).all(axis=1)
+            falls = _crest_and_trough(level[whole], seen.noise, _DEPTHS_M[::thin])[0]
+            if count == _GLANCE and np.count_nonzero(falls) < _SHARE * max(len(falls), 4):
+                return consensus
+        columns.append(some[whole])
+        levels.append(level[whole])
+    if not levels:
+        return consensus
+    level = np.concatenate(levels)
+    noise = max(seen.noise for seen in candidates)
+    falls, crest, trough, at_trough = _crest_and_trough(level, noise, _DEPTHS_M)
+    ground = np.maximum(_RISE * trough, trough + _SIGMAS * noise)
+    risen = (_DEPTHS_M[at_trough][:, None] < _DEPTHS_M) & (level > ground[:, None])
+    rises = falls & risen.any(axis=1)
+    at = risen.argmax(axis=1)
+    if np.count_nonzero(rises) > 0.5 * len(level):
+        together = rises & (np.abs(_DEPTHS_M[at] - np.median(_DEPTHS_M[at[rises]])) <= _APART_M)
+        if np.count_nonzero(together) >= _SHARE * len(level):
+            rays = _rays(found.rays[np.concatenate(columns)[together]], consensus, depths)
+            return _cone(rays[np.arange(len(rays)), at[together]], consensus, scale)
+    inner = np.median(level[:, _DEPTHS_M > _GROUND_M], axis=1)
+    if falls.mean() > 0.9 and np.median(inner / crest) < _DARK:
+        return Consensus(Status.NO_LIMB, "a layer of airglow, and no ground behind it")
+    return consensus
+
+
+def _rays(rays: np.ndarray, consensus: Consensus, depths: np.ndarray) -> np.ndarray:
+    """Rays (N, D, 3) straight below the limb's, by angles of depth (D,)."""
+    nadir = consensus.nadir_base
+    across = rays - (rays @ nadir)[:, None] * nadir
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    angle = consensus.rho_rad - depths
+    return np.cos(angle)[:, None] * nadir + np.sin(angle)[:, None] * across[:, None, :]
+
+
+def _levels(view: CameraView, seen: LimbCandidates, rays: np.ndarray) -> np.ndarray:
+    """Gray levels (N, D) above space along rays (N, D, 3); NaN outside the frame and its mask."""
+    small, factor = seen.reduced, int(seen.pitch_px)
+    px = view.camera.pixels((rays @ view.rot_base_from_cam).reshape(-1, 3))
+    with np.errstate(invalid="ignore"):
+        px = np.floor((px + 0.5) / factor)
+        inside = (px >= 0).all(axis=1) & (px[:, 0] < small.shape[1]) & (px[:, 1] < small.shape[0])
+    x, y = np.where(inside[:, None], px, 0.0).astype(np.intp).T
+    if view.mask is not None:
+        inside &= view.mask.reduced(factor)[y, x]
+    level = np.where(inside, small[y, x] - seen.space_level, np.nan)
+    return np.asarray(level.reshape(rays.shape[:2]))
+
+
+def _crest_and_trough(
+    level: np.ndarray, noise: float, depths_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Whether each column (N, D) falls again behind its edge; crest, trough, index of trough."""
+    outer = np.where(depths_m <= _CREST_M, level, -np.inf)
+    crest, at_crest = outer.max(axis=1), outer.argmax(axis=1)
+    between = (depths_m >= _TROUGH_M[0]) & (depths_m <= _TROUGH_M[1])
+    behind = np.arange(len(depths_m)) > at_crest[:, None]
+    inner = np.where(between & behind, level, np.inf)
+    trough = inner.min(axis=1)
+    falls = (trough < _FALL * crest) & (crest - trough > _SIGMAS * noise)
+    return falls, crest, trough, inner.argmin(axis=1)
+
+
+def _cone(rays: np.ndarray, consensus: Consensus, depth_rad: float) -> Consensus:
+    """The consensus with the cone through rays (N, 3) below it; its inliers are the layer's.
+
+    As it was where that cone is not about the same nadir, by the depth of the layer.
+    """
+    m, *_ = np.linalg.lstsq(rays, np.ones(len(rays)), rcond=None)
+    norm = float(np.linalg.norm(m))
+    if not norm > 1.0:
+        return consensus
+    nadir, rho = m / norm, float(np.arccos(1.0 / norm))
+    aside = float(np.linalg.norm(np.cross(nadir, consensus.nadir_base)))
+    if aside > depth_rad or abs(consensus.rho_rad - depth_rad - rho) > depth_rad:
+        return consensus
+    return replace(consensus, nadir_base=nadir, rho_rad=rho)

@@ -1,0 +1,79 @@
+"""The airglow's edge is not the limb: the ground below it is, where it shows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from limb_frames import PLANET, as_frames, clouds, draw, limb_views
+
+from horizon_sensor_ros.core.horizon_sensor import HorizonFix, HorizonSensor
+from horizon_sensor_ros.core.limb.air_layer import ground_under_airglow
+from horizon_sensor_ros.core.limb.candidates import space_boundary_candidates
+from horizon_sensor_ros.core.limb.selection import (
+    Consensus,
+    limb_consensus,
+    rays_of_candidates,
+)
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
+
+ALTITUDE_M = 420e3
+RHO = PLANET.rho_from_altitude(ALTITUDE_M)
+VIEWS = limb_views(ALTITUDE_M, azimuths_rad=(0.0, 1.5), above_rad=0.05)
+NOISE = Imaging(noise_dn=1.5)
+
+
+def night(seed: int, **changes: float) -> EarthScene:
+    """Airglow over the side of the planet that is away from the Sun, `draw`'s."""
+    return replace(clouds(seed), sun_direction=(-0.6, -0.64, -0.48), airglow_dn=45.0, **changes)  # type: ignore[arg-type]
+
+
+def fixed(scene: EarthScene) -> HorizonFix:
+    return HorizonSensor().process(as_frames(VIEWS, draw(VIEWS, ALTITUDE_M, scene, NOISE)))
+
+
+def searched(scene: EarthScene) -> tuple[Consensus, Consensus]:
+    """The consensus before and after the ground under the airglow is looked for."""
+    images = [frame.image for frame in draw(VIEWS, ALTITUDE_M, scene, NOISE)]
+    candidates = [space_boundary_candidates(image) for image in images]
+    found = rays_of_candidates(VIEWS, candidates)
+    before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
+    return before, ground_under_airglow(VIEWS, candidates, found, before, PLANET)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_moonlit_ground_is_the_limb(seed: int) -> None:
+    fix = fixed(night(seed, night_light=0.5))
+    assert fix.ok, fix.reason
+    sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
+    assert abs(fix.fit.altitude_m - ALTITUDE_M) < max(5.0 * sigma_m, 10e3)
+
+
+def test_the_layers_edge_is_left_for_the_grounds() -> None:
+    before, after = searched(night(1, night_light=0.5))
+    assert PLANET.altitude_from_rho(before.rho_rad) < ALTITUDE_M - 60e3
+    assert abs(np.degrees(after.rho_rad - RHO)) < 0.5
+
+
+def test_a_layer_without_ground_is_no_limb() -> None:
+    before, after = searched(night(1))
+    assert before.status is Status.OK
+    assert after.status is Status.NO_LIMB
+    assert "airglow" in after.reason
+    assert not fixed(night(1)).ok
+
+
+@pytest.mark.parametrize("air_dn", [0.0, 100.0])
+@pytest.mark.parametrize("seed", range(6))
+def test_clouds_by_day_are_no_ground_under_airglow(seed: int, air_dn: float) -> None:
+    before, after = searched(replace(clouds(seed, 0.35 + 0.05 * seed), air_dn=air_dn))
+    assert before.status is Status.OK
+    assert after is before
+
+
+def test_no_consensus_stays_none() -> None:
+    none = Consensus(Status.NO_LIMB, "nothing")
+    empty = rays_of_candidates([], [])
+    assert ground_under_airglow([], [], empty, none, PLANET) is none
