@@ -17,9 +17,16 @@ from horizon_sensor_ros.core.mask import Mask
 # The search works on an image of about this many pixels on its longer side: the limb is a large
 # thing, and the cost of the search stays nearly the same for any sensor.
 WORKING_SIZE_PX = 320
-_OUTWARD_STEPS_PX = np.array([3.0, 4.5, 6.5, 9.0, 13.0, 19.0, 28.0, 40.0])  # working pixels
-_FARTHER_PX = np.arange(4.0, 25.0)
-_INWARD_STEPS_PX = np.array([-2.0, -4.5])
+_OUTWARD_STEPS_PX = np.array(
+    [3.0, 4.5, 6.5, 9.0, 13.0, 19.0, 28.0, 40.0], dtype=np.float32
+)  # working pixels
+# Near the edge air glow may hold half of the step; farther out it must have faded.
+_GLOW_LEFT = np.array([0.65, 0.5, 0.4, 0.3, 0.25, 0.2, 0.2, 0.2], dtype=np.float32)
+_FIRST_LOOK = 3  # outward steps that most edges inside the planet fail already
+_FARTHER_PX = np.arange(4.0, 25.0, 2.0, dtype=np.float32)
+_INWARD_STEPS_PX = np.array([-2.0, -6.0], dtype=np.float32)
+_RIDGE_SHARE = 0.15  # of the step, left so far inside: less is a streak, or a layer of air
+_BORDER_PX = 48  # working pixels beyond the frame that may be asked for
 _MASK_CLEARANCE_PX = 4.0  # working pixels that a candidate keeps from a masked part of the frame
 
 
@@ -146,64 +153,78 @@ def space_boundary_candidates(
     slope = step_min / 3.0 * scale
     edges = cv2.Canny(dx.astype(np.int16), dy.astype(np.int16), slope, 2.0 * slope, L2gradient=True)
     edges[:2], edges[-2:], edges[:, :2], edges[:, -2:] = 0, 0, 0, 0
-    v, u = np.nonzero(edges)
-    if len(u) == 0:
+    spots = cv2.findNonZero(edges)
+    if spots is None:
         return empty
+    u, v = spots.reshape(-1, 2).T  # one OpenCV returns (N, 1, 2), another (N, 2)
     gx, gy = dx[v, u], dy[v, u]
     magnitude = np.sqrt(gx * gx + gy * gy)
-    out_x, out_y = -gx / magnitude, -gy / magnitude
+    found = _Edges(u, v, -gx / magnitude, -gy / magnitude)
 
     # Inside stays bright for a few pixels: stars and thin streaks do not.
-    height, width = smooth.shape
-    x = np.rint(u[:, None] + out_x[:, None] * _INWARD_STEPS_PX).astype(np.intp)
-    y = np.rint(v[:, None] + out_y[:, None] * _INWARD_STEPS_PX).astype(np.intp)
-    inside = smooth[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)] - level
-    step = inside[:, 0]
-    keep = (step > step_min) & (inside[:, 1] > 0.5 * step_min)
-    u, v, out_x, out_y, step = u[keep], v[keep], out_x[keep], out_y[keep], step[keep]
-    # Outside is space along the whole way; beyond the frame nothing is known.
-    x = np.rint(u[:, None] + out_x[:, None] * _OUTWARD_STEPS_PX).astype(np.intp)
-    y = np.rint(v[:, None] + out_y[:, None] * _OUTWARD_STEPS_PX).astype(np.intp)
-    in_frame = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    if usable is not None:
-        in_frame &= usable[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
-    outside = smooth[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)] - level
-    # Near the edge air glow may hold half of the step; farther out it must have faded.
-    allowed = np.array([0.65, 0.5, 0.4, 0.3, 0.25, 0.2, 0.2, 0.2], dtype=np.float32)
-    dark = outside < np.maximum(allowed * step[:, None], step_min)
-    known = in_frame.sum(axis=1)
-    keep = (known >= 3) & ((dark & in_frame).sum(axis=1) >= 0.8 * known)
+    known = smooth if usable is None else np.where(usable, smooth, np.float32(np.nan))
+    beside = _with_border(known - np.float32(level), np.nan)
+    inside = found.along(beside, _INWARD_STEPS_PX)
+    step, deep = inside[:, 0], inside[:, 1]
+    keep = (step > step_min) & ~(deep <= np.maximum(0.5 * step_min, _RIDGE_SHARE * step))
+    found, step = found.take(keep), step[keep]
+    # Outside is space along the whole way, but for one place; beyond the frame nothing is known.
+    for look in (slice(_FIRST_LOOK), slice(None)):
+        outside = found.along(beside, _OUTWARD_STEPS_PX[look])
+        bright_there = outside > np.maximum(_GLOW_LEFT[look] * step[:, None], step_min)
+        keep = np.count_nonzero(bright_there, axis=1) <= 1
+        if look.stop is None:
+            seen = np.count_nonzero(np.isfinite(outside), axis=1)
+            keep = (seen >= 3) & (np.count_nonzero(bright_there, axis=1) <= 0.2 * seen)
+        found, step = found.take(keep), step[keep]
     if mask is not None:
-        centre = (np.stack([u, v], axis=1) + 0.5) * factor - 0.5
-        keep &= mask.clear(centre, _MASK_CLEARANCE_PX * factor)
-    u, v, out_x, out_y, step = u[keep], v[keep], out_x[keep], out_y[keep], step[keep]
-    outermost = _outermost(u, v, out_x, out_y, smooth.shape)
-    if len(u) > max_candidates:
-        pick = np.linspace(0, len(u) - 1, max_candidates).astype(np.intp)
-        u, v, out_x, out_y, step = u[pick], v[pick], out_x[pick], out_y[pick], step[pick]
-        outermost = outermost[pick]
-    px = (np.stack([u, v], axis=1) + 0.5) * factor - 0.5
+        centre = (np.stack([found.u, found.v], axis=1) + 0.5) * factor - 0.5
+        keep = mask.clear(centre, _MASK_CLEARANCE_PX * factor)
+        found, step = found.take(keep), step[keep]
+    there = np.zeros(smooth.shape, dtype=np.uint8)
+    there[found.v, found.u] = 1
+    if len(step) > max_candidates:
+        pick = np.linspace(0, len(step) - 1, max_candidates).astype(np.intp)
+        found, step = found.take(pick), step[pick]
+    px = (np.stack([found.u, found.v], axis=1) + 0.5) * factor - 0.5
     return LimbCandidates(
         px.astype(np.float64),
-        np.stack([out_x, out_y], axis=1).astype(np.float64),
+        np.stack([found.out_x, found.out_y], axis=1).astype(np.float64),
         step.astype(np.float64),
         float(factor),
         level,
         noise,
-        outermost,
+        _outermost(found, there),
         small,
     )
 
 
-def _outermost(
-    u: np.ndarray, v: np.ndarray, out_x: np.ndarray, out_y: np.ndarray, shape: tuple[int, ...]
-) -> np.ndarray:
+@dataclass(frozen=True)
+class _Edges:
+    """Edge pixels u, v (N,) of the working image, and the unit steps (N,) out of the planet."""
+
+    u: np.ndarray
+    v: np.ndarray
+    out_x: np.ndarray
+    out_y: np.ndarray
+
+    def take(self, keep: np.ndarray) -> _Edges:
+        return _Edges(self.u[keep], self.v[keep], self.out_x[keep], self.out_y[keep])
+
+    def along(self, bordered: np.ndarray, steps_px: np.ndarray) -> np.ndarray:
+        """Nearest pixels (N, S) of an image with a border, at distances (S,) along the normals."""
+        # Truncating what the border made positive rounds.
+        start = np.float32(_BORDER_PX + 0.5)
+        x = (self.out_x[:, None] * steps_px + (self.u + start)[:, None]).astype(np.int32)
+        y = (self.out_y[:, None] * steps_px + (self.v + start)[:, None]).astype(np.int32)
+        return bordered.ravel().take(y * np.int32(bordered.shape[1]) + x)
+
+
+def _with_border(image: np.ndarray, value: float) -> np.ndarray:
+    return cv2.copyMakeBorder(image, *(_BORDER_PX,) * 4, cv2.BORDER_CONSTANT, value=value)
+
+
+def _outermost(found: _Edges, there: np.ndarray) -> np.ndarray:
     """Candidates (N,) with no other one farther out along their normals: a cloud's has the limb."""
-    there = np.zeros(shape, dtype=np.uint8)
-    there[v, u] = 1
-    near = cv2.dilate(there, np.ones((3, 3), dtype=np.uint8))
-    x = np.rint(u[:, None] + out_x[:, None] * _FARTHER_PX).astype(np.intp)
-    y = np.rint(v[:, None] + out_y[:, None] * _FARTHER_PX).astype(np.intp)
-    in_frame = (x >= 0) & (x < shape[1]) & (y >= 0) & (y < shape[0])
-    farther = near[np.clip(y, 0, shape[0] - 1), np.clip(x, 0, shape[1] - 1)]
-    return ~((farther > 0) & in_frame).any(axis=1)
+    near = _with_border(cv2.dilate(there, np.ones((3, 3), dtype=np.uint8)), 0)
+    return np.asarray(~found.along(near, _FARTHER_PX).any(axis=1))

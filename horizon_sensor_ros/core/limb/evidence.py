@@ -8,16 +8,22 @@ the reduced image of the search.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.limb.curve import limb_curve
 
 _SKY_STEPS_PX = np.array([5.0, 7.0, 10.0, 14.0])  # outwards from the limb, working pixels
 _GROUND_STEPS_PX = np.array([-2.0, -4.0, -7.0])
-_GRID_STEP = 4  # working pixels
+_GRID_STEP = 6  # working pixels
 _SKY_MARGIN_PX = 8.0  # air glow above the limb is left out
+# Sky that is as clear as this leaves nothing to explain by glare.
+_SURELY_CLEAR, _HARDLY_BRIGHT = 0.9, 0.1
+_RING_PX = 10.0  # width of the rings about the Sun, working pixels
+# What the Sun floods: at least so many pixels of the grid, at most such a share of the sky.
+_LEAST_SUN, _LARGEST_SUN = 5, 0.05
 _MASK_CLEARANCE_PX = 11.0  # nearer to a mask, pixels of the full image, no limb is looked for
 
 
@@ -30,6 +36,7 @@ class SkyEvidence:
     lit_limb : share of it whose inner side is brighter than space. clear_sky : share of the frame
     outside the disc that is at the level of space; NaN when less than 1 % of the frame lies
     outside. contrast : gray levels from space to the planet beside the limb, over the noise.
+    The Sun's glare counts neither as planet nor as sky.
     """
 
     limb_px: float
@@ -62,56 +69,99 @@ def sky_evidence(
     limb_px = spacing_px * int(np.count_nonzero(shown))
     steps = np.concatenate([_GROUND_STEPS_PX, _SKY_STEPS_PX]) * factor
     px = curve.px[shown, None, :] + steps[None, :, None] * curve.normal_px[shown, None, :]
-    grid = np.floor((px + 0.5) / factor).astype(np.intp)
-    height, width = small.shape
-    known = (grid[..., 0] >= 0) & (grid[..., 0] < width)
-    known &= (grid[..., 1] >= 0) & (grid[..., 1] < height)
-    x, y = np.clip(grid[..., 0], 0, width - 1), np.clip(grid[..., 1], 0, height - 1)
-    if view.mask is not None:
-        known &= view.mask.reduced(factor)[y, x]
-    level = small[y, x]
-    level = np.where(known, level - space_level, np.nan)
+    sides = np.floor((px + 0.5) / factor).astype(np.intp)
+    sky = _sky_pixels(small, factor, view, nadir_base, rho_rad)
+    above = small - np.float32(space_level)
+    usable = None if view.mask is None else view.mask.reduced(factor)
+    told = _judged(above, usable, sides, sky, noise, limb_px)
+    if told.bright_sky < _HARDLY_BRIGHT and not told.clear_sky < _SURELY_CLEAR:
+        return told
+    glare = _glare(above, sky, told.contrast * noise)
+    return told if glare is None else _judged(above - glare, usable, sides, sky, noise, limb_px)
+
+
+def _judged(
+    above: np.ndarray,
+    usable: np.ndarray | None,
+    sides: np.ndarray,
+    sky: np.ndarray,
+    noise: float,
+    limb_px: float,
+) -> SkyEvidence:
+    """Evidence from gray levels above space (h, w).
+
+    sides : (N, S, 2) pixels beside the limb, ground first. sky : (M, 2) pixels outside the disc.
+    """
+    height, width = above.shape
+    known = (sides >= 0).all(axis=2) & (sides[..., 0] < width) & (sides[..., 1] < height)
+    x, y = np.clip(sides[..., 0], 0, width - 1), np.clip(sides[..., 1], 0, height - 1)
+    if usable is not None:
+        known &= usable[y, x]
+    level = above[y, x]
     num_ground = len(_GROUND_STEPS_PX)
-    with np.errstate(all="ignore"):
-        ground = np.nanmax(np.where(known, level, -np.inf)[:, :num_ground], axis=1)
-        sky = np.nanmin(np.where(known, level, np.inf)[:, num_ground:], axis=1)
-    ground, sky = ground[np.isfinite(ground)], sky[np.isfinite(sky)]
-    if len(ground) == 0 or len(sky) == 0:
+    ground = np.where(known, level, -np.inf)[:, :num_ground].max(axis=1)
+    outer = np.where(known, level, np.inf)[:, num_ground:].min(axis=1)
+    ground, outer = ground[np.isfinite(ground)], outer[np.isfinite(outer)]
+    if len(ground) == 0 or len(outer) == 0:
         return SkyEvidence(limb_px, 0.0, 0.0, np.nan, 0.0)
     contrast = float(np.percentile(ground, 75))
-    bright_sky = float(np.mean(sky > max(0.35 * contrast, 6.0 * noise)))
-    lit_limb = float(np.mean(ground > max(0.1 * contrast, 5.0 * noise)))
+    clear = np.nan
+    if len(sky) >= 0.01 * above.size / _GRID_STEP**2:
+        clear = float(np.mean(np.abs(above[sky[:, 1], sky[:, 0]]) < max(0.1 * contrast, 6 * noise)))
     return SkyEvidence(
         limb_px,
-        bright_sky,
-        lit_limb,
-        _clear_sky(small, factor, space_level, noise, contrast, view, nadir_base, rho_rad),
+        float(np.mean(outer > max(0.35 * contrast, 6.0 * noise))),
+        float(np.mean(ground > max(0.1 * contrast, 5.0 * noise))),
+        clear,
         contrast / noise,
     )
 
 
-def _clear_sky(
-    small: np.ndarray,
-    factor: int,
-    space_level: float,
-    noise: float,
-    contrast: float,
-    view: CameraView,
-    nadir_base: np.ndarray,
-    rho_rad: float,
-) -> float:
-    x, y = np.meshgrid(
-        np.arange(0, small.shape[1], _GRID_STEP), np.arange(0, small.shape[0], _GRID_STEP)
-    )
-    px = (np.stack([x.ravel(), y.ravel()], axis=1) + 0.5) * factor - 0.5
-    rays = view.camera.rays(px)
+def _sky_pixels(
+    small: np.ndarray, factor: int, view: CameraView, nadir_base: np.ndarray, rho_rad: float
+) -> np.ndarray:
+    """Pixels (M, 2) of a grid over the working image that lie outside the disc, unmasked."""
+    px, rays = _grid(view.camera, small.shape[1], small.shape[0], factor)
+    pitch = factor / np.sqrt(view.camera.fx * view.camera.fy)
+    limit = np.cos(min(rho_rad + _SKY_MARGIN_PX * pitch, np.pi))
     with np.errstate(invalid="ignore"):
-        angle = np.arccos(np.clip(rays @ (view.rot_base_from_cam.T @ nadir_base), -1.0, 1.0))
-        pitch = factor / np.sqrt(view.camera.fx * view.camera.fy)
-        outside = angle > rho_rad + _SKY_MARGIN_PX * pitch
+        outside = rays @ (view.rot_base_from_cam.T @ nadir_base) < limit
     if view.mask is not None:
-        outside &= view.mask.reduced(factor)[y.ravel(), x.ravel()]
-    if outside.mean() < 0.01:
-        return np.nan
-    level = np.abs(small[y.ravel(), x.ravel()][outside] - space_level)
-    return float(np.mean(level < max(0.1 * contrast, 6.0 * noise)))
+        outside &= view.mask.reduced(factor)[px[:, 1], px[:, 0]]
+    return px[outside]
+
+
+@lru_cache(maxsize=8)
+def _grid(camera: Camera, width: int, height: int, factor: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (N, 2) of a grid over the working image, and their rays (N, 3) in the camera."""
+    x, y = np.meshgrid(
+        np.arange(_GRID_STEP // 2, width, _GRID_STEP),
+        np.arange(_GRID_STEP // 2, height, _GRID_STEP),
+    )
+    px = np.stack([x.ravel(), y.ravel()], axis=1)
+    return px, camera.rays((px + 0.5) * factor - 0.5)
+
+
+def _glare(above: np.ndarray, sky: np.ndarray, contrast: float) -> np.ndarray | None:
+    """Gray levels (h, w) of the Sun's glare: even around it, fading outwards; None without a Sun.
+
+    Only what is small, in the sky, and brighter than the planet beside the limb is taken for it.
+    """
+    if len(sky) == 0:
+        return None
+    level = above[sky[:, 1], sky[:, 0]]
+    sun = level > max(0.9 * float(level.max()), contrast)
+    if not _LEAST_SUN <= np.count_nonzero(sun) < _LARGEST_SUN * len(sky):
+        return None
+    centre = np.median(sky[sun], axis=0)
+    ring = (np.hypot(*(sky - centre).T) / _RING_PX).astype(np.intp)
+    # The darker part of a ring is free of streaks, and of a planet that is taken for sky.
+    around = np.full(int(ring.max()) + 1, np.inf)
+    for i in np.unique(ring):
+        around[i] = np.percentile(level[ring == i], 30)
+    fading = np.minimum.accumulate(around)
+    if fading[0] < 0.5 * contrast:
+        return None  # a star, a lamp on the craft
+    x, y = np.arange(above.shape[1]) - centre[0], np.arange(above.shape[0]) - centre[1]
+    distance = np.hypot(x, y[:, None]) / _RING_PX - 0.5
+    return np.interp(distance, np.arange(len(fading)), fading).astype(np.float32)

@@ -17,9 +17,12 @@ from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.candidates import LimbCandidates
 from horizon_sensor_ros.core.status import Status
 
-_NUM_HYPOTHESES = 1500
+_NUM_DRAWS = 1500  # triples of candidates that are tried
+_NUM_HYPOTHESES = 400  # of those that make sense, how many are scored
+_LEAST_VOLUME = 1e-7  # of three rays that determine a cone
 _PRESELECT = 128  # candidates that the first scoring looks at
 _FINALISTS = 24
+_POLISHED = 3
 _COS_POLARITY = 0.8  # the edge's normal lies within 37 deg of the hypothesis' outward direction
 MIN_INLIERS = 12
 _INNER_TRUST = 0.5  # of a candidate that has another one farther out
@@ -105,88 +108,113 @@ def limb_consensus(
     nadirs, cos_rhos = _hypotheses(found, rng, np.cos(rho_max_rad), np.cos(rho_min_rad))
     if len(nadirs) == 0:
         return Consensus(Status.NO_LIMB, "no three candidates fit a disc of plausible altitude")
-    tol_rad = tolerance * found.pitch_rad
-    subset = np.linspace(0, count - 1, min(count, _PRESELECT)).astype(np.intp)
-    first = _scores(found, subset, tol_rad, nadirs, cos_rhos)
-    best = np.argsort(first)[::-1][:_FINALISTS]
-    everything = np.arange(count)
-    finals = _scores(found, everything, tol_rad, nadirs[best], cos_rhos[best])
-    order = np.argsort(finals)[::-1]
-    champion: tuple[float, np.ndarray, float] | None = None
-    for k in order[:4]:
-        nadir, cos_rho = nadirs[best[k]], float(cos_rhos[best[k]])
-        nadir, cos_rho = _polish(found, tol_rad, nadir, cos_rho)
-        rho = np.arccos(np.clip(cos_rho, -1.0, 1.0))
-        if not rho_min_rad <= rho <= rho_max_rad:
-            continue
-        score = float(_scores(found, everything, tol_rad, nadir[None], np.array([cos_rho]))[0])
-        if champion is None or score > champion[0]:
-            champion = (score, nadir, cos_rho)
-    if champion is None:
+    whole = _Ballot.of(found, tolerance)
+    some = whole.thinned(_PRESELECT) if count > _PRESELECT else whole
+    best = np.argsort(some.scores(nadirs, cos_rhos))[: -_FINALISTS - 1 : -1]
+    nadirs, cos_rhos = nadirs[best], cos_rhos[best]
+    best = np.argsort(whole.scores(nadirs, cos_rhos))[: -_POLISHED - 1 : -1]
+    nadirs, cos_rhos = whole.polished(nadirs[best], cos_rhos[best])
+    rhos = np.arccos(np.clip(cos_rhos, -1.0, 1.0))
+    scores = whole.scores(nadirs, cos_rhos)
+    scores[~((rhos >= rho_min_rad) & (rhos <= rho_max_rad))] = -np.inf
+    champion = int(np.argmax(scores))
+    if not np.isfinite(scores[champion]):
         return Consensus(Status.NO_LIMB, "no consensus of the candidates at a plausible altitude")
-    _, nadir, cos_rho = champion
-    inliers = _inliers(found, tol_rad, nadir, cos_rho)
+    nadir, rho = nadirs[champion], float(rhos[champion])
+    inliers = whole.gains(nadir[None], cos_rhos[champion : champion + 1])[:, 0] > 0.0
     if inliers.sum() < MIN_INLIERS:
         return Consensus(Status.NO_LIMB, f"only {int(inliers.sum())} candidates agree on a disc")
-    return Consensus(Status.OK, "", nadir, float(np.arccos(cos_rho)), inliers)
+    return Consensus(Status.OK, "", nadir, rho, inliers)
 
 
 def _hypotheses(
     found: RayCandidates, rng: np.random.Generator, cos_min: float, cos_max: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Cones through random triples of candidates whose edges point the right way."""
-    triples = rng.integers(0, len(found.rays), size=(_NUM_HYPOTHESES, 3))
-    matrix = found.rays[triples]
-    det = np.linalg.det(matrix)
-    matrix, triples = matrix[np.abs(det) > 1e-7], triples[np.abs(det) > 1e-7]
-    if len(matrix) == 0:
-        return np.empty((0, 3)), np.empty(0)
-    m = np.linalg.solve(matrix, np.ones((len(matrix), 3, 1)))[..., 0]
-    norm = np.linalg.norm(m, axis=1)
-    nadir, cos_rho = m / norm[:, None], 1.0 / norm
-    sin_rho = np.sqrt(np.maximum(1.0 - cos_rho**2, 1e-12))
+    """Cones through random triples of candidates whose edges point the right way.
+
+    The tips of three rays lie in the plane ``x . nadir = cos rho``.
+    """
+    triples = rng.integers(0, len(found.rays), size=(_NUM_DRAWS, 3))
+    first, second, third = found.rays[triples.T]
+    normal = _cross(second - first, third - first)
+    norm = np.sqrt(np.einsum("ij,ij->i", normal, normal))
+    drop = np.einsum("ij,ij->i", normal, first)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cos_rho = np.abs(drop) / norm
+        nadir = normal / np.copysign(norm, drop)[:, None]
+        ok = (np.abs(drop) > _LEAST_VOLUME) & (cos_rho >= cos_min) & (cos_rho <= cos_max)
+    nadir, cos_rho, triples = nadir[ok], cos_rho[ok], triples[ok]
     # Outwards along the edge's normal, u . n falls; for a perfect edge at the rate sin rho.
-    fall = -np.einsum("hkc,hc->hk", found.outward[triples], nadir)
-    ok = (cos_rho >= cos_min) & (cos_rho <= cos_max)
-    ok &= (fall > _COS_POLARITY * sin_rho[:, None]).all(axis=1)
+    fall = -np.einsum("khc,hc->kh", found.outward[triples.T], nadir)
+    sin_rho = np.sqrt(np.maximum(1.0 - cos_rho**2, 1e-12))
+    ok = np.flatnonzero((fall > _COS_POLARITY * sin_rho).all(axis=0))[:_NUM_HYPOTHESES]
     return nadir[ok], cos_rho[ok]
 
 
-def _scores(
-    found: RayCandidates,
-    subset: np.ndarray,
-    tol_rad: np.ndarray,
-    nadirs: np.ndarray,
-    cos_rhos: np.ndarray,
-) -> np.ndarray:
-    """Truncated quadratic score of each hypothesis over a subset of the candidates."""
-    sin_rhos = np.sqrt(1.0 - cos_rhos**2)
-    off = (found.rays[subset] @ nadirs.T - cos_rhos) / (tol_rad[subset, None] * sin_rhos)
-    gain = np.maximum(0.0, 1.0 - off * off)
-    gain *= (found.outward[subset] @ nadirs.T) < -_COS_POLARITY * sin_rhos
-    return found.weight[subset] @ gain
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross products (N, 3): numpy's own spends most of its time on its arguments."""
+    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
 
 
-def _inliers(
-    found: RayCandidates, tol_rad: np.ndarray, nadir: np.ndarray, cos_rho: float
-) -> np.ndarray:
-    sin_rho = np.sqrt(1.0 - cos_rho**2)
-    off = np.abs(found.rays @ nadir - cos_rho) / (tol_rad * sin_rho)
-    return (off < 1.0) & (found.outward @ nadir < -_COS_POLARITY * sin_rho)
+@dataclass(frozen=True)
+class _Ballot:
+    """Candidates as they vote on hypotheses; in single precision, it is a matter of grid steps."""
 
+    rays: np.ndarray
+    outward: np.ndarray
+    tolerance_rad: np.ndarray
+    weight: np.ndarray
 
-def _polish(
-    found: RayCandidates, tol_rad: np.ndarray, nadir: np.ndarray, cos_rho: float
-) -> tuple[np.ndarray, float]:
-    """Least squares over the inliers, a few rounds with the tolerance drawn in."""
-    for widen in (2.0, 1.5, 1.0):
-        inliers = _inliers(found, widen * tol_rad, nadir, cos_rho)
-        if inliers.sum() < MIN_INLIERS:
-            break
-        scale = found.weight[inliers] / tol_rad[inliers]
-        m, *_ = np.linalg.lstsq(found.rays[inliers] * scale[:, None], scale, rcond=None)
-        norm = float(np.linalg.norm(m))
-        if not np.isfinite(norm) or norm <= 1.0:
-            break
-        nadir, cos_rho = m / norm, 1.0 / norm
-    return nadir, cos_rho
+    @staticmethod
+    def of(found: RayCandidates, tolerance: float) -> _Ballot:
+        parts = (found.rays, found.outward, tolerance * found.pitch_rad, found.weight)
+        return _Ballot(*(part.astype(np.float32) for part in parts))
+
+    def thinned(self, count: int) -> _Ballot:
+        keep = np.linspace(0, len(self.rays) - 1, count).astype(np.intp)
+        return _Ballot(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
+
+    def gains(self, nadirs: np.ndarray, cos_rhos: np.ndarray, widen: float = 1.0) -> np.ndarray:
+        """Truncated quadratic gain (N, H) of each candidate in each hypothesis, at most one."""
+        directions = nadirs.T.astype(np.float32)
+        cosines = cos_rhos.astype(np.float32)
+        sines = np.sqrt(1.0 - cosines * cosines)
+        gain = self.rays @ directions
+        gain -= cosines
+        gain *= 1.0 / (widen * self.tolerance_rad)[:, None]
+        gain *= gain
+        gain *= -1.0 / (sines * sines)
+        gain += 1.0
+        np.maximum(gain, 0.0, out=gain)
+        gain *= (self.outward @ directions) < -_COS_POLARITY * sines
+        return gain
+
+    def scores(self, nadirs: np.ndarray, cos_rhos: np.ndarray) -> np.ndarray:
+        """Sum (H,) of the candidates' gains by their weight."""
+        return np.asarray(self.weight @ self.gains(nadirs, cos_rhos))
+
+    def polished(self, nadirs: np.ndarray, cos_rhos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Least squares over the inliers of each, a few rounds with the tolerance drawn in.
+
+        A hypothesis that loses its inliers on the way stays as it was.
+        """
+        rays = self.rays.astype(np.float64)
+        square = np.square(self.weight / self.tolerance_rad).astype(np.float64)
+        for widen in (2.0, 1.5, 1.0):
+            # The step (dx, dy, dz) of m = nadir / cos rho that makes u . m one.
+            m = nadirs / cos_rhos[:, None]
+            inlying = self.gains(nadirs, cos_rhos, widen) > 0.0
+            for k in range(len(m)):
+                inside = inlying[:, k]
+                if np.count_nonzero(inside) < MIN_INLIERS:
+                    continue
+                here = rays[inside]
+                weighted = here * square[inside, None]
+                try:
+                    step = np.linalg.solve(weighted.T @ here, weighted.T @ (1.0 - here @ m[k]))
+                except np.linalg.LinAlgError:
+                    continue
+                norm = float(np.linalg.norm(m[k] + step))
+                if np.isfinite(norm) and norm > 1.0:
+                    nadirs[k], cos_rhos[k] = (m[k] + step) / norm, 1.0 / norm
+        return nadirs, cos_rhos
