@@ -20,7 +20,7 @@ _DISAGREEMENT_SIGMAS = 5.0
 _DISAGREEMENT_RAD = np.radians(0.25)
 # Stretches of a limb lie off the best cone by the error that neighbours share; of another edge,
 # which happens to run along some cone, by more.
-_MAX_BEND, _LEAST_BEND_PX = 4.5, 0.3
+_MAX_BEND, _LEAST_BEND_PX = 4.5, 0.75
 
 
 def doubt(evidence: SkyEvidence, found_px: float, space_share: float, config: HorizonConfig) -> str:

@@ -31,6 +31,7 @@ _LEAST_SCALE = 0.1
 _MAX_STEPS = 40
 _MAX_HALVINGS = 8
 _MAX_STEP_RAD = 0.3
+_PATIENCE = 8  # steps after which a step is stretched
 _SCALE_STEPS = 4  # then the residuals' scale is kept
 # A step of this many (sigma)^2 is the last; one of `_NEAR_ENOUGH` will do when the steps run out.
 _CONVERGED = 1e-6
@@ -149,6 +150,19 @@ def _iterate(
         else:
             # No descent left: at the minimum to within rounding, or lost.
             return nadir, rho, length2 < 1e-3 * max(1.0, scale * scale), np.array(history)
+        if count >= _PATIENCE:
+            # Along a valley reweighted steps creep: the same way on, while it leads downwards.
+            while np.abs(step).max() < 0.5 * _MAX_STEP_RAD:
+                far_nadir = new_nadir + basis @ step[:2]
+                far_nadir /= np.linalg.norm(far_nadir)
+                far_rho = new_rho + float(step[2])
+                far_chi = _chi(rays, far_nadir, far_rho)
+                far_prior = _altitude_row(planet, far_rho, altitude)[0]
+                far_cost = _tukey_cost(far_chi, scale) + 0.5 * far_prior * far_prior
+                if not (0 < far_rho < np.pi and far_cost < new_cost):
+                    break
+                new_nadir, new_rho, new_chi, new_cost = far_nadir, far_rho, far_chi, far_cost
+                step *= 2.0
         nadir, rho, chi = new_nadir, new_rho, new_chi
         history.append(np.append(nadir, rho))
         if length2 < _CONVERGED * max(1.0, scale * scale):
