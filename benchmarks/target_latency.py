@@ -163,7 +163,7 @@ def listen() -> None:
     try:
         rclpy.spin(node)
     except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-        return
+        rclpy.try_shutdown()
 
 
 def _flight(
