@@ -16,6 +16,7 @@ FIGURES = (
     "sections",
     "registration",
     "drift",
+    "mounting",
 )
 
 

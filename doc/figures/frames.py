@@ -50,7 +50,7 @@ def _panel(axes: Axes, level_z: str, middle: float, title: str, base: str) -> No
     for axis, name in ((0, "x base"), (2, "z base")):
         tip = centre + 10.8 * place(rot_level_from_base[:, axis])
         arrow(axes, tuple(centre), tuple(tip), BLUE, width=2)
-        outside = tip + 1.6 * place(rot_level_from_base[:, axis])
+        outside = tip + (3.2 if axis == 0 else 1.6) * place(rot_level_from_base[:, axis])
         axes.text(*outside, name, color=BLUE, fontsize=10, ha="center", va="center")
     low = np.array([middle - 13, 3.0 if level_z == "up" else 10.5])
     for axis, name in ((0, "x level"), (2, "z level")):

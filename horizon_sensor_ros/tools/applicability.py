@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.error_map import bound_error, fit_error
 from horizon_sensor_ros.core.fits import METHODS
 from horizon_sensor_ros.core.visibility import (
-    Visibility,
     horizon_in_view,
     horizon_rays,
     rot_base_from_down,
@@ -27,8 +25,18 @@ from horizon_sensor_ros.tools.applicability_figures import (
     draw_figure6,
     draw_maps,
 )
+from horizon_sensor_ros.tools.applicability_modes import draw_mounting, draw_quality
+from horizon_sensor_ros.tools.applicability_table import (
+    angle_columns,
+    line_length,
+    output_paths,
+    visibility_columns,
+    write_csv,
+)
 from horizon_sensor_ros.tools.camera_file import CameraFileError, Rig, read_camera_file
 from horizon_sensor_ros.tools.figure6 import Figure6, figure6
+from horizon_sensor_ros.tools.mounting_angle import mountings
+from horizon_sensor_ros.tools.quality_map import quality_maps
 
 AXES = ("roll", "pitch", "yaw")
 # So dense that limb points a pixel apart are samples of the horizon.
@@ -37,8 +45,10 @@ MOST_ATTITUDES = 2_000_000
 
 DESCRIPTION = """\
 Field of applicability: at which attitudes the horizon is in the frames of the cameras, and how
-much of it; with --error, also the nadir error to be expected there. The horizon is exact (sphere or
-ellipsoid), the frame is that of the real camera, distortion included. Attitudes are
+much of it; with --error, also the nadir error to be expected there. With --quality: the share of
+the horizon that each camera sees, and the sigma to be expected of it alone and of all together.
+With --mounting: how far below the horizontal the cameras should look. The horizon is exact (sphere
+or ellipsoid), the frame is that of the real camera, distortion included. Attitudes are
 Rz(yaw) Ry(pitch) Rx(roll) from the zero attitude of the file. After Lomaka & Ustyugov, and the
 vertical builder of Izv. vuzov. Priborostroenie 59(6), 2016."""
 
@@ -47,11 +57,17 @@ examples:
   horizon_applicability config/applicability_example.yaml
   horizon_applicability config/applicability_example.yaml --range -50 50 --step 2 --error arc
   horizon_applicability rig.yaml --axes roll,pitch --altitude 500 --error bound --sigma 0.2 -o rig
+  horizon_applicability rig.yaml --quality --altitude 500 --range -40 40 --step 2 -o quality
+  horizon_applicability rig.yaml --mounting 300 1200 --tilt 5 -o mounting
   horizon_applicability --figure6
 
 The CSV has one row an attitude: the angles; for each camera the fraction of the horizon's azimuth
 in the frame, the length of its line and of its longest arc in pixels, and the number of arcs;
-whether the attitude is in the field; and the error (empty where there is none)."""
+whether the attitude is in the field; and the error (empty where there is none). With --quality: the
+angles, and for each camera and for all the share and the sigma; with --mounting: angle, altitude
+and sigma. Sigma is one of nadir in its least certain direction, from the Fisher information of the
+limb in the frames, with --sigma px of error in each pixel of limb (0.02 is a sharp, even limb, 0.3
+one with clouds)."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -60,14 +76,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.figure6 and (args.camera_file or args.error or args.cameras):
         parser.error("--figure6 has its own cameras and no error map; leave the others out")
+    if args.quality and args.mounting:
+        parser.error("--quality and --mounting are two questions; ask one of them")
+    if (args.quality or args.mounting) and (args.figure6 or args.error or args.any):
+        parser.error("--quality and --mounting have maps of their own; leave out the other modes")
     if not args.figure6 and args.camera_file is None:
         parser.error("give a camera and extrinsics file, or --figure6")
     try:
-        print(_draw_figure6(args) if args.figure6 else _draw_field(args))
+        print(_mode(args)(args))
     except (CameraFileError, OSError, ValueError) as error:
         print(f"horizon_applicability: error: {error}", file=sys.stderr)
         return 2
     return 0
+
+
+def _mode(args: argparse.Namespace) -> Callable[[argparse.Namespace], str]:
+    if args.quality:
+        return _draw_quality
+    if args.mounting:
+        return _draw_mounting
+    return _draw_figure6 if args.figure6 else _draw_field
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -82,9 +110,10 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--axes",
         type=_axes,
-        default=("yaw", "pitch"),
+        default=None,
         metavar="X,Y",
-        help="two of roll, pitch, yaw: across and up the map (default yaw,pitch); the third is 0",
+        help="two of roll, pitch, yaw: across and up the map, the third is 0 (default yaw,pitch; "
+        "roll,pitch with --quality)",
     )
     add(
         "--range",
@@ -143,6 +172,25 @@ def _parser() -> argparse.ArgumentParser:
         help="noisy fits an attitude (default 0: one noise-free fit, which shows model error)",
     )
     add(
+        "--quality",
+        action="store_true",
+        help="map the share of the horizon seen and the expected sigma, by camera and for all",
+    )
+    add(
+        "--mounting",
+        type=float,
+        nargs=2,
+        metavar=("MIN", "MAX"),
+        help="best angle of the cameras below the horizontal for altitudes from MIN to MAX, km",
+    )
+    add(
+        "--tilt",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="with --mounting: the craft leans by up to this in any direction (default 0)",
+    )
+    add(
         "--figure6",
         action="store_true",
         help="paper A's figure 6 (half-aperture 28 deg, 3:4, 300 km), exact and as printed",
@@ -180,7 +228,8 @@ def _grid(args: argparse.Namespace) -> AngleGrid:
             f"--step {args.step:g} makes {angles[0].size * angles[1].size} attitudes, more than "
             f"{MOST_ATTITUDES}; take a wider step or a narrower range"
         )
-    return AngleGrid(*args.axes, *angles)
+    axes = args.axes or (("roll", "pitch") if args.quality else ("yaw", "pitch"))
+    return AngleGrid(*axes, *angles)
 
 
 def _attitudes(grid: AngleGrid, nadir_at_zero: np.ndarray) -> np.ndarray:
@@ -202,26 +251,16 @@ def _chosen(args: argparse.Namespace, rig: Rig) -> list[CameraView]:
     return [views[name] for name in dict.fromkeys(names)]
 
 
-def _output(prefix: Path) -> tuple[Path, Path]:
-    """Paths of the PNG and the CSV, in a directory that exists."""
-    prefix.parent.mkdir(parents=True, exist_ok=True)
-    return prefix.with_name(prefix.name + ".png"), prefix.with_name(prefix.name + ".csv")
-
-
 # ------------------------------------------------------------------ field and error map
 
 
 def _draw_field(args: argparse.Namespace) -> str:
     rig = read_camera_file(args.camera_file)
     grid, views = _grid(args), _chosen(args, rig)
-    altitude_m = rig.altitude_m if args.altitude is None else 1e3 * args.altitude
-    if altitude_m is None:
-        raise ValueError(f"{args.camera_file}: has no altitude_km; add it, or give --altitude KM")
-    for option, value in (("--sigma", args.sigma), ("--trials", args.trials)):
-        if not (value > 0 or (value == 0 and option == "--trials")):
-            raise ValueError(f"{option} must be positive, got {value:g}")
+    altitude_m = _altitude(args, rig)
+    _check_noise(args)
     rays = horizon_rays(rig.planet, altitude_m, 720, rig.latitude_rad, rig.heading_rad)
-    png, table = _output(args.output or Path("applicability"))
+    png, table = output_paths(args.output or Path("applicability"))
     attitudes = _attitudes(grid, rig.nadir_at_zero)
     seen = [
         horizon_in_view(view, rays, attitudes)
@@ -231,11 +270,13 @@ def _draw_field(args: argparse.Namespace) -> str:
     field = np.asarray(counts.any(axis=0) if args.any else counts.all(axis=0))
     cameras = views[0].name if len(views) == 1 else f"{'any' if args.any else 'all'} cameras"
 
-    columns = _angle_columns(grid)
+    columns = angle_columns(grid)
     panels = []
     for view, vis in zip(views, seen, strict=True):
-        columns |= _visibility_columns(view.name, vis)
-        panels.append(Panel(f"{view.name}: horizon in the frame", _line(vis), "its length (px)"))
+        columns |= visibility_columns(view.name, vis)
+        panels.append(
+            Panel(f"{view.name}: horizon in the frame", line_length(vis), "its length (px)")
+        )
     columns["in_field"] = field.astype(int)
     if len(views) > 1:
         total = np.sum([vis.arc_px for vis in seen], axis=0)
@@ -255,8 +296,47 @@ def _draw_field(args: argparse.Namespace) -> str:
         f"Field of applicability at {altitude_m / 1e3:g} km: "
         f"{100 * field.mean():.1f} % of these attitudes. Grey: no horizon, or no answer",
     )
-    _write_csv(table, columns)
+    write_csv(table, columns)
     return f"{answer}; wrote {png} and {table}"
+
+
+def _altitude(args: argparse.Namespace, rig: Rig) -> float:
+    altitude_m = rig.altitude_m if args.altitude is None else 1e3 * args.altitude
+    if altitude_m is None:
+        raise ValueError(f"{args.camera_file}: has no altitude_km; add it, or give --altitude KM")
+    return altitude_m
+
+
+def _check_noise(args: argparse.Namespace) -> None:
+    for option, value in (("--sigma", args.sigma), ("--trials", args.trials)):
+        if not (value > 0 or (value == 0 and option == "--trials")):
+            raise ValueError(f"{option} must be positive, got {value:g}")
+
+
+def _draw_quality(args: argparse.Namespace) -> str:
+    rig = read_camera_file(args.camera_file)
+    grid, views, altitude_m = _grid(args), _chosen(args, rig), _altitude(args, rig)
+    _check_noise(args)
+    rays = horizon_rays(rig.planet, altitude_m, 720, rig.latitude_rad, rig.heading_rad)
+    attitudes = _attitudes(grid, rig.nadir_at_zero)
+    files = output_paths(args.output or Path("quality"))
+    maps = quality_maps(views, rays, attitudes, rig.planet, altitude_m, args.sigma)
+    return draw_quality(files, grid, maps, altitude_m, args.sigma)
+
+
+def _draw_mounting(args: argparse.Namespace) -> str:
+    rig = read_camera_file(args.camera_file)
+    views = _chosen(args, rig)
+    _check_noise(args)
+    low_km, high_km = args.mounting
+    if not (0 < low_km <= high_km < 1e6):
+        raise ValueError(f"--mounting must be rising altitudes in km, got {low_km:g} {high_km:g}")
+    if not 0 <= args.tilt < 45:
+        raise ValueError(f"--tilt must be 0 to 45 degrees, got {args.tilt:g}")
+    heights_m = (1e3 * low_km, 1e3 * high_km)
+    files = output_paths(args.output or Path("mounting"))
+    found = mountings(views, rig.planet, rig.nadir_at_zero, heights_m, args.sigma, args.tilt)
+    return draw_mounting(files, found, views, rig.nadir_at_zero, rig.planet, args.tilt, args.sigma)
 
 
 def _errors_rad(
@@ -310,19 +390,19 @@ def _error_answer(name: str, error_deg: np.ndarray) -> str:
 
 
 def _draw_figure6(args: argparse.Namespace) -> str:
-    if args.axes != ("yaw", "pitch"):
+    if args.axes not in (None, ("yaw", "pitch")):
         raise ValueError("--figure6 is drawn over yaw,pitch; leave out --axes")
     grid = _grid(args)
     altitude_km = 300.0 if args.altitude is None else args.altitude
     result = figure6(*grid.mesh_deg(), 1e3 * altitude_km)
-    png, table = _output(args.output or Path("figure6"))
+    png, table = output_paths(args.output or Path("figure6"))
     yaw_deg, pitch_deg = result.maximum_deg
     circle_seen = result.circle_fraction > 0
     length = "length of the line (px)"
     panels = [
         Panel(
             "one camera, exact horizon",
-            _line(result.first),
+            line_length(result.first),
             length,
             marks_deg=[(yaw_deg, -pitch_deg), (yaw_deg, pitch_deg)],
             label="horizon along the diagonal",
@@ -338,7 +418,7 @@ def _draw_figure6(args: argparse.Namespace) -> str:
             "difference of length (px)",
             diverging=True,
         ),
-        Panel("second camera, 90° about the long axis", _line(result.second), length),
+        Panel("second camera, 90° about the long axis", line_length(result.second), length),
         Panel(
             "both cameras, exact",
             np.where(result.both, result.first.arc_px + result.second.arc_px, np.nan),
@@ -363,15 +443,15 @@ def _draw_figure6(args: argparse.Namespace) -> str:
         f"Lomaka & Ustyugov, figure 6: half-aperture 28°, 3:4 ({size}), {altitude_km:g} km. "
         "Grey: no horizon in the frame",
     )
-    _write_csv(
+    write_csv(
         table,
-        _angle_columns(grid)
-        | _visibility_columns("camera_1", result.first)
+        angle_columns(grid)
+        | visibility_columns("camera_1", result.first)
         | {
             "section_circle_fraction": result.circle_fraction,
             "section_circle_arc_px": result.circle_px,
         }
-        | _visibility_columns("camera_2", result.second)
+        | visibility_columns("camera_2", result.second)
         | {
             "in_field": result.both.astype(int),
             "in_field_as_printed": result.both_as_printed.astype(int),
@@ -397,36 +477,6 @@ def _figure6_answer(grid: AngleGrid, result: Figure6) -> str:
         f"{np.abs(difference).max():.1f} at most, seen or not otherwise at {verdicts}, line off by "
         f"{result.circle_offset_px:.1f} px at most at that maximum"
     )
-
-
-# ------------------------------------------------------------------ tables
-
-
-def _line(vis: Visibility) -> np.ndarray:
-    """Length of the horizon's line, NaN where there is none."""
-    return np.where(vis.visible, vis.arc_px, np.nan)
-
-
-def _angle_columns(grid: AngleGrid) -> dict[str, np.ndarray]:
-    x_deg, y_deg = grid.mesh_deg()
-    return {f"{grid.x_name}_deg": x_deg, f"{grid.y_name}_deg": y_deg}
-
-
-def _visibility_columns(name: str, vis: Visibility) -> dict[str, np.ndarray]:
-    return {
-        f"{name}_fraction": vis.fraction,
-        f"{name}_arc_px": vis.arc_px,
-        f"{name}_longest_px": vis.longest_px,
-        f"{name}_arcs": vis.num_arcs,
-    }
-
-
-def _write_csv(path: Path, columns: dict[str, np.ndarray]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        for row in zip(*columns.values(), strict=True):
-            writer.writerow(["" if np.isnan(value) else f"{value:.7g}" for value in row])
 
 
 if __name__ == "__main__":

@@ -54,6 +54,7 @@ class Panel:
     unit: str
     diverging: bool = False
     logarithmic: bool = False
+    limits: tuple[float, float] | None = None  # of the colours; default: of the values
     marks_deg: Sequence[tuple[float, float]] = ()
     outline: np.ndarray | None = None
     label: str = ""  # of the marks or the outline
@@ -63,7 +64,9 @@ def draw_panel(axes: Axes, grid: AngleGrid, panel: Panel) -> None:
     """Draw a map with its colour bar; attitudes without a value are grey."""
     values = np.ma.masked_invalid(panel.values.reshape(grid.shape))
     norm: Normalize | None = None
-    if panel.diverging:
+    if panel.limits is not None:
+        norm = LogNorm(*panel.limits) if panel.logarithmic else Normalize(*panel.limits)
+    elif panel.diverging:
         limit = float(np.abs(values).max()) if values.count() else 1.0
         norm = Normalize(-limit, limit)
     elif panel.logarithmic and values.count() and values.min() > 0:
@@ -116,9 +119,11 @@ def _limits(angles_deg: np.ndarray) -> tuple[float, float]:
     return float(angles_deg[0] - half), float(angles_deg[-1] + half)
 
 
-def draw_maps(path: Path, grid: AngleGrid, panels: Sequence[Panel], title: str) -> None:
-    """Write the panels to a PNG, two or three in a row."""
-    columns = 2 if len(panels) in (2, 4) else min(len(panels), 3)
+def draw_maps(
+    path: Path, grid: AngleGrid, panels: Sequence[Panel], title: str, columns: int | None = None
+) -> None:
+    """Write the panels to a PNG, two or three in a row where it is not said how many."""
+    columns = columns or (2 if len(panels) in (2, 4) else min(len(panels), 3))
     rows = -(-len(panels) // columns)
     figure, grid_axes = plt.subplots(
         rows,

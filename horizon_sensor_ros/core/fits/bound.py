@@ -28,6 +28,30 @@ def horizon_bound(
     NaN when no limb is in any frame, or too little of it. Raises ValueError for a sigma_px that is
     not positive or an altitude below the limb.
     """
+    informations = [
+        horizon_information(view, planet, nadir_base, altitude_m, sigma_px, samples)
+        for view in views
+    ]
+    information = np.sum(informations, axis=0) if informations else np.zeros((3, 3))
+    nadir = np.asarray(nadir_base, dtype=float)
+    basis = tangent_basis(nadir / np.linalg.norm(nadir))
+    cov = bound_of(information)
+    return covariance_nadir_altitude(cov, basis, planet.rho_from_altitude(altitude_m), planet)
+
+
+def horizon_information(
+    view: CameraView,
+    planet: Planet,
+    nadir_base: np.ndarray,
+    altitude_m: float,
+    sigma_px: float,
+    samples: int = 3600,
+) -> np.ndarray:
+    """Fisher information (3, 3) that one camera's frame holds of nadir and the disc's radius.
+
+    Of nadir's two components along `tangent_basis` (rad) and rho (rad); that of several cameras is
+    the sum. Arguments and errors as of `horizon_bound`.
+    """
     rho = planet.rho_from_altitude(altitude_m)
     if not np.isfinite(rho):
         raise ValueError(f"altitude_m must be above the limb, got {altitude_m}")
@@ -42,27 +66,35 @@ def horizon_bound(
     rays = np.cos(rho) * nadir + np.sin(rho) * around
     # Derivative of ``angle - rho`` by nadir's tangent components and rho.
     rows = np.column_stack((-np.cos(azimuth), -np.sin(azimuth), np.full(samples, -1.0)))
-    information = np.zeros((3, 3))
-    for view in views:
-        rot_cam_from_base = view.rot_base_from_cam.T
-        rays_cam = rays @ rot_cam_from_base.T
-        px, jacobian = view.camera.project(rays_cam)
-        seen = view.camera.in_frame(px)
-        if not seen.any():
-            continue
-        jacobian = jacobian[seen]
-        step = np.einsum("ijk,ik->ij", jacobian, (along @ rot_cam_from_base.T)[seen])
-        length_px = np.linalg.norm(step, axis=1) * np.sin(rho) * (2 * np.pi / samples)
-        normal = np.column_stack((-step[:, 1], step[:, 0]))
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        growth = np.linalg.norm(outward_per_px(jacobian, normal), axis=1)
-        weight = length_px / (sigma_px * growth) ** 2
-        information += (rows[seen] * weight[:, None]).T @ rows[seen]
+    rot_cam_from_base = view.rot_base_from_cam.T
+    px, jacobian = view.camera.project(rays @ rot_cam_from_base.T)
+    seen = view.camera.in_frame(px)
+    if not seen.any():
+        return np.zeros((3, 3))
+    jacobian = jacobian[seen]
+    step = np.einsum("ijk,ik->ij", jacobian, (along @ rot_cam_from_base.T)[seen])
+    length_px = np.linalg.norm(step, axis=1) * np.sin(rho) * (2 * np.pi / samples)
+    normal = np.column_stack((-step[:, 1], step[:, 0]))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    growth = np.linalg.norm(outward_per_px(jacobian, normal), axis=1)
+    weight = length_px / (sigma_px * growth) ** 2
+    return (rows[seen] * weight[:, None]).T @ rows[seen]
+
+
+def bound_of(information: np.ndarray) -> np.ndarray:
+    """Covariance (3, 3) that an information allows; NaN where it leaves a direction open."""
     scale = np.sqrt(np.diag(information))
     if not np.all(scale > 0):
-        return np.full((4, 4), np.nan)
+        return np.full((3, 3), np.nan)
     normalised = information / np.outer(scale, scale)
     if np.linalg.cond(normalised) > 1e14:
-        return np.full((4, 4), np.nan)
-    cov = np.linalg.inv(normalised) / np.outer(scale, scale)
-    return covariance_nadir_altitude(cov, basis, rho, planet)
+        return np.full((3, 3), np.nan)
+    return np.linalg.inv(normalised) / np.outer(scale, scale)
+
+
+def nadir_sigma_rad(information: np.ndarray) -> float:
+    """One sigma (rad) of nadir in its least certain direction; infinite where it is left open."""
+    cov = bound_of(information)
+    if not np.isfinite(cov).all():
+        return np.inf
+    return float(np.sqrt(np.linalg.eigvalsh(cov[:2, :2])[-1]))
