@@ -15,6 +15,8 @@ from horizon_sensor_ros.core.figure import Figure, MeanSphere, StretchedEllipsoi
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.assessment import inliers, root_mean_square
 from horizon_sensor_ros.core.fits.known_altitude import with_altitude
+from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD as MAXIMUM_LIKELIHOOD
+from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.judgement import disagreement_rad, doubt, full_scale, refusal
@@ -245,7 +247,7 @@ class HorizonSensor:
         if not any(limb.status is Status.OK for limb in limbs):
             fit = HorizonFit.none(limbs[0].status, limbs[0].reason, self.config.method)
             return HorizonFix(fit.status, _reasons(views, limbs), fit, limbs, ()), {}
-        fit = fit_horizon(observations, self._sphere, self.config.method)
+        fit = self._fit(observations, detection)
         if not fit.ok:
             return HorizonFix(fit.status, fit.reason, fit, limbs, ()), {}
         doubtful = self._doubts(frames, views, detection, limbs, fit)
@@ -259,6 +261,15 @@ class HorizonSensor:
             none = HorizonFit.none(*refused, self.config.method, fit.num_points)
             return HorizonFix(*refused, none, limbs, ()), {}
         return HorizonFix(Status.OK, "", figure.estimate(fit), limbs, fit.cameras), {}
+
+    def _fit(self, observations: Sequence[LimbObservation], detection: Detection) -> HorizonFit:
+        """Fit by the configured method, from the cone that the limb was measured around."""
+        if self.config.method == MAXIMUM_LIKELIHOOD and np.isfinite(detection.rho_rad):
+            near = detection.nadir_base, detection.rho_rad
+            fit = fit_maximum_likelihood(observations, self._sphere, near)
+            if fit.ok:
+                return fit
+        return fit_horizon(observations, self._sphere, self.config.method)
 
     def _doubts(
         self,

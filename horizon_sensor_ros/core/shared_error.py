@@ -13,6 +13,7 @@ from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.robust import median
 
 _STRETCHES = 6
 _CAMERA_SHIFT = 1.5  # error of a camera's whole limb, over that of its stretches
@@ -34,7 +35,7 @@ def with_shared_error(
 def bend_px(fit: HorizonFit, rays: LimbRays) -> float:
     """How far stretches of one camera's limb lie off the fitted one, RMS of their medians."""
     residual = rays.residuals_px(fit.nadir_base, fit.rho_rad)[rays.along_limb(fit.nadir_base)]
-    stretches = [np.median(part) for part in np.array_split(residual, _STRETCHES)]
+    stretches = [median(part) for part in np.array_split(residual, _STRETCHES)]
     return float(np.nan_to_num(np.sqrt(np.mean(np.square(stretches))), posinf=9.0))
 
 

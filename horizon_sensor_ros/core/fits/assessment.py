@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.fits.circle import circle_on_sphere, robust_sigma
+from horizon_sensor_ros.core.fits.circle import circle_on_sphere
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.robust import median, robust_sigma
 from horizon_sensor_ros.core.status import Status
 
 MIN_POINTS = 4
@@ -76,7 +77,7 @@ def refusal(
     """Why this cone cannot be the planet's limb as these points saw it; None if it can."""
     if not (np.all(np.isfinite(nadir_base)) and np.isfinite(rho_rad)):
         return Status.ILL_CONDITIONED, "the limb points do not determine a cone"
-    if rho_rad <= 0 or np.median(rays.angles(nadir_base)[1]) <= 0:
+    if rho_rad <= 0 or median(rays.angles(nadir_base)[1]) <= 0:
         return Status.WRONG_POLARITY, "the limb normals point into the fitted disc"
     if rho_rad > _LARGEST_RHO_RAD:
         return Status.WRONG_POLARITY, "the limb is straight or curved the wrong way"

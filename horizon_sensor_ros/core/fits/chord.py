@@ -17,10 +17,11 @@ from horizon_sensor_ros.core.fits.assessment import (
     too_few,
     too_uncertain,
 )
-from horizon_sensor_ros.core.fits.circle import robust_circle_on_sphere, robust_sigma
+from horizon_sensor_ros.core.fits.circle import robust_circle_on_sphere
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.robust import robust_sigma
 from horizon_sensor_ros.core.status import Status
 
 _DIRECTIONS = 90

@@ -14,12 +14,6 @@ _TESTED_POINTS = 300
 _QUANTILE = 0.4
 # 40 % of a Gaussian's values lie within this many sigma.
 _QUANTILE_SIGMAS = 0.5244
-_MAD_TO_SIGMA = 1.4826
-
-
-def robust_sigma(values: np.ndarray) -> float:
-    """Scale of residuals about zero from their median size."""
-    return float(_MAD_TO_SIGMA * np.median(np.abs(values)))
 
 
 def circle_on_sphere(rays: LimbRays, weight: np.ndarray | None = None) -> tuple[np.ndarray, float]:

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.fits.result import LimbObservation
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.limb.points import LimbPoints
+
+if TYPE_CHECKING:
+    from horizon_sensor_ros.core.fits.result import LimbObservation
 
 # A limb normal so far off the cone's that a distance along it says nothing about the cone.
 _LEAST_NORMAL_COSINE = 0.2
@@ -39,13 +45,18 @@ class LimbRays:
         """(N,) one sigma of the angle between ray and limb."""
         return self.sigma_px * np.sqrt(np.einsum("ij,ij->i", self.outward_base, self.outward_base))
 
+    @cached_property
+    def _least_growth(self) -> np.ndarray:
+        """(N,) rad per pixel below which a distance along the normal means nothing."""
+        return _LEAST_NORMAL_COSINE * self.sigma_rad / self.sigma_px
+
     def angles(self, nadir_base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the rays' angles from nadir (N,), rad, and their growth per pixel (N,).
 
         The growth is along each point's normal, rad per pixel: positive where the normal points
         away from the planet, as it should.
         """
-        cosine = np.clip(self.rays_base @ nadir_base, -1.0, 1.0)
+        cosine = np.minimum(np.maximum(self.rays_base @ nadir_base, -1.0), 1.0)
         sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 1e-300))
         return np.arccos(cosine), (self.outward_base @ nadir_base) / -sine
 
@@ -56,11 +67,16 @@ class LimbRays:
         the camera's exact scale at the point. Infinite where the normal lies across the cone's, or
         against it.
         """
+        return self.residuals_and_growth(nadir_base, rho_rad)[0]
+
+    def residuals_and_growth(
+        self, nadir_base: np.ndarray, rho_rad: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """`residuals_px` (N,), and the angles' growth per pixel (N,) as `angles` has it."""
         theta, growth = self.angles(nadir_base)
-        usable = growth > _LEAST_NORMAL_COSINE * self.sigma_rad / self.sigma_px
         distance = np.full(len(self), np.inf)
-        np.divide(theta - rho_rad, growth, out=distance, where=usable)
-        return distance
+        np.divide(theta - rho_rad, growth, out=distance, where=growth > self._least_growth)
+        return distance, growth
 
     def design(self, nadir_base: np.ndarray, basis: np.ndarray) -> np.ndarray:
         """Derivative (N, 3) of ``angle - rho`` by nadir's two tangent components and rho.
@@ -86,31 +102,44 @@ class LimbRays:
 
 def gather(observations: Sequence[LimbObservation]) -> LimbRays:
     """Bring the limb points of all cameras into the base frame; empty ones contribute nothing."""
-    parts = []
-    names: list[str] = []
-    num_points = 0
-    for observation in observations:
-        limb, view = observation.limb, observation.view
-        px = np.asarray(limb.px, dtype=float)
-        num_points += len(px)
-        rays = view.camera.rays(px)
-        normal = np.asarray(limb.normal_px, dtype=float)
-        sigma = np.asarray(limb.sigma_px, dtype=float)
-        keep = np.isfinite(rays[:, 0] + normal[:, 0] + normal[:, 1]) & (sigma > 0) & (sigma < 1e6)
-        if not keep.any():
-            continue
-        if not keep.all():
-            rays, normal, sigma = rays[keep], normal[keep], sigma[keep]
-        outward = outward_per_px(view.camera.pixel_jacobian(rays), normal)
-        rot = view.rot_base_from_cam.T
-        index = np.full(len(rays), len(names))
-        names.append(view.name)
-        parts.append((rays @ rot, outward @ rot, sigma, index))
+    if len(observations) == 1:
+        return observations[0].rays
+    seen = [observation.rays for observation in observations]
+    num_points = sum(part.num_points for part in seen)
+    parts = [part for part in seen if len(part)]
     if not parts:
-        none = np.empty((0, 3))
-        return LimbRays(none, none, np.empty(0), np.empty(0, dtype=int), (), num_points)
-    rays, outward, sigma, index = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    return LimbRays(rays, outward, sigma, index, tuple(names), num_points)
+        return no_rays(num_points)
+    return LimbRays(
+        np.concatenate([part.rays_base for part in parts]),
+        np.concatenate([part.outward_base for part in parts]),
+        np.concatenate([part.sigma_px for part in parts]),
+        np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
+        tuple(name for part in parts for name in part.cameras),
+        num_points,
+    )
+
+
+def no_rays(num_points: int) -> LimbRays:
+    """Return the rays of points of which none is usable."""
+    none = np.empty((0, 3))
+    return LimbRays(none, none, np.empty(0), np.empty(0, dtype=int), (), num_points)
+
+
+def rays_of(view: CameraView, limb: LimbPoints) -> LimbRays:
+    """Bring the limb points of one camera into the base frame."""
+    px = np.asarray(limb.px, dtype=float)
+    rays = view.camera.rays(px)
+    normal = np.asarray(limb.normal_px, dtype=float)
+    sigma = np.asarray(limb.sigma_px, dtype=float)
+    keep = np.isfinite(rays[:, 0] + normal[:, 0] + normal[:, 1]) & (sigma > 0) & (sigma < 1e6)
+    if not keep.any():
+        return no_rays(len(px))
+    if not keep.all():
+        rays, normal, sigma = rays[keep], normal[keep], sigma[keep]
+    outward = outward_per_px(view.camera.pixel_jacobian(rays), normal)
+    rot = view.rot_base_from_cam.T
+    index = np.zeros(len(rays), dtype=int)
+    return LimbRays(rays @ rot, outward @ rot, sigma, index, (view.name,), len(px))
 
 
 def outward_per_px(jacobian: np.ndarray, normal_px: np.ndarray) -> np.ndarray:

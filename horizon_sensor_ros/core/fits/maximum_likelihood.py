@@ -17,10 +17,11 @@ from horizon_sensor_ros.core.fits.assessment import (
     too_few,
     too_uncertain,
 )
-from horizon_sensor_ros.core.fits.circle import robust_circle_on_sphere, robust_sigma
+from horizon_sensor_ros.core.fits.circle import robust_circle_on_sphere
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.robust import robust_sigma
 from horizon_sensor_ros.core.status import Status
 
 METHOD = "ml"
@@ -34,7 +35,7 @@ _MAX_STEP_RAD = 0.3
 _PATIENCE = 8  # steps after which a step is stretched
 _SCALE_STEPS = 4  # then the residuals' scale is kept
 # A step of this many (sigma)^2 is the last; one of `_NEAR_ENOUGH` will do when the steps run out.
-_CONVERGED = 1e-6
+_CONVERGED = 1e-5
 _NEAR_ENOUGH = 1e-3
 
 
@@ -75,9 +76,12 @@ def refine(
         return _assess(rays, planet, nadir, rho, altitude, converged, history)
 
 
-def _chi(rays: LimbRays, nadir: np.ndarray, rho: float) -> np.ndarray:
-    """Residuals in sigmas; infinite where the limb normal contradicts the cone."""
-    return rays.residuals_px(nadir, rho) / rays.sigma_px
+def _chi(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (N,) in sigmas, infinite where the limb normal contradicts the cone, and the growth
+    (N,) of the rays' angles, rad per sigma.
+    """
+    residual, growth = rays.residuals_and_growth(nadir, rho)
+    return residual / rays.sigma_px, growth * rays.sigma_px
 
 
 def _scale(chi: np.ndarray) -> float:
@@ -112,7 +116,7 @@ def _iterate(
 ) -> tuple[np.ndarray, float, bool, np.ndarray]:
     """Gauss-Newton on two tangent components and rho, reweighted, with step halving."""
     history = [np.append(nadir, rho)]
-    chi = _chi(rays, nadir, rho)
+    chi, growth = _chi(rays, nadir, rho)
     scale = length2 = np.inf
     for count in range(_MAX_STEPS):
         # A scale that kept following the residuals would make every step chase the last one.
@@ -122,7 +126,6 @@ def _iterate(
         basis = tangent_basis(nadir)
         weight = np.maximum(1.0 - (chi / (_TUKEY * scale)) ** 2, 0.0)
         weight *= weight
-        growth = rays.angles(nadir)[1] * rays.sigma_px
         rows = rays.design(nadir, basis)
         rows /= np.where(weight > 0, growth, np.inf)[:, None]
         weighted = rows * weight[:, None]
@@ -141,7 +144,7 @@ def _iterate(
             new_nadir = nadir + basis @ step[:2]
             new_nadir /= np.linalg.norm(new_nadir)
             new_rho = rho + float(step[2])
-            new_chi = _chi(rays, new_nadir, new_rho)
+            new_chi, new_growth = _chi(rays, new_nadir, new_rho)
             new_prior = _altitude_row(planet, new_rho, altitude)[0]
             new_cost = _tukey_cost(new_chi, scale) + 0.5 * new_prior * new_prior
             if 0 < new_rho < np.pi and new_cost <= cost + 1e-9 * (1.0 + cost):
@@ -156,14 +159,15 @@ def _iterate(
                 far_nadir = new_nadir + basis @ step[:2]
                 far_nadir /= np.linalg.norm(far_nadir)
                 far_rho = new_rho + float(step[2])
-                far_chi = _chi(rays, far_nadir, far_rho)
+                far_chi, far_growth = _chi(rays, far_nadir, far_rho)
                 far_prior = _altitude_row(planet, far_rho, altitude)[0]
                 far_cost = _tukey_cost(far_chi, scale) + 0.5 * far_prior * far_prior
                 if not (0 < far_rho < np.pi and far_cost < new_cost):
                     break
                 new_nadir, new_rho, new_chi, new_cost = far_nadir, far_rho, far_chi, far_cost
+                new_growth = far_growth
                 step *= 2.0
-        nadir, rho, chi = new_nadir, new_rho, new_chi
+        nadir, rho, chi, growth = new_nadir, new_rho, new_chi, new_growth
         history.append(np.append(nadir, rho))
         if length2 < _CONVERGED * max(1.0, scale * scale):
             return nadir, rho, True, np.array(history)
@@ -208,7 +212,7 @@ def _assess(
         return refuse(*refused)
     if not converged:
         return refuse(Status.NOT_CONVERGED, f"no convergence in {len(history) - 1} steps")
-    chi = _chi(rays, nadir, rho)
+    chi, growth = _chi(rays, nadir, rho)
     scale = _scale(chi)
     inlying = np.abs(chi) < _TUKEY * scale
     num_inliers = int(np.count_nonzero(inlying))
@@ -217,7 +221,7 @@ def _assess(
         return refuse(Status.POOR_FIT, f"residual {rms:.1f} px rms")
     if num_inliers < max(MIN_INLIER_FRACTION * len(rays), 3):
         return refuse(Status.POOR_FIT, f"only {num_inliers} of {len(rays)} points on one limb")
-    rows = design[inlying] / (rays.angles(nadir)[1] * rays.sigma_px)[inlying, None]
+    rows = design[inlying] / growth[inlying, None]
     order = rays.along_limb(nadir)
     order = order[inlying[order]]
     along = chi[order]

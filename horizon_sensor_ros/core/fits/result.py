@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.fits.limb_rays import LimbRays, rays_of
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 
@@ -21,6 +23,11 @@ class LimbObservation:
 
     view: CameraView
     limb: LimbPoints
+
+    @cached_property
+    def rays(self) -> LimbRays:
+        """The usable points in the base frame."""
+        return rays_of(self.view, self.limb)
 
 
 @dataclass(frozen=True)

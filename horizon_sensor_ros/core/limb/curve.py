@@ -8,7 +8,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
 
-_COARSE = 384
+_COARSE = 160
 _CONCENTRATION = 5.0  # how much denser the coarse azimuths lie near the optical axis
 
 
@@ -83,7 +83,8 @@ def limb_curve(
     px, jacobian = view.camera.project(rays)
     keep = _within(view, px, margin_px)
     px, jacobian, rays, azimuth = px[keep], jacobian[keep], rays[keep], azimuth[keep]
-    tangent = np.einsum("nij,nj->ni", jacobian, np.cross(nadir, rays))
+    along = np.outer(np.cos(azimuth), second) - np.outer(np.sin(azimuth), first)
+    tangent = np.einsum("nij,nj->ni", jacobian, along)
     # Outwards on the sphere of directions: away from nadir.
     outward = (cos_rho * rays - nadir) / sin_rho
     away = np.einsum("nij,nj->ni", jacobian, outward)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.limb.curve import LimbCurve
+from horizon_sensor_ros.core.robust import robust_sigma
 
 # Second differences along interpolated profiles show less than the pixels' own noise, and a real
 # edge is never quite the model's: on frames of known noise this factor makes the residuals of a
@@ -61,7 +62,7 @@ class EdgePlaces:
         """One sigma of the places from one profile to the next, robust; NaN for less than three."""
         if len(self.offset_px) < 3:
             return np.nan
-        return 1.4826 * float(np.median(np.abs(np.diff(self.offset_px)))) / np.sqrt(2.0)
+        return robust_sigma(np.diff(self.offset_px)) / np.sqrt(2.0)
 
     def take(self, keep: np.ndarray) -> EdgePlaces:
         """Those of the profiles that a mask (N,) keeps."""
@@ -114,7 +115,7 @@ def pixel_noise(profiles: np.ndarray, size: int = 1) -> float:
     (N, J), each the mean of `size`.
     """
     second = np.diff(profiles[:, -6:], n=2, axis=1)
-    spread = 1.4826 * float(np.median(np.abs(second)))
+    spread = robust_sigma(second.ravel())
     return max(_NOISE_FACTOR * spread / np.sqrt(6.0), _LEAST_NOISE / np.sqrt(size))
 
 

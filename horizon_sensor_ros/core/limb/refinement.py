@@ -28,6 +28,7 @@ from horizon_sensor_ros.core.limb.profiles import (
     sample_profiles,
 )
 from horizon_sensor_ros.core.limb.steepest import steepest_fall
+from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
 
 _INNER_PX = 6.0  # how far a profile reaches into the planet and into space, beside the search range
@@ -126,7 +127,7 @@ def refine_limb(
         # A model that most of the edges do not follow, that makes them jump about, or that without
         # glow moves them all, is wrong.
         calm = max(_CALM * places.take(good).scatter_px(), _CALM_PX)
-        moved = np.median((likely.offset_px - places.offset_px)[good]) if good.any() else 0.0
+        moved = median((likely.offset_px - places.offset_px)[good]) if good.any() else 0.0
         if (
             fits.sum() > _MODEL_SHARE * good.sum()
             and likely.take(fits).scatter_px() < calm
@@ -151,13 +152,13 @@ def refine_limb(
         coherent = min(coherent, places.scatter_px())
     if glows and not model_free and len(apart) >= _MIN_PROFILES:
         # Where model and steepest fall move apart along the limb, the model does not hold.
-        stretches = [float(np.median(part)) for part in np.array_split(apart, _STRETCHES)]
+        stretches = [median(part) for part in np.array_split(apart, _STRETCHES)]
         coherent = max(coherent, _APART_SHARE * float(np.std(stretches)))
     if coherent == 0.0:
         # What the surface's texture adds to noise is the same for neighbouring profiles.
         over_step = np.clip(noise / np.maximum(places.step, noise), 1.0 / MAX_LEVEL, 1.0)
         clean = _CLEAN_SIGMA_PX * over_step
-        texture2 = float(np.median(places.sigma_px**2 - clean**2))
+        texture2 = median(places.sigma_px**2 - clean**2)
         coherent = _TEXTURE_SHARED * np.sqrt(max(texture2, 0.0))
     limb = LimbPoints(
         Status.OK,
@@ -181,9 +182,9 @@ def _believable(places: EdgePlaces) -> np.ndarray:
 
 def guess_looks(profiles: np.ndarray, d_px: np.ndarray, places: EdgePlaces) -> tuple[EdgeLook, ...]:
     """First guesses of the edge's look, at least two, from profiles aligned at their own edges."""
-    middle = np.median(places.offset_px)
+    middle = median(places.offset_px)
     apart = np.abs(places.offset_px - middle)
-    together = apart <= 3.0 * np.median(apart) + 0.3
+    together = apart <= 3.0 * median(apart) + 0.3
     where, mean = mean_profile(profiles[together], d_px, places.take(together))
     near = (where > -2.5) & (where < 4.0)
     costs = []

@@ -52,7 +52,7 @@ def steepest_fall(profiles: np.ndarray, noise: float, grid: ProfileGrid) -> Edge
     # samples.
     sigma = np.abs(fall_noise / curvature)
     # From the top of the fall inwards to the level of space: the step.
-    background = np.median(profiles[:, -3:], axis=1)
+    background = np.sort(profiles[:, -3:], axis=1)[:, 1]
     step = smooth[rows, np.maximum(last - 1, 0)] - background
     places = EdgePlaces(
         d_px[last + 1] + shift,
