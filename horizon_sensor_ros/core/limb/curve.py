@@ -8,7 +8,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
 
-_COARSE = 160
+_COARSE = 384
 _CONCENTRATION = 5.0  # how much denser the coarse azimuths lie near the optical axis
 
 
