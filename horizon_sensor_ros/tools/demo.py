@@ -22,7 +22,7 @@ from horizon_sensor_ros.ros.messages import NANOSECONDS
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.sim.flight import Flight
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
-from horizon_sensor_ros.tools.bag_errors import BagError
+from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.demo_errors import FlightErrors, Truth, error_table, flight_errors
 from horizon_sensor_ros.tools.demo_link import (
     ATTITUDE_TOPIC,
@@ -77,6 +77,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         _demo(options)
     except (NodeFailedError, LinkTimeoutError, NoAnswerError, BagError) as failure:
         print(f"horizon_demo: {failure}", file=sys.stderr)
+        return 1
+    except OSError as failure:
+        # A full disk, a directory that is none.
+        print(
+            f"horizon_demo: cannot write to {options.output}: {in_one_line(failure)}; choose "
+            "another directory with --output",
+            file=sys.stderr,
+        )
         return 1
     except KeyboardInterrupt:
         print("horizon_demo: interrupted", file=sys.stderr)
@@ -235,20 +243,19 @@ def _fly(
 
 def _figures(flight: FlightErrors, target: TargetErrors) -> dict[str, str]:
     """Median errors so far."""
-    return {
-        "nadir": f"{_median(np.degrees(flight.nadir_rad)):.3f} deg",
-        "altitude": f"{_median(np.abs(flight.altitude_m)) / 1e3:.2f} km",
-        **{
-            name: f"{_median(np.degrees(motion.rotation)):.3f} deg, "
-            f"{_median(100 * motion.shift):.3f} cm"
-            for name, motion in (("target's pose", target.pose), ("target's delta", target.delta))
-        },
+    figures = {
+        "nadir": f"{_median(np.degrees(flight.nadir_rad), 3)} deg",
+        "altitude": f"{_median(np.abs(flight.altitude_m) / 1e3, 2)} km",
     }
+    for name, motion in (("target's pose", target.pose), ("target's delta", target.delta)):
+        turn, shift = np.degrees(motion.rotation), 100 * motion.shift
+        figures[name] = f"{_median(turn, 3)} deg, {_median(shift, 3)} cm"
+    return figures
 
 
-def _median(values: np.ndarray) -> float:
+def _median(values: np.ndarray, digits: int) -> str:
     known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else np.nan
+    return f"{np.median(known):.{digits}f}" if known.size else "-"
 
 
 def _why_nothing(answers: Answers, nodes: Sequence[NodeProcess]) -> str:

@@ -323,6 +323,17 @@ def test_short_flight_prints_errors_and_leaves_a_report_and_a_bag(tmp_path: Path
             assert messages_of(tmp_path / "again", f"/{topic}") == messages_of(bag, f"/{topic}")
 
 
+def test_a_place_that_cannot_be_written_to_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    done = subprocess.run(
+        command(tmp_path / "file" / "inside"), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert "cannot write to" in done.stderr
+    assert "--output" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_interrupt_leaves_no_process(tmp_path: Path) -> None:
     token = uuid.uuid4().hex
     with subprocess.Popen(
