@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target.alternatives import face_axes, right_turns
 from horizon_sensor_ros.core.target.consistency import view_consistency
 from horizon_sensor_ros.core.target.registration import (
     Registration,
@@ -238,3 +239,57 @@ def test_bad_data_comes_back_as_a_status_and_a_bad_prior_raises() -> None:
     assert "0 finite points" in found.reason
     with pytest.raises(ValueError, match="prior_b_from_a"):
         register(target_view(a), target_view(b), None, np.eye(3))
+
+
+def test_a_plate_seen_from_its_other_side_still_holds_the_motion() -> None:
+    # Wings from above, then from below; the round body alone does not show its own turn.
+    camera, mesh = ToFCamera(), MESHES["winged_cylinder"]
+    lean = Rotation.from_euler("ZY", (10, 35), degrees=True)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        tilt = rng.uniform(6, 12)
+        poses = [
+            pose_matrix(
+                (Rotation.from_euler("X", angle, degrees=True) * lean).as_matrix(),
+                np.array([0, 0, 5.3]),
+            )
+            for angle in (tilt, tilt - 18)
+        ]
+        clouds = [camera.scan(mesh, pose, rng).points for pose in poses]
+        found = register(*(target_view(cloud) for cloud in clouds))
+        assert found.status is Status.OK
+        deg, cm = errors(found, poses[1] @ inverse_pose(poses[0]), centroid(clouds[0]))
+        assert deg < 0.3
+        assert cm < 0.3
+
+
+def test_a_turn_that_a_box_hides_is_refused_not_mistaken() -> None:
+    """Faces at right angles look alike after a large turn; the nearest fit is the wrong one."""
+    doubted = 0
+    for seed in range(30, 42):
+        a, b, truth = pair("n1", seed, 58.0)
+        found = register(target_view(a), target_view(b))
+        if found.status is Status.OK:
+            assert errors(found, truth, centroid(a))[0] < 1
+        doubted += "turned by" in found.reason or "a turn by" in found.reason
+    assert doubted >= 2
+
+
+def test_right_turns_are_the_rotations_of_a_cube() -> None:
+    turns = right_turns()
+    assert len(turns) == 23
+    assert np.allclose(np.linalg.det(turns), 1)
+    angles = np.degrees(Rotation.from_matrix(turns).magnitude())
+    assert sorted(np.round(angles).astype(int).tolist()) == [90] * 6 + [120] * 8 + [180] * 9
+
+
+def test_faces_give_the_axes_of_a_box() -> None:
+    camera = ToFCamera(range_noise_m=0.003)
+    turn = Rotation.from_euler("XYZ", (35, 25, 15), degrees=True).as_matrix()
+    cloud = camera.scan(box((0.8, 0.6, 0.5)), pose_matrix(turn, np.array([0, 0, 4.0])),
+                        np.random.default_rng(0)).points  # fmt: skip
+    surface = target_view(cloud).surface
+    assert surface is not None
+    axes = face_axes(surface)
+    assert np.linalg.det(axes) == pytest.approx(1)
+    assert np.abs(turn.T @ axes).max(axis=0).min() > np.cos(np.radians(3))

@@ -8,18 +8,26 @@ from functools import cached_property
 import numpy as np
 
 from ..status import Status
+from .alternatives import rivals
 from .consistency import view_consistency
 from .judgement import Uncertainty, uncertainty, weak_directions
 from .range_image import RangeImage, range_image
 from .refinement import Matcher, Refined, refine
-from .rigid import pose_matrix, rotation_from_vector, skew
+from .rigid import pose_matrix, rotation_from_vector, skew, vector_from_rotation
 from .search import align_batch, rotation_starts
 from .surfels import SurfaceView, surface_view
 
-# View consistency from which a motion is taken without looking for a better one.
+# View consistency, of clouds without odd returns, from which a motion is taken without a search.
 _SURE = 0.95
 # And one from which the search goes no further.
 _LIKELY = 0.9
+# And one beyond which nothing else can be better.
+_BEYOND_DOUBT = 0.98
+# Scores of two motions so near tell nothing, and so far apart much.
+_SAME_SCORE, _OTHER_SCORE = 0.012, 0.03
+# Of the share of odd returns in both clouds so much is missing from the score of the true motion,
+# and makes two scores differ.
+_SCORE_LOST, _SCORE_NOISE = 0.6, 0.6
 # Reach, in rms radii of the target, of the look along a direction that is not observed, and the
 # gain that counts.
 _SLIDE = 0.4
@@ -167,6 +175,7 @@ class _Found:
     score: float
     overlap: float
     searched: bool
+    expected: bool
 
     @property
     def merit(self) -> float:
@@ -197,14 +206,15 @@ class _Finder:
         a, b, config = self._a, self._b, self._config
         tried = []
         if prior is not None:
-            tried.append(self._finish(*prior, False))
+            tried.append(self._finish(*prior, False, True))
             # What a good start leads to need not be better than what is accepted in the end.
             if tried[-1].score >= config.min_score and tried[-1].refined.converged:
                 return tried[-1]
         shift = b.image.centroid_m - a.image.centroid_m
         first = align_batch(a, b, np.eye(3)[None], shift[None], b.size_m * _SINGLE_GATES, 250)
         tried.append(self._settle(first[0][0], first[1][0], False))
-        if tried[-1].score >= _SURE and tried[-1].refined.converged:
+        sure = _SURE - _SCORE_LOST * _odd_share(a, b)
+        if tried[-1].score >= sure and tried[-1].refined.converged:
             return tried[-1]
         # A second candidate, and another reach, only where there is no likely answer yet.
         for reach in (_FIRST_GATES, _WIDE_GATES):
@@ -214,12 +224,19 @@ class _Finder:
                     return max(tried, key=lambda found: found.merit)
         return max(tried, key=lambda found: found.merit)
 
-    def _finish(self, rotation: np.ndarray, translation: np.ndarray, searched: bool) -> _Found:
+    def _finish(
+        self,
+        rotation: np.ndarray,
+        translation: np.ndarray,
+        searched: bool,
+        expected: bool = False,
+    ) -> _Found:
         refined = refine(self._matcher, rotation, translation, self._gates)
         seen = view_consistency(
             self._a, self._b, refined.rotation[None], refined.translation_m[None], 600
         )
-        return _Found(refined, self._b, float(seen.score[0]), float(seen.overlap[0]), searched)
+        score, overlap = float(seen.score[0]), float(seen.overlap[0])
+        return _Found(refined, self._b, score, overlap, searched, expected)
 
     def _settle(self, rotation: np.ndarray, translation: np.ndarray, searched: bool) -> _Found:
         """Refine; where a direction is not observed, look along it for what agrees better."""
@@ -234,6 +251,11 @@ class _Finder:
             return found
         again = self._finish(rotations[best], translations[best], searched)
         return max(found, again, key=lambda one: one.merit)
+
+
+def _odd_share(a: SurfaceView, b: SurfaceView) -> float:
+    """Share of both clouds' points that share their surface with no other."""
+    return 1 - (a.image.num_used / a.image.num_points + b.image.num_used / b.image.num_points) / 2
 
 
 def _along_weakest(found: _Found, b: SurfaceView) -> tuple[np.ndarray, np.ndarray]:
@@ -269,6 +291,7 @@ def _search(
 
 
 def _judge(found: _Found, a: TargetView, b: TargetView, config: RegistrationConfig) -> Registration:
+    assert a.surface is not None
     assert b.surface is not None
     refined = found.refined
     known = Registration(
@@ -290,10 +313,43 @@ def _judge(found: _Found, a: TargetView, b: TargetView, config: RegistrationConf
     if not refined.converged:
         reason = f"still moving after {refined.iterations} iterations"
         return replace(known, status=Status.NOT_CONVERGED, reason=reason)
+    doubt = "" if found.expected else _doubt(found, a.surface, b.surface, config)
+    if doubt:
+        return replace(known, status=Status.POOR_FIT, reason=doubt)
     pose = pose_matrix(turn_b @ refined.rotation @ turn_a.T, turn_b @ refined.translation_m)
     return replace(
         known, pose_b_from_a=pose, covariance=covariance, centre_m=turn_b @ judged.centre_m
     )
+
+
+def _doubt(found: _Found, a: SurfaceView, b: SurfaceView, config: RegistrationConfig) -> str:
+    """Why a motion nobody expected may be another one on a target that is nearly symmetric; ""
+    where it is not.
+
+    A rival must be the better one, by more where it is turned beyond what is likely; where the
+    motion itself is beyond the turns that are searched, it is enough to be as good.
+    """
+    turn = float(np.linalg.norm(vector_from_rotation(found.refined.rotation)))
+    far = turn > config.search_rad
+    odd = _odd_share(a, b)
+    clear = found.score > _BEYOND_DOUBT - _SCORE_LOST * odd
+    if clear and not far:
+        return ""
+    if far and not clear:
+        return (
+            f"a turn by {np.degrees(turn):.0f} deg, beyond the search, with which the views agree"
+            f" to {found.score:.3f} only"
+        )
+    for rival in rivals(a, b, found.refined.rotation, found.refined.translation_m):
+        likely = rival.turn_rad < 2 * config.search_rad
+        margin = (_SAME_SCORE if likely else _OTHER_SCORE) + _SCORE_NOISE * odd
+        if rival.lead > (-margin if far and likely else margin):
+            return (
+                f"views agree to {found.score:.3f} over {found.overlap:.2f} of the points, and"
+                f" turned by {np.degrees(rival.apart_rad):.0f} deg to {rival.score:.3f} over"
+                f" {rival.overlap:.2f}"
+            )
+    return ""
 
 
 def _tell(weak: np.ndarray, covariance: np.ndarray) -> str:

@@ -1,0 +1,100 @@
+"""Motions that would look almost alike: a target whose faces stand at right angles, turned by one
+or two of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+
+from .consistency import view_consistency
+from .rigid import vector_from_rotation
+from .search import align_batch
+from .surfels import SurfaceView
+
+# Normals so near belong to one face.
+_SAME_FACE = np.cos(np.radians(15.0))
+_GATES = np.array([0.3, 0.2, 0.15])
+_LAST_GATES = np.array([0.15, 0.1, 0.1, 0.08])
+_KEPT = 8
+# What fell back to the motion itself is none.
+_APART_RAD = np.radians(20.0)
+# And one that leaves much less in common says little.
+_LEAST_OVERLAP = 0.45
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another motion: its turn, how far it is turned from the first, its view consistency, and by
+    how much its score is the higher one."""
+
+    turn_rad: float
+    apart_rad: float
+    score: float
+    overlap: float
+    lead: float
+
+
+def right_turns() -> np.ndarray:
+    """(23, 3, 3) rotations that map the three axes on each other, without the one that leaves
+    them."""
+    turns = []
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            turn = np.zeros((3, 3))
+            turn[range(3), order] = signs
+            if np.linalg.det(turn) > 0:
+                turns.append(turn)
+    return np.array([turn for turn in turns if not np.array_equal(turn, np.eye(3))])
+
+
+def face_axes(view: SurfaceView) -> np.ndarray:
+    """(3, 3) axes as columns: normal of the largest face, of the next one most across it, and the
+    third.
+
+    Without a second face, the longest extent of the first stands for it.
+    """
+    points, normals = view.sample(300)
+    normals = normals[normals.any(axis=1)].astype(float)
+    if not len(normals):
+        return np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2].T
+    near = normals @ normals.T > _SAME_FACE
+    first = normals[near[near.sum(axis=1).argmax()]].mean(axis=0)
+    first /= np.linalg.norm(first)
+    across = np.abs(normals @ first) < 0.5
+    if across.sum() > 0.03 * len(normals):
+        normals = normals[across]
+        near = normals @ normals.T > _SAME_FACE
+        second = normals[near[near.sum(axis=1).argmax()]].mean(axis=0)
+    else:
+        second = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][0]
+    second = second - (second @ first) * first
+    second /= np.linalg.norm(second)
+    return np.column_stack([first, second, np.cross(first, second)])
+
+
+def rivals(
+    a: SurfaceView, b: SurfaceView, rotation: np.ndarray, translation_m: np.ndarray
+) -> list[Rival]:
+    """The most consistent motions near right turns of the given one, (3, 3) and (3,)."""
+    axes = face_axes(b)
+    rotations = axes @ right_turns() @ axes.T @ rotation
+    translations = b.image.centroid_m - rotations @ a.image.centroid_m
+    rotations, translations = align_batch(a, b, rotations, translations, b.size_m * _GATES, 100)
+    seen = view_consistency(a, b, rotations, translations, 150, 2.0)
+    kept = np.argsort(-seen.score * np.sqrt(seen.overlap), kind="stable")[:_KEPT]
+    rotations, translations = align_batch(
+        a, b, rotations[kept], translations[kept], b.size_m * _LAST_GATES, 150
+    )
+    rotations = np.concatenate([rotation[None], rotations])
+    translations = np.concatenate([translation_m[None], translations])
+    seen = view_consistency(a, b, rotations, translations, 300, 1.0)
+    found = []
+    for turn, score, overlap in zip(rotations[1:], seen.score[1:], seen.overlap[1:], strict=True):
+        apart = float(np.linalg.norm(vector_from_rotation(rotation.T @ turn)))
+        if apart > _APART_RAD and overlap > _LEAST_OVERLAP * seen.overlap[0]:
+            whole = float(np.linalg.norm(vector_from_rotation(turn)))
+            lead = float(score - seen.score[0])
+            found.append(Rival(whole, apart, float(score), float(overlap), lead))
+    return found
