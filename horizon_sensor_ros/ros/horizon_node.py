@@ -70,7 +70,7 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         raise NotImplementedError
 
     def open(self) -> None:
-        """Make the pipeline, warm, and the publishers."""
+        """Make the pipeline and the publishers."""
         settings = self.settings
         self._monitor = HorizonMonitor(
             self.subject,
@@ -79,10 +79,14 @@ class HorizonNode(ReportingNode[HorizonSettings]):
             live=True,
         )
         self._feed = self._feed_of(settings)
-        self._feed.pipeline.warm_up()
         self._estimates = self.make_publisher(self.message, self.topic)
         self._pictures = self.make_publisher(Image, "~/debug_image")
         self.begin_reports(settings.diagnostics_period_s)
+
+    def warm_up(self) -> None:
+        """Run the whole way once, so that the first real frame is not slow."""
+        assert self._feed is not None
+        self._feed.pipeline.warm_up()
 
     def start(self) -> None:
         """Subscribe."""

@@ -65,7 +65,7 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
         raise NotImplementedError
 
     def open(self) -> None:
-        """Make publishers and whatever takes time."""
+        """Make publishers and all that is used between `start` and `stop`."""
         raise NotImplementedError
 
     def start(self) -> None:
@@ -78,6 +78,10 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
 
     def close(self) -> None:
         """Give back what `open` made; also called when there is nothing."""
+        raise NotImplementedError
+
+    def warm_up(self) -> None:
+        """Do once what takes longer the first time; the node may be active already."""
         raise NotImplementedError
 
     def apply(self, settings: Settings) -> None:
@@ -93,11 +97,15 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
         for transition in (self.trigger_configure, self.trigger_activate):
             if transition() != TransitionCallbackReturn.SUCCESS:
                 raise ParameterError(self._failure or "the node could not be activated")
+        # Meanwhile the sensors' drivers discover the subscriptions.
+        self.warm_up()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Make the node's resources."""
         try:
             self.open()
+            if not self.get_parameter("autostart").value:
+                self.warm_up()
         except Exception as error:
             # rclpy would turn whatever it is into a silent failure.
             return self._failed(error)

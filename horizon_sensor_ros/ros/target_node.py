@@ -47,15 +47,19 @@ class TargetPoseNode(ReportingNode[TargetSettings]):
         return target_settings(values)
 
     def open(self) -> None:
-        """Make the pipeline, warm, and the publishers."""
+        """Make the pipeline and the publishers."""
         settings = self.settings
         self._monitor = TargetMonitor(self.subject, settings.stale_after_ns, live=True)
         self._pipeline = TargetPipeline(settings.pipeline)
-        self._pipeline.warm_up()
         self._outputs = {
             topic: self.make_publisher(kind, topic) for topic, kind in TARGET_TOPICS.items()
         }
         self.begin_reports(settings.diagnostics_period_s)
+
+    def warm_up(self) -> None:
+        """Run the whole way once, so that the first real cloud is not slow."""
+        assert self._pipeline is not None
+        self._pipeline.warm_up()
 
     def start(self) -> None:
         """Subscribe."""
