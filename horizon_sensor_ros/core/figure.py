@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import AltitudeMeasurement, CoarsePose
+from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.figure_error import (
     ANY_POLE,
@@ -74,10 +75,24 @@ class Disc:
     nadir: np.ndarray
     rho_rad: float
 
+    def limb_px(self, view: CameraView, count: int) -> np.ndarray:
+        """Pixels (count, 2) once round the disc's edge; NaN where the camera has none."""
+        angle = np.linspace(0.0, 2 * np.pi, count)
+        across = tangent_basis(self.nadir) @ np.array([np.cos(angle), np.sin(angle)])
+        rays = np.cos(self.rho_rad) * self.nadir + np.sin(self.rho_rad) * across.T
+        seen = self.figure.view(view)
+        return seen.camera.pixels(rays @ seen.rot_base_from_cam)
+
     def residuals_px(self, view: CameraView, limb: LimbPoints) -> np.ndarray:
         """Distance of one camera's usable limb points from the disc's edge, along their normals."""
         rays = gather([LimbObservation(self.figure.view(view), limb)])
         return rays.residuals_px(self.nadir, self.rho_rad)
+
+
+def disc_of(fit: HorizonFit) -> Disc:
+    """Disc of a fit; of one that knows of none, because it is no chain's, a sphere's."""
+    sphere = MeanSphere(Planet(), VERTICALS[0])
+    return fit.disc or Disc(sphere, fit.nadir_base, fit.rho_rad)
 
 
 class MeanSphere:

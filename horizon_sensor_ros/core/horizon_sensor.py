@@ -11,7 +11,13 @@ import numpy as np
 
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.figure import Figure, MeanSphere, StretchedEllipsoid, mean_sphere
+from horizon_sensor_ros.core.figure import (
+    Figure,
+    MeanSphere,
+    StretchedEllipsoid,
+    disc_of,
+    mean_sphere,
+)
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.assessment import inliers, root_mean_square
 from horizon_sensor_ros.core.fits.known_altitude import with_altitude
@@ -60,9 +66,9 @@ class HorizonFix:
 
         Outliers are left out. NaN without a fix or without points.
         """
-        if not self.ok or self.fit.disc is None:
+        if not self.ok:
             return np.nan
-        residual = self.fit.disc.residuals_px(view, limb)
+        residual = disc_of(self.fit).residuals_px(view, limb)
         return root_mean_square(residual[inliers(residual)]) if len(residual) else np.nan
 
 

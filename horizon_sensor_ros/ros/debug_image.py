@@ -10,11 +10,10 @@ import textwrap
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.figure import disc_of
 from horizon_sensor_ros.core.fits.assessment import inliers
-from horizon_sensor_ros.core.fits.limb_rays import gather
-from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix
 from horizon_sensor_ros.core.limb.points import LimbPoints
 
@@ -75,7 +74,7 @@ class _Tile:
 
     def _draw_limb(self, fit: HorizonFit) -> None:
         """The fitted limb: a line where points support it, dashes where they do not."""
-        px = limb_px(self._view, fit)
+        px = disc_of(fit).limb_px(self._view, _LIMB_SAMPLES)
         inside = self._view.camera.in_frame(px)
         seen = inside & self._supported(px)
         for run in _runs(inside):
@@ -117,9 +116,10 @@ class _Tile:
     def _kept(self) -> np.ndarray:
         """Mask (N,) of the points that the fit used; all where there is no fit to tell."""
         kept = np.full(len(self._limb.px), not self._fix.ok)
-        rays = gather([LimbObservation(self._view, self._limb)])
-        if self._used and len(rays) == len(kept):
-            kept = inliers(rays.residuals_px(self._fix.fit.nadir_base, self._fix.fit.rho_rad))
+        if self._used:
+            off = disc_of(self._fix.fit).residuals_px(self._view, self._limb)
+            # Without a ray for each point there is no telling which is which.
+            kept = inliers(off) if len(off) == len(kept) else kept
         return kept
 
     # ------------------------------------------------------------------ nadir
@@ -225,14 +225,6 @@ class _Tile:
         if len(px) > 1:
             points = np.array(self._places(px), np.int32)
             cv2.polylines(self._picture, [points], False, colour, width, cv2.LINE_AA)
-
-
-def limb_px(view: CameraView, fit: HorizonFit) -> np.ndarray:
-    """Pixels (M, 2) of the fitted limb once round the planet; NaN where the camera has none."""
-    angle = np.linspace(0.0, 2 * np.pi, _LIMB_SAMPLES)
-    across = tangent_basis(fit.nadir_base) @ np.array([np.cos(angle), np.sin(angle)])
-    rays_base = np.cos(fit.rho_rad) * fit.nadir_base + np.sin(fit.rho_rad) * across.T
-    return view.camera.pixels(rays_base @ view.rot_base_from_cam)
 
 
 def sigma_in_frame(view: CameraView, fit: HorizonFit) -> np.ndarray:

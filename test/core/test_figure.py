@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from limb_frames import as_frames, shared_frames, shared_truths
 from limb_samples import BARREL, CAMERAS, FISHEYE, angle_between, view_at_limb
 from scipy.optimize import brentq
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement, CoarsePose
@@ -208,6 +209,10 @@ def test_with_the_true_pose_the_chain_is_exact(seed: int, vertical: str, planet:
     assert estimate.altitude_m == pytest.approx(craft.height_m, abs=0.1)
     assert estimate.disc is not None
     for observation in craft.observations():
+        # What is drawn of the limb lies on it.
+        drawn = estimate.disc.limb_px(observation.view, 7200)
+        drawn = drawn[np.isfinite(drawn).all(axis=1)]
+        assert cKDTree(drawn).query(observation.limb.px)[0].max() < 3.0
         off = estimate.disc.residuals_px(observation.view, observation.limb)
         assert np.abs(off).max() < 1e-6
 

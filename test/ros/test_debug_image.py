@@ -23,6 +23,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.figure import disc_of
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix, HorizonSensor
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.status import Status
@@ -33,7 +34,6 @@ from horizon_sensor_ros.ros.debug_image import (
     VERMILLION,
     YELLOW,
     draw_fix,
-    limb_px,
     sigma_in_frame,
 )
 
@@ -65,7 +65,7 @@ def places(picture: np.ndarray, colour: tuple[int, int, int], top: int = 0) -> n
 
 def distance_px(view: CameraView, fix: HorizonFix, at: np.ndarray) -> np.ndarray:
     """Distance of places in a picture of twice the frame's size from the fitted limb."""
-    limb = limb_px(view, fix.fit)
+    limb = disc_of(fix.fit).limb_px(view, 1441)
     limb = limb[np.isfinite(limb).all(axis=1)] * 2 + 0.5
     return np.array([np.linalg.norm(limb - p, axis=1).min() for p in at])
 
@@ -105,7 +105,7 @@ def test_the_limb_is_dashed_where_no_point_supports_it(pair: tuple[Frames, Horiz
     alone = replace(fix, limbs=(none, fix.limbs[1]), cameras_used=(CAMERAS[1],))
     picture = draw_fix(frames, alone)[:, :640]
     drawn = places(picture, SKY_BLUE, top=60)
-    limb = limb_px(frames[0].view, fix.fit)
+    limb = disc_of(fix.fit).limb_px(frames[0].view, 1441)
     limb = limb[frames[0].view.camera.in_frame(limb)] * 2 + 0.5
     limb = limb[limb[:, 1] > 60]
     on_line = [np.linalg.norm(drawn - place, axis=1).min() < 1.5 for place in limb]
