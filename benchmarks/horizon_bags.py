@@ -24,6 +24,7 @@ CAMERAS = ("camera_1", "camera_2")
 _TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
 _TYPES: Any = _TYPESTORE.types
 _IMAGE, _CAMERA_INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
+_POSE = "geometry_msgs/msg/PoseStamped"
 
 
 @dataclass(frozen=True)
@@ -43,15 +44,23 @@ def read_scenes(directory: Path) -> list[dict[str, Any]]:
 
 
 def write_scenes(path: Path, directory: Path, scenes: Sequence[dict[str, Any]]) -> None:
-    """Write an mcap bag: scene i at START_S + i seconds, camera_info before each image."""
+    """Write an mcap bag: scene i at START_S + i seconds, camera_info before each image.
+
+    Before those of a scene whose place is listed, the craft's pose, as it truly is.
+    """
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         topics = {
             (name, kind): writer.add_connection(f"/{name}/{topic}", kind, typestore=_TYPESTORE)
             for name in CAMERAS
             for topic, kind in (("camera_info", _CAMERA_INFO), ("image_raw", _IMAGE))
         }
+        poses = writer.add_connection("/coarse_pose", _POSE, typestore=_TYPESTORE)
         for i, scene in enumerate(scenes):
             time = (START_S + i) * 1_000_000_000
+            if scene["position_ecef_km"] is not None:
+                raw = _TYPESTORE.serialize_cdr(_pose(_header(START_S + i, "earth"), scene), _POSE)
+                writer.write(poses, time, raw)
+                time += 1_000_000
             for name in CAMERAS:
                 picture = directory / f"{scene['name']}_{name[-1]}.png"
                 gray = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
@@ -67,8 +76,11 @@ def write_scenes(path: Path, directory: Path, scenes: Sequence[dict[str, Any]]) 
                     time += 1_000_000
 
 
-def write_parameters(path: Path, cameras: Sequence[str] = CAMERAS) -> None:
-    """Write the scenes' extrinsics and level frame (z down, as paper C's) as a ROS file."""
+def write_parameters(path: Path, cameras: Sequence[str] = CAMERAS, **others: str) -> None:
+    """Write the scenes' extrinsics and level frame (z down, as paper C's) as a ROS file.
+
+    others : more parameters, as they stand in the file.
+    """
     # The extrinsics do not depend on the lens.
     views = {view.name: view for view in side_views(_ANY_CAMERA)}
     lines = ["/**:", "  ros__parameters:", f"    cameras: [{', '.join(cameras)}]"]
@@ -76,15 +88,16 @@ def write_parameters(path: Path, cameras: Sequence[str] = CAMERAS) -> None:
         quaternion = quaternion_from_rotation(views[name].rot_base_from_cam)
         lines.append(f"    {name}.rotation: {[float(value) for value in quaternion]}")
     lines.append("    level_z: down")
+    lines += [f"    {name}: {value}" for name, value in others.items()]
     path.write_text("\n".join(lines) + "\n")
 
 
-def replay(bag: Path, out: Path, parameters: Path) -> str:
+def replay(bag: Path, out: Path, parameters: Path, *arguments: str) -> str:
     """Run `horizon_replay` in a process of its own; return what it said of its work."""
     done = subprocess.run(
         [
             *(sys.executable, "-m", "horizon_sensor_ros.tools.replay", str(bag), str(out)),
-            *("--params", str(parameters)),
+            *("--params", str(parameters), *arguments),
         ],
         capture_output=True,
         text=True,
@@ -143,6 +156,18 @@ def _image(header: Any, gray: np.ndarray) -> Any:
         is_bigendian=0,
         step=gray.shape[1],
         data=np.ascontiguousarray(gray).reshape(-1),
+    )
+
+
+def _pose(header: Any, scene: dict[str, Any]) -> Any:
+    x, y, z = np.array(scene["position_ecef_km"]) * 1e3
+    turn = map(float, quaternion_from_rotation(np.array(scene["world_from_body"])))
+    return _TYPES[_POSE](
+        header=header,
+        pose=_TYPES["geometry_msgs/msg/Pose"](
+            position=_TYPES["geometry_msgs/msg/Point"](x=float(x), y=float(y), z=float(z)),
+            orientation=_TYPES["geometry_msgs/msg/Quaternion"](*turn),
+        ),
     )
 
 

@@ -44,6 +44,10 @@ class Figure(Protocol):
     def sphere(self) -> Planet:
         """The sphere that is fitted."""
 
+    @property
+    def shortfall(self) -> str:
+        """Why it is not the planet's own figure; empty when it is."""
+
     def view(self, view: CameraView) -> CameraView:
         """Return a camera as it sees that sphere."""
 
@@ -98,13 +102,15 @@ def disc_of(fit: HorizonFit) -> Disc:
 class MeanSphere:
     """A sphere, or an ellipsoid of which nobody knows how its axis lies.
 
-    vertical : the one whose error the covariance is of, geocentric or geodetic.
+    vertical : the one whose error the covariance is of, geocentric or geodetic. why : of an
+    ellipsoid, why it is taken for a sphere.
     """
 
-    def __init__(self, planet: Planet, vertical: str) -> None:
+    def __init__(self, planet: Planet, vertical: str, why: str = "no coarse pose") -> None:
         self._planet = planet
         self._vertical = vertical
         self.sphere = mean_sphere(planet)
+        self.shortfall = f"fitted as a sphere: {why}" if planet.flattening > 0.0 else ""
 
     def view(self, view: CameraView) -> CameraView:
         """Return the camera as it is."""
@@ -149,6 +155,7 @@ class StretchedEllipsoid:
         self._pose = pose
         self._pole = pose.rot_ecef_from_base[2] if pole_base is None else pole_base
         self.sphere = mean_sphere(planet)
+        self.shortfall = ""
         equator = planet.radius_m + planet.limb_height_m
         self._ratio = equator / (planet.polar_radius_m + planet.limb_height_m)
         # So that the limb gets the mean sphere's radius.
@@ -176,7 +183,8 @@ class StretchedEllipsoid:
         axis, cosine = np.cross(coarse_up, up), float(coarse_up @ up)
         off = np.arctan2(np.linalg.norm(axis), cosine)
         if off > min(_CONTRADICTION_SIGMAS * self._pose.rotation_sigma_rad + 1e-3, 0.9 * np.pi):
-            return MeanSphere(self._planet, self._vertical)
+            why = f"the coarse pose is {np.degrees(off):.0f} deg off the limb's vertical"
+            return MeanSphere(self._planet, self._vertical, why)
         pole = self._pose.rot_ecef_from_base[2]
         pole = cosine * pole + np.cross(axis, pole) + axis * (axis @ pole) / (1.0 + cosine)
         return StretchedEllipsoid(self._planet, self._vertical, self._pose, pole)

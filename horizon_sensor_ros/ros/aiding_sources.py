@@ -75,9 +75,11 @@ class AidingSources:
         pose = self._pose_at(stamp)
         rotation = None
         if len(self._rates):
+            words = "no set before"
             if self._last_set is not None:
                 rotation = self._rates.rotation(self._last_set, stamp)
-            self._say(IMU_TOPIC, "used" if rotation is not None else "a gap since the last set")
+                words = "a gap since the last set" if rotation is None else "used"
+            self._say(IMU_TOPIC, words)
             self._rates.forget_before(stamp)
         else:
             self._say(IMU_TOPIC, "none")

@@ -153,6 +153,8 @@ class HorizonMonitor:
             for name, limb in zip(self._cameras, fix.limbs, strict=True)
             if name not in fix.cameras_used
         ]
+        if fix.fit.disc is not None and fix.fit.disc.figure.shortfall:
+            left_out.append(fix.fit.disc.figure.shortfall)
         if left_out:
             return Health(_WARN, "degraded", "; ".join(left_out))
         return Health(_OK, "ok", f"fix from {', '.join(fix.cameras_used)}")

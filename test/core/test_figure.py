@@ -247,6 +247,9 @@ def test_a_coarse_attitude_that_the_limb_contradicts_is_not_believed() -> None:
     figure = StretchedEllipsoid(WGS84, "geodetic", CoarsePose(craft.position, upside_down))
     estimate, cov, figure = solved(figure, craft.observations())
     assert isinstance(figure, MeanSphere)
+    assert (
+        figure.shortfall == "fitted as a sphere: the coarse pose is 180 deg off the limb's vertical"
+    )
     error = angle_between(estimate.nadir_base, craft.nadir("geodetic"))
     assert error < 4.0 * np.sqrt(np.linalg.eigvalsh(cov[:3, :3])[-1])
 

@@ -34,6 +34,7 @@ from horizon_sensor_ros.core.aiding import Aiding
 from horizon_sensor_ros.core.horizon_sensor import HorizonFix, HorizonSensor
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.aiding_sources import AidingSources
+from horizon_sensor_ros.ros.diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.parameters import ParameterError, horizon_settings
 
@@ -242,6 +243,21 @@ def test_the_pipeline_hands_on_what_is_known(monkeypatch: pytest.MonkeyPatch) ->
             pipeline.on_image(camera, image_of(gray, stamp, camera))
     assert all(aiding.coarse_pose is not None for aiding in handed)
     assert [aiding.rot_now_from_last is not None for aiding in handed] == [False, True, True]
+
+
+def test_an_ellipsoid_without_a_pose_is_said_to_be_taken_for_a_sphere() -> None:
+    said = []
+    for values in ({}, {"planet": "wgs84"}):
+        pipeline = HorizonPipeline(horizon_settings({**PARAMETERS, **values}).pipeline)
+        monitor = HorizonMonitor("node: horizon", CAMERAS, S, live=False)
+        for camera in CAMERAS:
+            pipeline.on_camera_info(camera, camera_info_of(0, camera))
+            gray = horizon_gray(camera, nadir_of(0, 0))
+            monitor.on_step(pipeline.on_image(camera, image_of(gray, START_NS, camera)), START_NS)
+        said.append(monitor.health(START_NS))
+    assert said[0].state == "ok"
+    assert said[1].state == "degraded"
+    assert said[1].reason == "fitted as a sphere: no coarse pose"
 
 
 @pytest.fixture

@@ -18,11 +18,14 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from horizon_messages import (
+    ALTITUDE_M,
     PERIOD_NS,
     QUATERNIONS,
     START_NS,
     attitude_at,
+    coarse_pose_of,
     image_of,
+    imu_of,
     nadir_of,
     recording,
     write_bag,
@@ -31,8 +34,10 @@ from horizon_messages import (
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.interfaces import QosReliability
 from rosbags.rosbag2 import Reader
+from scipy.spatial.transform import Rotation
 from std_msgs.msg import String
 
+from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.tools.replay import main
 
 KINDS = {
@@ -124,6 +129,51 @@ def test_the_same_bytes_every_time(
     )
     assert (sorted(same), different, missing) == (names, [], [])
     assert len(names) == 2
+
+
+def test_the_pose_and_the_rates_in_a_bag_are_used(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    planet = Planet.wgs84()
+    position = planet.ecef_from_geodetic(np.radians(45.0), 0.3, ALTITUDE_M)
+    down = planet.nadir_ecef(position)
+    rot, _ = Rotation.align_vectors(down[None], nadir_of(*attitude_at(0))[None])
+    messages = recording(3)
+    with_pose = [
+        ("/coarse_pose", START_NS - 1, coarse_pose_of(START_NS, position, rot.as_matrix()))
+    ]
+    with_pose += [
+        ("/imu", START_NS + i * PERIOD_NS // 4, imu_of(START_NS + i * PERIOD_NS // 4, (0, 0.01, 0)))
+        for i in range(-1, 9)
+    ]
+    together = sorted([*messages, *with_pose], key=lambda message: message[1])
+    found = {}
+    for vertical in ("geocentric", "geodetic"):
+        params = write_parameters(
+            tmp_path / f"{vertical}.yaml",
+            planet="wgs84",
+            vertical=vertical,
+            diagnostics_period=0.05,
+        )
+        for name, recorded in (("without", messages), ("with", together)):
+            bag = tmp_path / f"{name}_{vertical}"
+            assert run(write_bag(bag, recorded), f"{bag}_out", "--params", params) == 0
+            out = read(Path(f"{bag}_out"))
+            _, vector = out["/local_vertical"][-1]
+            found[name, vertical] = np.array([vector.vector.x, vector.vector.y, vector.vector.z])
+            values = {v.key: v.value for v in out["/diagnostics"][-1][1].status[0].values}
+            used = "used" if name == "with" else "none"
+            assert (values["coarse_pose"], values["imu"]) == (used, used)
+            assert ("degraded" if name == "without" else "ok") == values["state"]
+    # Optional: nobody misses them.
+    said = capsys.readouterr().err
+    assert "has no /coarse_pose" not in said
+    assert "has no /imu" not in said
+    np.testing.assert_array_equal(found["without", "geocentric"], found["without", "geodetic"])
+    between = np.degrees(np.arccos(found["with", "geocentric"] @ found["with", "geodetic"]))
+    # The flattening times sin(2 latitude), less at altitude.
+    expected = np.degrees(planet.flattening) * planet.radius_m / (planet.radius_m + ALTITUDE_M)
+    assert between == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
