@@ -26,6 +26,24 @@ NODES = {
 
 _WAKE_UP_S = 0.5
 
+_WHAT = {
+    "local_vertical_node": "Publishes the direction towards the planet, from images of its limb.",
+    "attitude_node": "Publishes roll, pitch and altitude, from images of a planet's limb.",
+    "target_pose_node": "Publishes how a target of unknown shape moves, from point clouds.",
+    "horizon_sensor": "Runs the nodes of its parameter `nodes` (default: all) in one process.",
+}
+_HELP = """\
+usage: {name} --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO]
+
+{what}
+
+example:
+  ros2 run horizon_sensor_ros {name} --ros-args --params-file my_cameras.yaml{remap}
+
+Every parameter with its unit and range is in config/params.yaml; topics and frames are in the
+README. Where there is no answer /diagnostics says why.
+"""
+
 
 class _QuietEnd:
     """SIGINT and SIGTERM end the process with exit code 0, also while it starts."""
@@ -47,6 +65,9 @@ def run(names: Sequence[str] = ()) -> int:
 
     Without names this is the executable `horizon_sensor`: its parameter `nodes` names them.
     """
+    if {"-h", "--help"} & set(sys.argv[1:]):
+        print(_help(names[0] if names else "horizon_sensor"), end="")
+        return 0
     end = _QuietEnd()
     # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -81,6 +102,12 @@ def run(names: Sequence[str] = ()) -> int:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _help(name: str) -> str:
+    clouds = name == "target_pose_node"
+    remap = " -r target/points:=/tof/points" if clouds else " -r camera_1/image_raw:=/left/image"
+    return _HELP.format(name=name, what=_WHAT[name], remap=f" \\\n     {remap}")
 
 
 def _load(where: str) -> Any:

@@ -84,8 +84,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("give a camera and extrinsics file, or --figure6")
     try:
         print(_mode(args)(args))
-    except (CameraFileError, OSError, ValueError) as error:
+    except (CameraFileError, ValueError) as error:
         print(f"horizon_applicability: error: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(
+            f"horizon_applicability: error: cannot write {error.filename}: {error.strerror}; "
+            "choose another place with -o PREFIX",
+            file=sys.stderr,
+        )
         return 2
     return 0
 
@@ -304,6 +311,11 @@ def _altitude(args: argparse.Namespace, rig: Rig) -> float:
     altitude_m = rig.altitude_m if args.altitude is None else 1e3 * args.altitude
     if altitude_m is None:
         raise ValueError(f"{args.camera_file}: has no altitude_km; add it, or give --altitude KM")
+    if not rig.planet.limb_height_m < altitude_m < np.inf:
+        raise ValueError(
+            f"--altitude must be above the limb, {rig.planet.limb_height_m / 1e3:g} km, "
+            f"got {altitude_m / 1e3:g}"
+        )
     return altitude_m
 
 
@@ -329,8 +341,11 @@ def _draw_mounting(args: argparse.Namespace) -> str:
     views = _chosen(args, rig)
     _check_noise(args)
     low_km, high_km = args.mounting
-    if not (0 < low_km <= high_km < 1e6):
-        raise ValueError(f"--mounting must be rising altitudes in km, got {low_km:g} {high_km:g}")
+    if not (max(0.0, rig.planet.limb_height_m / 1e3) < low_km <= high_km < 1e6):
+        raise ValueError(
+            "--mounting must be two altitudes above the limb in km, the lower first, "
+            f"got {low_km:g} {high_km:g}"
+        )
     if not 0 <= args.tilt < 45:
         raise ValueError(f"--tilt must be 0 to 45 degrees, got {args.tilt:g}")
     heights_m = (1e3 * low_km, 1e3 * high_km)
@@ -394,6 +409,8 @@ def _draw_figure6(args: argparse.Namespace) -> str:
         raise ValueError("--figure6 is drawn over yaw,pitch; leave out --axes")
     grid = _grid(args)
     altitude_km = 300.0 if args.altitude is None else args.altitude
+    if not 0.0 < altitude_km < np.inf:
+        raise ValueError(f"--altitude must be positive, got {altitude_km:g}")
     result = figure6(*grid.mesh_deg(), 1e3 * altitude_km)
     png, table = output_paths(args.output or Path("figure6"))
     yaw_deg, pitch_deg = result.maximum_deg

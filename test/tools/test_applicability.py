@@ -247,7 +247,7 @@ def test_a_file_that_is_not_there_or_no_text(tmp_path):
         (["--cameras", "left"], "it has camera_1, camera_2"),
         (["--sigma", "-1"], "--sigma must be positive"),
         (["--trials", "-1"], "--trials must be positive"),
-        (["--altitude", "-5"], "altitude_m must be above the limb"),
+        (["--altitude", "-5"], "--altitude must be above the limb"),
     ],
 )
 def test_wrong_options(tmp_path, capsys, options, message):

@@ -160,10 +160,13 @@ def test_no_angle_may_do(rig: Path, tmp_path: Path, capsys) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--mounting", "800", "400"], "--mounting must be rising altitudes"),
+        (["--mounting", "800", "400"], "--mounting must be two altitudes"),
         (["--mounting", "400", "800", "--tilt", "-1"], "--tilt must be 0 to 45"),
         (["--mounting", "400", "800", "--sigma", "0"], "--sigma must be positive"),
         (["--quality", "--step", "0"], "--step must be positive"),
+        (["--quality", "--altitude", "-5"], "--altitude must be above the limb, 0 km, got -5"),
+        (["--altitude", "nan"], "--altitude must be above the limb"),
+        (["-o", "/dev/null/map"], "cannot write /dev/null"),
         (["--quality", "--cameras", "camera_9"], "no camera 'camera_9'"),
     ],
 )
