@@ -65,7 +65,7 @@ def paper_table(options: Options) -> Table:
                 default.append(errors(found.pose_b_from_a, pair))
             found_d, middle_d = (_angles_and_shift(np.array(e)) for e in (d_error, middle_error))
             deg, cm = (root_mean_square(column) for column in np.array(default).T)
-            paper = float(np.mean(np.abs(paper_deg))), float(np.linalg.norm(paper_cm))
+            paper = [round(f, 2) for f in (np.mean(np.abs(paper_deg)), np.linalg.norm(paper_cm))]
             # The paper's own strongest case is the bar of method D.
             barred = (target, variant) == ("n5", 2)
             rows.append((
