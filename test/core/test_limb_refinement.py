@@ -18,6 +18,7 @@ from horizon_sensor_ros.core.limb.candidates import reduce_image
 from horizon_sensor_ros.core.limb.curve import LimbCurve
 from horizon_sensor_ros.core.limb.edge_model import (
     EdgeLook,
+    Texture,
     edge_profile,
     edge_table,
     place_edges,
@@ -79,7 +80,7 @@ def test_uniform_planet_to_hundredths_of_a_pixel(altitude_m: float, camera: obje
         scatter.append(distance.std())
         # the claimed sigmas are what the points scatter by
         if noise > 0:
-            assert 0.7 < np.sqrt(np.mean((distance / limb.sigma_px) ** 2)) < 1.4
+            assert 0.6 < np.sqrt(np.mean((distance / limb.sigma_px) ** 2)) < 1.4
     # without noise interpolation and the drawing's own sub-samples remain
     assert scatter[0] < 0.045
     assert scatter[1] < 0.045
@@ -95,7 +96,8 @@ def test_error_grows_with_noise_as_claimed() -> None:
         claimed.append(np.median(limb.sigma_px))
         actual.append(1.4826 * np.median(np.abs(distance_px(frame.truth.limb, limb.px))))
     assert claimed[2] / claimed[0] == pytest.approx(4.0, rel=0.4)
-    np.testing.assert_allclose(claimed, actual, rtol=0.4)
+    assert np.all(np.array(actual) < 1.3 * np.array(claimed))
+    assert np.all(np.array(actual) > 0.6 * np.array(claimed))
 
 
 def clouded_distances(noise_dn: float) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -177,7 +179,8 @@ def test_normals_and_order_are_the_limbs() -> None:
     truth = frame.truth.limb
     nearest = np.argmin(((limb.px[:, None] - truth.px[None]) ** 2).sum(axis=2), axis=1)
     np.testing.assert_allclose(limb.normal_px, truth.normal_px[nearest], atol=2e-3)
-    assert np.abs(np.diff(nearest)).max() < 12
+    apart = limb.spacing_px / np.median(np.linalg.norm(np.diff(truth.px, axis=0), axis=1))
+    np.testing.assert_allclose(np.diff(nearest), apart, rtol=0.4)
 
 
 def hidden_limb(frame: SimFrame) -> np.ndarray:
@@ -327,20 +330,25 @@ def test_steepest_fall_finds_none_in_noise_or_out_of_reach() -> None:
 # ---------------------------------------------------------------- the edge model
 
 
-def test_texture_covariance_by_brute_force() -> None:
+@pytest.mark.parametrize("rough", [False, True])
+def test_texture_covariance_by_brute_force(rough: bool) -> None:
     """Sampled: a Gaussian process on the planet's side, correlated in the root of the depth."""
     x = np.arange(-5.0, 3.01, 1.0)
     depth = np.arange(0.02, 12.0, 0.02)[:700:2] + 0.01
     root = np.sqrt(depth)
-    length = edge_model._TEXTURE_ROOT_LENGTH
-    law = np.exp(-np.abs(root[:, None] - root) / length)
+    apart = np.abs(root[:, None] - root)
+    if rough:
+        law = np.exp(-apart / edge_model._ROUGH_ROOT_LENGTH)
+    else:
+        apart *= np.sqrt(3.0) / edge_model._SMOOTH_ROOT_LENGTH
+        law = (1.0 + apart) * np.exp(-apart)
     rng = np.random.default_rng(0)
     drawn = np.linalg.cholesky(law + 1e-9 * np.eye(len(law))) @ rng.normal(size=(len(law), 6000))
     psf = 0.8
     width = depth[1] - depth[0]
     weight = np.exp(-0.5 * ((x[:, None] + depth) / psf) ** 2) * width / psf / np.sqrt(2 * np.pi)
     sampled = np.cov(weight @ drawn)
-    ours = texture_covariance(x, psf)
+    ours = texture_covariance(x, psf, rough)
     np.testing.assert_allclose(ours, sampled, atol=0.06)
     assert np.linalg.eigvalsh(ours).min() > -1e-9
     # deep inside it is the texture's own, far outside there is none
@@ -360,11 +368,11 @@ def test_edge_profile_is_a_blurred_step_with_blurred_glow() -> None:
             )
 
 
-@pytest.mark.parametrize("texture", [0.0, 0.25])
-def test_likelihood_against_generalised_least_squares(texture: float) -> None:
+@pytest.mark.parametrize("texture", [Texture(0.0), Texture(0.25), Texture(0.25, rough=True)])
+def test_likelihood_against_generalised_least_squares(texture: Texture) -> None:
     """One noisy profile: restricted log-likelihood of every place, by dense matrices."""
     level = 64.0
-    table = edge_table(SHARP, (texture, 0.0), level, GRID)
+    table = edge_table(SHARP, texture, 0.0, level, GRID)
     rng = np.random.default_rng(4)
     d_px = GRID.d_px
     profile = blurred_edges(np.array([0.6]), d_px, level)[0] + rng.normal(0, 1.0, len(d_px))
@@ -374,8 +382,8 @@ def test_likelihood_against_generalised_least_squares(texture: float) -> None:
         x = d_px - place
         rise = ndtr(-x / SHARP.psf_px)
         cov = np.eye(len(x)) + np.diag((edge_model._SHAPE_ERROR * level * rise) ** 2)
-        if texture > 0:
-            cov += (texture * level) ** 2 * texture_covariance(x, SHARP.psf_px)
+        unit = texture_covariance(x, SHARP.psf_px, texture.rough)
+        cov += (texture.amplitude * level) ** 2 * unit
         design = np.column_stack([np.ones_like(x), rise])
         factor = cho_factor(cov)
         normal = design.T @ cho_solve(factor, design)
@@ -420,7 +428,7 @@ def test_likeliest_place_beside_texture_follows_its_outer_flank() -> None:
     profiles = np.empty((len(offset), len(d_px)))
     for i, place in enumerate(offset):
         x = d_px - place
-        cov = (0.25 * level) ** 2 * texture_covariance(x, SHARP.psf_px)
+        cov = (0.3 * level) ** 2 * texture_covariance(x, SHARP.psf_px, rough=True)
         root = np.linalg.cholesky(cov + 1e-6 * np.eye(len(x)))
         profiles[i] = 5 + level * ndtr(-x / SHARP.psf_px) + root @ rng.normal(size=len(x))
     profiles += rng.normal(0, noise, profiles.shape)

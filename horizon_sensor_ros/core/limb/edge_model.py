@@ -25,17 +25,39 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid
 
-# The kinds of profile that are considered: texture inside, over the level; glow outside, over it.
-SHARP_KINDS = tuple((texture, 0.0) for texture in (0.0, 0.08, 0.25, 0.8))
-GLOW_KINDS = tuple((texture, glow) for texture in (0.06, 0.25) for glow in (0.25, 0.6, 1.0))
-PSF_LADDER_PX = (0.42, 0.5, 0.6, 0.75, 0.9, 1.1, 1.4, 1.8, 2.4, 3.2)
+
+@dataclass(frozen=True)
+class Texture:
+    """What the surface adds to the brightness just inside the limb.
+
+    amplitude : over that brightness. rough : it jumps, as at borders of clouds, instead of having
+    gradients.
+    """
+
+    amplitude: float
+    rough: bool = False
+
+
+# What is considered: texture of the surface, one for all profiles of an image; height of the air's
+# glow over the brightness just inside the limb, for every profile its own.
+SHARP_TEXTURES = (
+    *(Texture(amplitude) for amplitude in (0.0, 0.03, 0.1, 0.4)),
+    *(Texture(amplitude, rough=True) for amplitude in (0.1, 0.3, 0.9)),
+)
+GLOW_TEXTURES = tuple(Texture(amplitude, rough=True) for amplitude in (0.06, 0.25))
+GLOW_SHARES = (0.25, 0.6, 1.0)
+_FINE_PSF_LADDER_PX = tuple(float(psf) for psf in np.round(0.42 * 1.06 ** np.arange(37), 3))
+PSF_LADDER_PX = _FINE_PSF_LADDER_PX[::3]
 GLOW_LADDER_PX = (1.0, 1.6, 2.5, 4.0, 6.3, 10.0)
-_TEXTURE_ROOT_LENGTH = 1.5  # correlation length of texture, in the root of the depth in pixels
+# Correlation length of texture, in the root of the depth in pixels.
+_SMOOTH_ROOT_LENGTH, _ROUGH_ROOT_LENGTH = 3.0, 1.5
 _MOST_EVIDENCE = 8.0  # of one profile, for one look over another
 _LOOK_PROFILES = 48  # profiles that decide on the look
-MAX_LEVEL = 256.0  # brightness over noise beyond which more says nothing
+MAX_LEVEL = 512.0  # brightness over noise beyond which more says nothing
 _FINE_PX = 0.1  # grid on which the texture's covariance is blurred
-_SHAPE_ERROR = 0.004  # what interpolation and a not quite normal blur add, over the level
+_SHAPE_ERROR = 0.003  # what interpolation and a not quite normal blur add, over the level
+_RULED_OUT = 1e9  # cost of a place where the edge would rise outwards
+_NEWTON_STEPS = 3
 _GLOW_ERROR = 0.03  # the same with glow, which is never quite exponential
 
 
@@ -72,16 +94,22 @@ class EdgeLook:
 
     def neighbours(self) -> tuple[EdgeLook, ...]:
         """Looks one step of their ladders away: blur, and where there is glow its length."""
-        psf = [EdgeLook(value, self.glow_px) for value in _beside(PSF_LADDER_PX, self.psf_px)]
+        beside = _beside(_FINE_PSF_LADDER_PX, self.psf_px)
+        psf = [EdgeLook(value, self.glow_px) for value in beside]
         if self.glow_px == 0:
             return tuple(psf)
         glow = [EdgeLook(self.psf_px, value) for value in _beside(GLOW_LADDER_PX, self.glow_px)]
         return tuple(psf + glow)
 
     @property
-    def kinds(self) -> tuple[tuple[float, float], ...]:
-        """(texture, glow) of the profiles to consider."""
-        return GLOW_KINDS if self.glow_px > 0 else SHARP_KINDS
+    def textures(self) -> tuple[Texture, ...]:
+        """Textures to consider."""
+        return GLOW_TEXTURES if self.glow_px > 0 else SHARP_TEXTURES
+
+    @property
+    def glows(self) -> tuple[float, ...]:
+        """Heights of glow to consider in every profile."""
+        return GLOW_SHARES if self.glow_px > 0 else (0.0,)
 
 
 def _beside(ladder: tuple[float, ...], value: float) -> list[float]:
@@ -101,17 +129,23 @@ def edge_profile(x_px: np.ndarray, look: EdgeLook, glow: float) -> np.ndarray:
     return profile
 
 
-def texture_covariance(x_px: np.ndarray, psf_px: float) -> np.ndarray:
+def texture_covariance(x_px: np.ndarray, psf_px: float, rough: bool) -> np.ndarray:
     """Covariance of unit surface texture at signed distances x_px from the limb (planet: x < 0),
     blurred; (K, K).
 
     Ground distance grows with the square root of the depth below the limb, so detail of one size
-    is squeezed together towards the edge: an exponential covariance in the root of the depth.
+    is squeezed together towards the edge: the covariance is one in the root of the depth,
+    exponential where texture is rough and Matern's once differentiable one where it is smooth.
     """
     # Counted from the limb inwards: the texture begins at the limb, wherever the samples lie.
-    fine = -_FINE_PX * (np.arange(np.ceil((3.0 * psf_px - min(x_px[0], 0.0)) / _FINE_PX)) + 0.5)
+    fine = -_FINE_PX * (np.arange(np.ceil((4.0 * psf_px - min(x_px[0], 0.0)) / _FINE_PX)) + 0.5)
     root = np.sqrt(-fine)
-    covariance = np.exp(-np.abs(np.subtract.outer(root, root)) / _TEXTURE_ROOT_LENGTH)
+    apart = np.abs(np.subtract.outer(root, root))
+    if rough:
+        covariance = np.exp(-apart / _ROUGH_ROOT_LENGTH)
+    else:
+        apart *= np.sqrt(3.0) / _SMOOTH_ROOT_LENGTH
+        covariance = (1.0 + apart) * np.exp(-apart)
     blur = np.exp(-0.5 * ((x_px[:, None] - fine) / psf_px) ** 2)
     blur *= _FINE_PX / (np.sqrt(2.0 * np.pi) * psf_px)
     return blur @ covariance @ blur.T
@@ -119,21 +153,22 @@ def texture_covariance(x_px: np.ndarray, psf_px: float) -> np.ndarray:
 
 @lru_cache(maxsize=2048)
 def edge_table(
-    look: EdgeLook, kind: tuple[float, float], level: float, grid: ProfileGrid
+    look: EdgeLook, texture: Texture, glow: float, level: float, grid: ProfileGrid
 ) -> EdgeTable:
-    """Likelihood table for one kind of profile.
+    """Likelihood table for one texture and one height of glow.
 
-    kind : (texture, glow). level : brightness just inside the limb, over the noise.
+    level : brightness just inside the limb, over the noise.
     """
     d_px, e_px, num = grid.d_px, grid.e_px, grid.num
     # All that depends on d - e alone is computed once over the differences that occur.
     stride = round(1.0 / grid.grid_px)
     x_px = d_px[0] - e_px[-1] + grid.grid_px * np.arange(stride * (num - 1) + len(e_px))
-    texture, glow = kind
     profile = edge_profile(x_px, look, glow)
-    relative = texture**2 * texture_covariance(x_px, look.psf_px) if texture > 0 else 0.0
-    relative = relative + np.diag(((_GLOW_ERROR if glow else _SHAPE_ERROR) * profile) ** 2)
-    relative = level**2 * relative
+    relative = np.diag(((_GLOW_ERROR if glow else _SHAPE_ERROR) * profile) ** 2)
+    if texture.amplitude > 0:
+        unit = texture_covariance(x_px, look.psf_px, texture.rough)
+        relative += texture.amplitude**2 * unit
+    relative *= level**2
     basis = np.stack([np.ones_like(x_px), profile], axis=1)
     taken = (len(e_px) - 1 - np.arange(len(e_px)))[:, None] + stride * np.arange(num)
     lower = np.linalg.cholesky(relative[taken[:, :, None], taken[:, None, :]] + np.eye(num))
@@ -157,9 +192,10 @@ def place_edges(
     """Maximum-likelihood place of the edge in each profile.
 
     profiles : (N, J) gray levels sampled at ``grid.d_px``. noise : one-sigma pixel noise, gray
-    levels. How strong the texture is differs from profile to profile and is not known: the
-    likelihood is averaged over the look's kinds, so that a clean profile speaks loudly and one
-    beside a cloud's border softly.
+    levels. Which texture the image has is not known: the answers are averaged by how likely each
+    makes all profiles together. A single profile cannot tell: one beside a strip of dark ground
+    that is narrower than the blur looks like a clean one with its edge further in. How high the
+    glow is differs from profile to profile, and is averaged over in each.
     """
     scaled = (profiles * (1.0 / noise)).astype(np.float32)
     height = scaled.max(axis=1) - np.median(scaled[:, -3:], axis=1)
@@ -167,32 +203,39 @@ def place_edges(
     excess = np.maximum(height / MAX_LEVEL, 1.0)
     scaled /= excess[:, None]
     octave = np.rint(np.log2(np.clip(height / excess, 4.0, MAX_LEVEL)))
-    places = np.empty((len(look.kinds), 6, len(profiles)))
+    places = np.empty((len(look.textures), len(look.glows), 6, len(profiles)))
     for value in np.unique(octave):
         rows = np.flatnonzero(octave == value)
-        for i, kind in enumerate(look.kinds):
-            table = edge_table(look, kind, float(2.0**value), grid)
-            places[i][:, rows] = _place(scaled[rows], table)
-    offset, sigma, step, chi2, cost, at_border = places.transpose(1, 0, 2)
-    # How common each kind of profile is in this image, from the image itself
-    # (expectation-maximisation).
-    evidence = sigma * np.exp(-0.5 * (cost - cost.min(axis=0)))
-    share = np.full(len(look.kinds), 1.0 / len(look.kinds))
-    for _ in range(4):
-        weight = share[:, None] * evidence
-        weight /= weight.sum(axis=0)
-        share = weight.mean(axis=1)
-    mean = (weight * offset).sum(axis=0)
-    variance = (weight * (sigma**2 + (offset - mean) ** 2)).sum(axis=0)
-    height = (weight * step).sum(axis=0) * excess
+        for i, texture in enumerate(look.textures):
+            for j, glow in enumerate(look.glows):
+                table = edge_table(look, texture, glow, float(2.0**value), grid)
+                places[i, j][:, rows] = _place(scaled[rows], table)
+    offset, sigma, step, chi2, cost, at_border = np.moveaxis(places, 2, 0)
+    log_evidence = np.log(sigma) - 0.5 * cost
+    best = log_evidence.max(axis=1)
+    weight = np.exp(log_evidence - best[:, None])
+    total = weight.sum(axis=1)
+    weight /= total[:, None]
+    by_texture = best + np.log(total)
+    likeliest = by_texture.max(axis=0)
+    merit = np.maximum(by_texture - likeliest, -_MOST_EVIDENCE).sum(axis=1)
+    share = np.exp(merit - merit.max())
+    share /= share.sum()
+    weight *= share[:, None, None]
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.asarray((weight * values).sum(axis=(0, 1)))
+
+    middle = mean(offset)
+    height = mean(step) * excess
     return EdgePlaces(
-        mean,
-        np.sqrt(variance),
+        middle,
+        np.sqrt(mean(sigma**2 + (offset - middle) ** 2)),
         height * noise,
         height,
-        (weight * chi2).sum(axis=0) / (profiles.shape[1] - 3),
-        (weight * at_border).sum(axis=0) > 0.5,
-        np.log((share[:, None] * evidence).sum(axis=0)) - 0.5 * cost.min(axis=0),
+        mean(chi2) / (profiles.shape[1] - 3),
+        mean(at_border) > 0.5,
+        by_texture[np.argmax(merit)],
     )
 
 
@@ -206,26 +249,50 @@ def _place(scaled: np.ndarray, table: EdgeTable) -> np.ndarray:
     chi2 = np.einsum("nej,nej->ne", stacked, stacked).astype(np.float64)
     steps = scaled @ table.step.T
     # The planet is the bright side: an edge that rises outwards is no limb.
-    cost = np.where(steps > 0, chi2 + table.log_det, 1e9)
+    cost = np.where(steps > 0, chi2 + table.log_det, _RULED_OUT)
     best = np.argmin(cost, axis=1)
-    inner = np.clip(best, 1, num_places - 2)
+    inner = np.clip(best, 2, num_places - 3)
+    around = inner[:, None] + np.arange(-2, 3)
+    shift, drop, curvature = _minimum(np.take_along_axis(cost, around, axis=1))
     rows = np.arange(len(scaled))
-    before, centre, after = cost[rows, inner - 1], cost[rows, inner], cost[rows, inner + 1]
     grid = table.e_px[1] - table.e_px[0]
-    curvature = np.maximum(before - 2.0 * centre + after, 1e-9)
-    slope = 0.5 * (after - before)
-    shift = np.clip(-slope / curvature, -1.0, 1.0)
-    drop = slope * shift + 0.5 * curvature * shift**2
     return np.stack(
         [
             table.e_px[inner] + shift * grid,
             grid * np.sqrt(2.0 / curvature),
             steps[rows, inner].astype(np.float64),
             chi2[rows, inner] + drop,
-            centre + drop,
+            cost[rows, inner] + drop,
             (best == 0) | (best == num_places - 1),
         ]
     )
+
+
+def _minimum(cost: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Minimum of the quartics through five equidistant values (N, 5), the middle one the least.
+
+    Returns its distance from the middle, in steps, its depth below the middle, and the second
+    derivative there. A parabola through three is off by a part of a step, whatever the noise.
+    """
+    left2, left, middle, right, right2 = cost.T
+    # A ruled-out place says nothing: the values are mirrored there, about the middle or beyond.
+    out = 0.5 * _RULED_OUT
+    left, right = np.where(left > out, right, left), np.where(right > out, left, right)
+    far = (left2 > out) | (right2 > out)
+    slope = np.where(far, 0.5 * (right - left), (left2 - 8.0 * (left - right) - right2) / 12.0)
+    parabola = np.maximum(left - 2.0 * middle + right, 1e-9)
+    outer = 16.0 * (left + right) - 30.0 * middle - left2 - right2
+    second = np.where(far, parabola, outer / 12.0)
+    third = np.where(far, 0.0, 0.5 * (right2 - 2.0 * (right - left) - left2))
+    fourth = np.where(far, 0.0, left2 - 4.0 * (left + right) + 6.0 * middle + right2)
+    shift = np.clip(0.5 * (left - right) / parabola, -1.0, 1.0)
+    for _ in range(_NEWTON_STEPS):
+        first = slope + shift * (second + shift * (third / 2.0 + shift * fourth / 6.0))
+        curvature = second + shift * (third + shift * fourth / 2.0)
+        curvature = np.where(curvature > 0.2 * parabola, curvature, parabola)
+        shift = np.clip(shift - first / curvature, -1.0, 1.0)
+    drop = shift * (slope + shift * (second / 2.0 + shift * (third / 6.0 + shift * fourth / 24.0)))
+    return shift, np.minimum(drop, 0.0), curvature
 
 
 def likeliest_look(
@@ -240,16 +307,31 @@ def likeliest_look(
     def evidence(look: EdgeLook) -> np.ndarray:
         return place_edges(few, noise, look, grid).log_evidence
 
-    first = evidence(guesses[0])
-
-    def merit(look: EdgeLook) -> float:
-        gain = evidence(look) - first
-        return float(np.clip(gain, -_MOST_EVIDENCE, _MOST_EVIDENCE).sum())
-
-    tried = {guess: merit(guess) for guess in guesses}
+    tried = {guess: evidence(guess) for guess in guesses}
     while True:
-        look = max(tried, key=lambda key: tried[key])
+        highest = np.max(list(tried.values()), axis=0)
+        merits = {
+            look: float(np.maximum(found - highest, -_MOST_EVIDENCE).sum())
+            for look, found in tried.items()
+        }
+        look = max(merits, key=lambda key: merits[key])
         fresh = [other for other in look.neighbours() if other not in tried]
         if not fresh:
-            return look
-        tried.update({other: merit(other) for other in fresh})
+            return _between(look, merits)
+        tried.update({other: evidence(other) for other in fresh})
+
+
+def _between(look: EdgeLook, merits: dict[EdgeLook, float]) -> EdgeLook:
+    """Likeliest blur between a look and its neighbours on the ladder, to one percent of a pixel:
+    the vertex of the parabola through their merits.
+    """
+    beside = [EdgeLook(psf, look.glow_px) for psf in _beside(_FINE_PSF_LADDER_PX, look.psf_px)]
+    if len(beside) < 2:
+        return look
+    below, at, above = (merits[other] for other in (beside[0], look, beside[1]))
+    curvature = below - 2.0 * at + above
+    if curvature >= 0.0:
+        return look
+    shift = np.clip(0.5 * (below - above) / curvature, -0.5, 0.5)
+    psf = look.psf_px * (beside[1].psf_px / look.psf_px) ** shift
+    return EdgeLook(float(np.round(psf, 2)), look.glow_px)

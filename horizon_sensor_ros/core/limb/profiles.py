@@ -98,16 +98,19 @@ def sample_profiles(
 def bundle_profiles(
     profiles: np.ndarray, valid: np.ndarray, size: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Means (M, J) of `size` neighbouring profiles (N, J) each, and the index (M,) of the middle.
+    """Means (M, J) of about `size` neighbouring profiles (N, J) each, and the index (M,) of the
+    middle.
 
-    Bundles with a profile that is not valid (N,) are left out.
+    Profiles that are not valid (N,) are left out; all others count in one of the means.
     """
+    index = np.flatnonzero(valid)
     if size == 1:
-        return profiles[valid], np.flatnonzero(valid)
-    count = len(profiles) // size
-    whole = valid[: count * size].reshape(count, size).all(axis=1)
-    means = profiles[: count * size].reshape(count, size, -1).mean(axis=1)
-    return means[whole], np.flatnonzero(whole) * size + size // 2
+        return profiles[valid], index
+    num = max(1, round(len(index) / size))
+    first = np.arange(num) * len(index) // num
+    counts = np.diff(np.append(first, len(index)))
+    sums = np.add.reduceat(profiles[valid], first, axis=0)
+    return sums / counts[:, None].astype(profiles.dtype), index[first + counts // 2]
 
 
 def pixel_noise(profiles: np.ndarray, size: int = 1) -> float:

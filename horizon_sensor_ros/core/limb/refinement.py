@@ -38,13 +38,18 @@ _MIN_SIGNIFICANCE = 5.0
 _MAX_MISFIT = 6.0
 _MIN_PROFILES = 8
 _BUNDLES = 160  # profiles, or means of neighbouring ones, along the limb in a frame
+# Length of limb over which the model is given the profiles' mean: what clouds and ground do hardly
+# changes along it, and shows through less noise. Short limbs are cut into shorter ones, so that
+# there are enough of them for a robust fit.
+_STRETCH_PX = 16.0
+_LEAST_STRETCHES = 32
 _MOST_BEYOND = 0.08  # share of the edges beyond reach, from which it is doubled ...
 _WIDEST_PX = 6.0  # ... up to this
 _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that must follow it
 _CLEAN_SIGMA_PX = 2.2  # sigma of an untextured edge's place, for a step as high as the noise
 _STRETCHES = 6
 _APART_SHARE = 0.75  # of what separates two kinds of edge along the limb, as measured beside truth
-_TEXTURE_SHARED = 0.55  # share of the texture's error that counts as common to a stretch of limb
+_TEXTURE_SHARED = 0.35  # share of the texture's error that counts as common to a stretch of limb
 _CALM, _CALM_PX = 3.0, 0.2  # jumps from profile to profile: over those without a model, and at all
 _MOVED_PX = 0.5
 _OUTWARD_PX = 0.5
@@ -106,7 +111,11 @@ def refine_limb(
         if valid.sum() < _MIN_PROFILES:
             return LimbPoints.none(Status.NO_LIMB, "the limb is behind the mask"), ()
     # Neighbours see the same edge: their mean says as much as they do, for a part of the work.
-    size = max(1, min(round(len(curve) / _BUNDLES), int(valid.sum()) // _MIN_PROFILES))
+    size = len(curve) / _BUNDLES
+    if looks:
+        stretch = min(_STRETCH_PX / step.spacing_px, valid.sum() / _LEAST_STRETCHES)
+        size = max(size, stretch)
+    size = max(1, min(round(size), int(valid.sum()) // _MIN_PROFILES))
     profiles, middle = bundle_profiles(profiles, valid, size)
     if len(middle) < _MIN_PROFILES:
         return LimbPoints.none(Status.NO_LIMB, "the limb runs along the frame's border"), ()
@@ -158,7 +167,7 @@ def refine_limb(
         # What the surface's texture adds to noise is the same for neighbouring profiles.
         over_step = np.clip(noise / np.maximum(places.step, noise), 1.0 / MAX_LEVEL, 1.0)
         clean = _CLEAN_SIGMA_PX * over_step
-        texture2 = median(places.sigma_px**2 - clean**2)
+        texture2 = float(np.mean(places.sigma_px**2 - clean**2))
         coherent = _TEXTURE_SHARED * np.sqrt(max(texture2, 0.0))
     limb = LimbPoints(
         Status.OK,
