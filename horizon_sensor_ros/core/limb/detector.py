@@ -122,11 +122,11 @@ def follow_limb(
     """Find the limb again near a predicted one; None where the prediction is of no help.
 
     looks : of the edge in each frame, as in the last detection. The last pass of `detect_limb`
-    around the predicted cone; if the limb turns out to lie more than a part of a pixel off, once
-    more around where it is, so that the answer is that of a search.
+    around the predicted cone; if the limb turns out to lie more than a part of a pixel off, again
+    around where it is, so that the answer is that of a search.
     """
     nadir, rho = nadir_base, rho_rad
-    for step in (_FINAL, _AGAIN, _FINAL):
+    for step in (_FINAL, _AGAIN, _FINAL, _FINAL):
         found = [
             refine_limb(image, view, nadir, rho, step, () if step is _AGAIN else look)
             for view, image, look in zip(views, images, looks, strict=True)

@@ -7,7 +7,8 @@ Along the normal, position d (pixels, outwards), the model of one profile with t
 F is a step blurred by the point-spread function (normal law, sigma `psf_px`); G is air glow: an
 exponential outside the edge, blurred alike, whose height is a share `glow` (0 to 1) of the level
 just inside; texture is whatever cloud and ground do inside: a Gaussian process with the covariance
-of surface detail seen at grazing incidence, blurred alike. Background and level are free for every
+of surface detail seen at grazing incidence, blurred alike; its strength and roughness are those
+that make the image's profiles most likely. Background and level are free for every
 profile. For each e on a grid the profile likelihood (restricted, so that the free amplitudes cost
 what they should) is one matrix product; the table of matrices depends on the shape alone and is
 kept. Texture beside the limb thereby widens the answer instead of moving it, and glow that is
@@ -64,6 +65,8 @@ _GLOW_ERROR = 0.03  # the same with glow, which is never quite exponential
 @dataclass(frozen=True)
 class EdgeTable:
     """Precomputed likelihood of the edge's place, for profiles in units of their noise.
+
+    Several of them stacked have one more axis, in front.
 
     residual (E, J, J): whitened residual projectors, the cost of place e is ``|residual[e] @ I|^2
     + log_det[e]``. step (E, J): the step's estimate is ``step[e] @ I``.
@@ -151,7 +154,18 @@ def texture_covariance(x_px: np.ndarray, psf_px: float, rough: bool) -> np.ndarr
     return blur @ covariance @ blur.T
 
 
-@lru_cache(maxsize=2048)
+@lru_cache(maxsize=128)
+def _differences(psf_px: float, grid: ProfileGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """All differences (K,) of sample and edge that occur in a grid, and the covariances of unit
+    texture there, smooth and rough.
+    """
+    stride = round(1.0 / grid.grid_px)
+    first = grid.d_px[0] - grid.e_px[-1]
+    x_px = first + grid.grid_px * np.arange(stride * (grid.num - 1) + len(grid.e_px))
+    smooth, rough = (texture_covariance(x_px, psf_px, rough) for rough in (False, True))
+    return x_px, smooth, rough
+
+
 def edge_table(
     look: EdgeLook, texture: Texture, glow: float, level: float, grid: ProfileGrid
 ) -> EdgeTable:
@@ -159,15 +173,13 @@ def edge_table(
 
     level : brightness just inside the limb, over the noise.
     """
-    d_px, e_px, num = grid.d_px, grid.e_px, grid.num
-    # All that depends on d - e alone is computed once over the differences that occur.
+    e_px, num = grid.e_px, grid.num
     stride = round(1.0 / grid.grid_px)
-    x_px = d_px[0] - e_px[-1] + grid.grid_px * np.arange(stride * (num - 1) + len(e_px))
+    x_px, smooth, rough = _differences(look.psf_px, grid)
     profile = edge_profile(x_px, look, glow)
     relative = np.diag(((_GLOW_ERROR if glow else _SHAPE_ERROR) * profile) ** 2)
     if texture.amplitude > 0:
-        unit = texture_covariance(x_px, look.psf_px, texture.rough)
-        relative += texture.amplitude**2 * unit
+        relative += texture.amplitude**2 * (rough if texture.rough else smooth)
     relative *= level**2
     basis = np.stack([np.ones_like(x_px), profile], axis=1)
     taken = (len(e_px) - 1 - np.arange(len(e_px)))[:, None] + stride * np.arange(num)
@@ -183,6 +195,22 @@ def edge_table(
         (whiten - q @ projected).astype(np.float32),
         np.asarray(log_det),
         step.astype(np.float32),
+    )
+
+
+@lru_cache(maxsize=512)
+def _tables(look: EdgeLook, level: float, grid: ProfileGrid) -> EdgeTable:
+    """Return the tables of all the look's textures and glows, one after the other (K, E, ...)."""
+    tables = [
+        edge_table(look, texture, glow, level, grid)
+        for texture in look.textures
+        for glow in look.glows
+    ]
+    return EdgeTable(
+        grid.e_px,
+        np.stack([table.residual for table in tables]),
+        np.stack([table.log_det for table in tables]),
+        np.stack([table.step for table in tables]),
     )
 
 
@@ -203,14 +231,12 @@ def place_edges(
     excess = np.maximum(height / MAX_LEVEL, 1.0)
     scaled /= excess[:, None]
     octave = np.rint(np.log2(np.clip(height / excess, 4.0, MAX_LEVEL)))
-    places = np.empty((len(look.textures), len(look.glows), 6, len(profiles)))
+    places = np.empty((6, len(look.textures) * len(look.glows), len(profiles)))
     for value in np.unique(octave):
         rows = np.flatnonzero(octave == value)
-        for i, texture in enumerate(look.textures):
-            for j, glow in enumerate(look.glows):
-                table = edge_table(look, texture, glow, float(2.0**value), grid)
-                places[i, j][:, rows] = _place(scaled[rows], table)
-    offset, sigma, step, chi2, cost, at_border = np.moveaxis(places, 2, 0)
+        places[..., rows] = _place(scaled[rows], _tables(look, float(2.0**value), grid))
+    shape = (6, len(look.textures), len(look.glows), len(profiles))
+    offset, sigma, step, chi2, cost, at_border = places.reshape(shape)
     log_evidence = np.log(sigma) - 0.5 * cost
     best = log_evidence.max(axis=1)
     weight = np.exp(log_evidence - best[:, None])
@@ -239,33 +265,34 @@ def place_edges(
     )
 
 
-def _place(scaled: np.ndarray, table: EdgeTable) -> np.ndarray:
-    """Place, sigma, step over noise, chi-square, cost and at-border of each profile, for one kind
-    of texture.
+def _place(scaled: np.ndarray, tables: EdgeTable) -> np.ndarray:
+    """Place, sigma, step over noise, chi-square, cost and at-border (6, K, N) of each profile, for
+    each of K tables.
     """
-    num_places, num_samples = len(table.e_px), scaled.shape[1]
-    stacked = scaled @ table.residual.reshape(-1, num_samples).T
-    stacked = stacked.reshape(len(scaled), num_places, num_samples)
-    chi2 = np.einsum("nej,nej->ne", stacked, stacked).astype(np.float64)
-    steps = scaled @ table.step.T
+    num_tables, num_places, num_samples = tables.step.shape
+    stacked = scaled @ tables.residual.reshape(-1, num_samples).T
+    stacked = stacked.reshape(-1, num_samples)
+    shape = len(scaled), num_tables, num_places
+    chi2 = np.einsum("ij,ij->i", stacked, stacked).reshape(shape).astype(np.float64)
+    steps = (scaled @ tables.step.reshape(-1, num_samples).T).reshape(shape)
     # The planet is the bright side: an edge that rises outwards is no limb.
-    cost = np.where(steps > 0, chi2 + table.log_det, _RULED_OUT)
+    cost = np.where(steps > 0, chi2 + tables.log_det, _RULED_OUT).reshape(-1, num_places)
     best = np.argmin(cost, axis=1)
     inner = np.clip(best, 2, num_places - 3)
-    around = inner[:, None] + np.arange(-2, 3)
-    shift, drop, curvature = _minimum(np.take_along_axis(cost, around, axis=1))
-    rows = np.arange(len(scaled))
-    grid = table.e_px[1] - table.e_px[0]
-    return np.stack(
+    rows = np.arange(len(cost))
+    shift, drop, curvature = _minimum(cost[rows[:, None], inner[:, None] + np.arange(-2, 3)])
+    grid = tables.e_px[1] - tables.e_px[0]
+    found = np.stack(
         [
-            table.e_px[inner] + shift * grid,
+            tables.e_px[inner] + shift * grid,
             grid * np.sqrt(2.0 / curvature),
-            steps[rows, inner].astype(np.float64),
-            chi2[rows, inner] + drop,
+            steps.reshape(-1, num_places)[rows, inner].astype(np.float64),
+            chi2.reshape(-1, num_places)[rows, inner] + drop,
             cost[rows, inner] + drop,
             (best == 0) | (best == num_places - 1),
         ]
     )
+    return found.reshape(6, len(scaled), num_tables).transpose(0, 2, 1)
 
 
 def _minimum(cost: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
