@@ -31,8 +31,6 @@ _CONVERGED = 1e-8
 _TUKEY = 4.685
 # Sets that scatter more than this many times what their limbs claim have no mounting in common.
 _MAX_SCALE = 10.0
-# Share of the errors that frames have in common which is the same in all frames of a recording.
-_STEADY = 0.25
 # An unknown is observed, or not at all, when this share of it is.
 _NEARLY = 0.02
 
@@ -273,11 +271,11 @@ class _Adjustment:
             design = w * (each.design * self._units)[:, self._free]
             shared = design.T @ each.shared
             claimed += design.T @ design + (self._alike - 1.0) * shared @ shared.T
-            steady += shared
+            steady += design.T @ each.steady
             scores.append(design.T @ each.residual)
         gain = (seen / values).T
         cov = gain @ claimed @ gain.T
-        always = _STEADY * gain @ steady
+        always = gain @ steady
         shown = gain @ _long_run(np.array(scores)) @ gain.T
         factor = max(1.0, float(np.trace(np.linalg.solve(cov, shown))) / len(values))
         out = np.zeros((len(self._units),) * 2)

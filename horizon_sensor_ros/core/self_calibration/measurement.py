@@ -15,6 +15,9 @@ from horizon_sensor_ros.core.horizon_sensor import HorizonFix
 from horizon_sensor_ros.core.planet import Planet
 
 _FOCAL_STEP = 1e-3
+# Errors of a few hundredths of a pixel are the ground's texture, which changes as it passes; larger
+# ones come of air that glows, much the same everywhere. Measured on simulated recordings.
+_MOST_STEADY, _STEADY_FROM_PX = 0.5, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +29,7 @@ class CameraHorizon:
     cov_noise, cov_shared : (3, 3) covariance of nadir's two components along
     ``tangent_basis(nadir_cam)`` and of rho, rad^2: of the errors that are new in each frame, and of
     those that frames shortly after each other have in common (air, clouds at the limb).
+    steady_share : share of one sigma of the shared errors that stays the same all along.
     focal_slope : (3,) derivative of the same three by the relative error of the focal length.
     """
 
@@ -34,6 +38,7 @@ class CameraHorizon:
     rho_rad: float
     cov_noise: np.ndarray
     cov_shared: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    steady_share: float = 0.0
     focal_slope: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
@@ -89,9 +94,9 @@ def camera_horizon(
                 return None
             change = np.append(moved.nadir_base @ basis, moved.rho_rad)
             slope += sign / (2.0 * _FOCAL_STEP) * change
-    return CameraHorizon(
-        view.name, initial[0], fix.fit.rho_rad, noise, _positive_part(cov - noise), slope
-    )
+    shared = _positive_part(cov - noise)
+    steady = _MOST_STEADY * limb.coherent_px / (limb.coherent_px + _STEADY_FROM_PX)
+    return CameraHorizon(view.name, initial[0], fix.fit.rho_rad, noise, shared, steady, slope)
 
 
 def with_focal_scale(camera: Camera, scale: float) -> Camera:

@@ -44,13 +44,15 @@ class State:
 class _Rows(NamedTuple):
     """Whitened equations: residual (R,), its derivatives by nuisances (R, 3) and unknowns (R, P).
 
-    shared (R, 3 C) : what one sigma of the errors that frames share makes of each camera.
+    shared (R, 3 C) : what one sigma of the errors that frames share makes of each camera; steady
+    (R, 3 C) : what of that never changes.
     """
 
     residual: np.ndarray
     nuisance: np.ndarray
     common: np.ndarray
     shared: np.ndarray
+    steady: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +62,15 @@ class SetEquations:
     design : (R, P), residual : (R,) to be matched by ``design @ step``; both are what is left of
     them outside the nuisances' columns. shared : (R, 3 C), a camera's three columns being the
     square root of the covariance of those of its errors that frames share, along axes fixed to it;
-    the rest of the unit covariance is new in each set. freedom : R less three.
+    the rest of the unit covariance is new in each set. steady : (R, 3 C) the part of it that never
+    changes. freedom : R less three.
     back : (3,) and back_design : (3, P) give the nuisances' step ``back - back_design @ step``.
     """
 
     design: np.ndarray
     residual: np.ndarray
     shared: np.ndarray
+    steady: np.ndarray
     freedom: int
     back: np.ndarray
     back_design: np.ndarray
@@ -126,6 +130,7 @@ class Model:
             design=reduced @ rows.common,
             residual=reduced @ rows.residual,
             shared=rows.shared,
+            steady=rows.steady,
             freedom=len(u) - 3,
             back=inverse @ rows.residual,
             back_design=inverse @ rows.common,
@@ -173,7 +178,8 @@ class Model:
         nuisance[:2, :2] = measured.T @ to_cam @ basis
         nuisance[2, 2] = 1.0
         whiten, shared = self._whitened[index, camera]
-        return _Rows(whiten @ residual, whiten @ nuisance, whiten @ common, shared)
+        steady = horizon.steady_share * shared
+        return _Rows(whiten @ residual, whiten @ nuisance, whiten @ common, shared, steady)
 
     def _whitening(self, horizon: CameraHorizon) -> tuple[np.ndarray, np.ndarray]:
         """Matrix (3, 3) that whitens a horizon's residual, and whitened `_Rows.shared` (3, 3 C)."""
@@ -207,7 +213,7 @@ class Model:
         self, residual: np.ndarray, nuisance: np.ndarray, common: np.ndarray
     ) -> _Rows:
         shared = np.zeros((len(residual), 3 * len(self.unknowns.cameras)))
-        return _Rows(residual, nuisance, common, shared)
+        return _Rows(residual, nuisance, common, shared, shared)
 
 
 def _square_root(horizon: CameraHorizon) -> np.ndarray:
