@@ -13,6 +13,7 @@ COMMANDS = {
     "horizon_sensor": "ros.horizon_sensor",
     "horizon_replay": "tools.replay",
     "horizon_self_calibration": "tools.self_calibration",
+    "horizon_report": "tools.report",
     "horizon_applicability": "tools.applicability",
     "horizon_demo": "tools.demo",
     "horizon_bag_from_images": "tools.bag_from_images",
@@ -26,6 +27,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={f"{PACKAGE}.tools": ["templates/*.j2"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

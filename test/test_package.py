@@ -25,6 +25,7 @@ COMMANDS = {
     "horizon_sensor",
     "horizon_replay",
     "horizon_self_calibration",
+    "horizon_report",
     "horizon_applicability",
     "horizon_demo",
     "horizon_bag_from_images",

@@ -47,6 +47,8 @@ def listen(path: Path, listeners: Sequence[Listener], stopped: Callable[[], bool
             raise BagError(
                 _complaint(path, missing, [(c.topic, c.msgtype) for c in reader.connections])
             )
+        if not wanted:
+            return
         total = sum(connection.msgcount for connection in wanted)
         messages = bag_messages(reader, wanted)
         with tqdm(messages, total=total, unit="msg", file=sys.stderr) as progress:

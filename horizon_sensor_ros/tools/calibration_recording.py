@@ -63,7 +63,7 @@ class Recording:
     summary: str
 
 
-class _Horizons:
+class Horizons:
     """Pairs images first, then finds the horizon in each image of a set alone."""
 
     def __init__(self, settings: PipelineSettings, interval_ns: int, *, focal: bool) -> None:
@@ -177,7 +177,7 @@ def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -
     settings = _settings(arguments)
     pipeline = settings.pipeline
     names = TopicNames(arguments.namespace, arguments.remap)
-    horizons = _Horizons(pipeline, round(arguments.interval * 1e9), focal=arguments.focal)
+    horizons = Horizons(pipeline, round(arguments.interval * 1e9), focal=arguments.focal)
     others = _OtherInstruments(arguments, settings, horizons.sphere, names)
     coarse_pose = _plain(horizons.on_coarse_pose)
     listeners = [

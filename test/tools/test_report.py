@@ -1,0 +1,276 @@
+"""horizon_report: from the command line to what a reader sees in a browser."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from horizon_messages import (
+    ALTITUDE_M,
+    CAMERAS,
+    PERIOD_NS,
+    START_NS,
+    attitude_at,
+    camera_info_of,
+    horizon_gray,
+    image_of,
+    nadir_of,
+    write_bag,
+    write_parameters,
+)
+from sensor_msgs.msg import Imu
+from target_messages import FRAME_ID, cloud_of, scan, stamp_of, truth_at
+
+from horizon_sensor_ros.tools.replay import main as replay
+from horizon_sensor_ros.tools.report import main, write_report
+from horizon_sensor_ros.tools.truth_topics import (
+    true_attitude_message,
+    true_pose_message,
+    true_vertical_message,
+)
+
+PAIRS = 24
+FLOODED = range(9, 13)
+CLOUDS = 10
+GRAVITY = 9.81
+
+
+def imu_of(nadir_base: np.ndarray, stamp: int) -> Imu:
+    """What an accelerometer at rest feels: the ground that pushes it up."""
+    msg = Imu()
+    msg.header.frame_id = "base_link"
+    msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+    felt = -GRAVITY * nadir_base
+    msg.linear_acceleration.x, msg.linear_acceleration.y, msg.linear_acceleration.z = map(
+        float, felt
+    )
+    return msg
+
+
+def flight_messages() -> list[tuple[str, int, Any]]:
+    """Both cameras, flooded for a while, an IMU, a target, and the truth of everything."""
+    messages: list[tuple[str, int, Any]] = []
+    for index in range(PAIRS):
+        stamp = START_NS + index * PERIOD_NS
+        nadir = nadir_of(*attitude_at(index))
+        for delay, camera in enumerate(CAMERAS):
+            gray = horizon_gray(camera, nadir, seed=2 * index + delay)
+            if index in FLOODED:
+                gray = np.full_like(gray, 250)
+            messages.append((f"/{camera}/camera_info", stamp, camera_info_of(stamp, camera)))
+            messages.append((f"/{camera}/image_raw", stamp, image_of(gray, stamp, camera)))
+        vertical = true_vertical_message(nadir, stamp, "base_link")
+        attitude = true_attitude_message(nadir, ALTITUDE_M, stamp, "up")
+        messages.append(("/truth/local_vertical", stamp, vertical))
+        messages.append(("/truth/attitude", stamp, attitude))
+        messages.append(("/imu", stamp, imu_of(nadir, stamp)))
+    for index in range(CLOUDS):
+        stamp = stamp_of(index)
+        messages.append(("/target/points", stamp, cloud_of(scan(index), stamp)))
+        pose = true_pose_message(truth_at(index), stamp, FRAME_ID)
+        messages.append(("/truth/target/pose", stamp, pose))
+    return sorted(messages, key=lambda each: each[1])
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
+    """Replayed bag, input bag and parameters."""
+    directory = tmp_path_factory.mktemp("report")
+    source = write_bag(directory / "flight", flight_messages())
+    params = write_parameters(directory / "params.yaml")
+    assert replay([str(source), str(directory / "out"), "--params", str(params)]) == 0
+    return directory / "out", source, params
+
+
+@pytest.fixture(scope="module")
+def page(bags: tuple[Path, Path, Path]) -> Path:
+    out, source, params = bags
+    path = out.parent / "report.html"
+    arguments = (out, "--input", source, "--params", params, "--out", path)
+    assert main([str(a) for a in arguments]) == 0
+    return path
+
+
+class Reader(HTMLParser):
+    """Text, headings, alternative texts and addresses of a page."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.headings: list[str] = []
+        self.words: list[str] = []
+        self.alts: list[str] = []
+        self.addresses: list[str] = []
+        self._tag = ""
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self._tag = tag
+        found = {name: value or "" for name, value in attrs}
+        if tag == "img":
+            self.alts.append(found.get("alt", ""))
+        names = ("src", "srcset", "href")
+        self.addresses += [found[name] for name in names if name in found]
+
+    def handle_data(self, data: str) -> None:
+        text = " ".join(data.split())
+        if text and self._tag != "style":
+            self.words.append(text)
+            if self._tag == "h2":
+                self.headings.append(text)
+
+    @property
+    def text(self) -> str:
+        return " ".join(self.words)
+
+    def row(self, first: str) -> list[str]:
+        """Cells after the first one of a table's row."""
+        at = self.words.index(first)
+        return self.words[at + 1 : at + 6]
+
+
+def test_every_part_is_there(page: Path) -> None:
+    read = Reader(page)
+    assert read.headings == [
+        "Availability",
+        "Errors against the truth",
+        "Nadir, roll, pitch and altitude",
+        "Camera against accelerometer",
+        "Residuals",
+        "Agreement of the cameras",
+        "Why there was no answer",
+        "Target",
+        "Errors of the target against the truth",
+        "Latency",
+        "What the bags hold",
+    ]
+    assert all(alt.strip() for alt in read.alts)
+    # Two nodes with one pipeline are drawn once.
+    assert sum(alt.startswith("Residuals") for alt in read.alts) == 3
+    assert len(read.alts) > 20
+
+
+def test_nothing_is_fetched_from_elsewhere(page: Path) -> None:
+    assert all(a.startswith(("data:", "#")) for a in Reader(page).addresses)
+
+
+def test_figures_are_those_of_the_flight(page: Path) -> None:
+    read = Reader(page)
+    answered = PAIRS - len(FLOODED)
+    assert read.row("attitude")[:2] == [str(answered), str(PAIRS)]
+    assert read.row("target/pose")[:2] == [str(CLOUDS), str(CLOUDS)]
+    assert f"{len(FLOODED)} of {PAIRS} frame sets have no answer" in read.text
+    assert read.text.count("s, no answer:") == len(FLOODED)
+    assert "frame of camera_1: 0 candidates" in " ".join(read.alts)
+    # Errors of a clear horizon, and of the accelerometer's, which is exact.
+    assert float(read.row("roll (deg)")[0]) < 0.01
+    assert float(read.row("altitude (km)")[0]) < 1.0
+    mean, rms, *_ = (float(cell) for cell in read.row("pitch")[:2])
+    assert abs(mean) < 0.01
+    assert rms < 0.01
+    assert read.row("paper B's bench: pitch")[1] == "0.752"
+    # One cloud on the other after the motion that was found.
+    before, after = (
+        float(words.split()[0].rstrip(",."))
+        for words in read.text.split("Likeness (1: the same) before the found motion ")[1].split(
+            "after it ", 1
+        )
+    )
+    assert after > 0.8 > before
+
+
+def test_answers_alone_make_a_page_too(bags: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "alone.html"
+    write_report([bags[0]], path, title="A flight <with> marks")
+    read = Reader(path)
+    assert "A flight <with> marks" in read.text
+    assert "give the one that has them with --input" in read.text
+    assert "Agreement of the cameras" not in read.headings
+    assert "Errors against the truth" not in read.headings
+
+
+def test_without_parameters_the_frames_are_shown_as_they_are(
+    bags: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    path = tmp_path / "report.html"
+    path.write_text("an older one")
+    arguments = (bags[0], "--input", bags[1], "--out", path, "--force")
+    assert main([str(a) for a in arguments]) == 0
+    read = Reader(path)
+    assert "shown when --params FILE is given" in read.text
+    assert read.alts.count("frame of camera_1") == len(FLOODED) + 2
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
+    assert main([str(a) for a in arguments]) == 1
+    errors = capsys.readouterr().err
+    assert "Traceback" not in errors
+    return errors
+
+
+def test_what_is_wrong_is_said(
+    bags: tuple[Path, Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, source, _ = bags
+    page = tmp_path / "report.html"
+    told = refused(capsys, source, "--out", page)
+    assert "Make them with horizon_replay" in told
+    assert "/camera_1/image_raw (sensor_msgs/msg/Image) in flight" in told
+    assert "there is no bag" in refused(capsys, tmp_path / "none", "--out", page)
+    assert not page.exists()
+    page.write_text("mine")
+    assert "exists; choose another" in refused(capsys, out, "--out", page)
+    assert page.read_text() == "mine"
+    told = refused(capsys, out, "--params", tmp_path / "none.yaml", "--out", tmp_path / "other")
+    assert "cannot read" in told
+
+
+# ---------------------------------------------------------------------------- in a browser
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """A browser that is on this machine; its own downloads are not needed."""
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    programs = ("chromium", "chromium-browser", "google-chrome")
+    program = next(filter(None, map(shutil.which, programs)), None)
+    if program is None:
+        pytest.skip(f"none of {', '.join(programs)} is installed")
+    options = [
+        *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
+        *("--disable-background-networking", "--disable-component-update"),
+    ]
+    with api.sync_playwright() as started:
+        running = started.chromium.launch(executable_path=program, args=options, timeout=60_000)
+        yield running
+        running.close()
+
+
+@pytest.mark.parametrize("width", [390, 1200])
+def test_a_browser_shows_all_of_it(browser: Any, page: Path, width: int) -> None:
+    tab = browser.new_page(viewport={"width": width, "height": 844})
+    said: list[str] = []
+    tab.on("console", lambda message: said.append(message.text))
+    tab.on("pageerror", lambda error: said.append(str(error)))
+    tab.on("request", lambda request: said.append(request.url[:80]) if _fetches(request) else None)
+    tab.goto(page.as_uri())
+    missing = "[...document.images].filter(image => !(image.naturalWidth > 0)).length"
+    assert tab.evaluate(missing) == 0
+    assert tab.evaluate("document.images.length") > 20
+    # Nothing sticks out to the side.
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    # Type in a chart is no smaller than it can be read at.
+    narrow = (
+        "[...document.images].every(image => image.getBoundingClientRect().width <= innerWidth)"
+    )
+    assert tab.evaluate(narrow)
+    assert said == []
+    tab.close()
+
+
+def _fetches(request: Any) -> bool:
+    return not request.url.startswith(("data:", "file:"))
