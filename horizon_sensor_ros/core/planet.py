@@ -7,6 +7,7 @@ above the surface (air, cloud). ECEF: x through latitude 0, longitude 0, z throu
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,23 +85,23 @@ class Planet:
 
         Source: Bowring 1976, iterated; better than 1e-9 m from well inside the planet outwards.
         """
-        x, y, z = _position(position_ecef)
+        x, y, z = _position(position_ecef).tolist()
         a, b = self.radius_m, self.polar_radius_m
         e2 = 1 - (b / a) ** 2
-        axis_distance = float(np.hypot(x, y))
-        reduced = np.arctan2(a * z, b * axis_distance)
+        axis_distance = math.hypot(x, y)
+        reduced = math.atan2(a * z, b * axis_distance)
         latitude = reduced
         for _ in range(_BOWRING_STEPS):
-            latitude = np.arctan2(
-                z + e2 / (1 - e2) * b * np.sin(reduced) ** 3,
-                axis_distance - e2 * a * np.cos(reduced) ** 3,
+            latitude = math.atan2(
+                z + e2 / (1 - e2) * b * math.sin(reduced) ** 3,
+                axis_distance - e2 * a * math.cos(reduced) ** 3,
             )
-            reduced = np.arctan2(b * np.sin(latitude), a * np.cos(latitude))
+            reduced = math.atan2(b * math.sin(latitude), a * math.cos(latitude))
         # The distance along the normal, well conditioned at the poles as at the equator.
-        height = (axis_distance - a * np.cos(reduced)) * np.cos(latitude) + (
-            z - b * np.sin(reduced)
-        ) * np.sin(latitude)
-        return float(latitude), float(np.arctan2(y, x)), float(height)
+        height = (axis_distance - a * math.cos(reduced)) * math.cos(latitude) + (
+            z - b * math.sin(reduced)
+        ) * math.sin(latitude)
+        return latitude, math.atan2(y, x), height
 
     def ecef_from_geodetic(
         self, latitude_rad: float, longitude_rad: float, height_m: float

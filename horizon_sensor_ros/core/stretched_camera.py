@@ -33,12 +33,9 @@ class StretchedCamera(Camera):
 
     def project(self, rays_unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pixels and their derivative by the stretched rays; see `Camera.project`."""
-        rays = np.asarray(rays_unit, dtype=float) @ self.inverse
-        length = np.sqrt(np.einsum("ij,ij->i", rays, rays))
-        px, jacobian = self.original.project(rays / length[:, None])
-        jacobian = (jacobian.reshape(-1, 3) @ self.inverse).reshape(-1, 2, 3)
-        jacobian /= length[:, None, None]
-        return px, jacobian
+        # The original's derivative is that by whatever ray it is given, of unit length or not.
+        px, jacobian = self.original.project(np.asarray(rays_unit, dtype=float) @ self.inverse)
+        return px, (jacobian.reshape(-1, 3) @ self.inverse).reshape(-1, 2, 3)
 
 
 def stretched_view(view: CameraView, axis_base: np.ndarray, ratio: float) -> CameraView:
