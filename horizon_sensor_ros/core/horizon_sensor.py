@@ -94,6 +94,11 @@ class HorizonSensor:
         """Forget where the limb was: the next frames are searched."""
         self._track = None
 
+    @property
+    def following(self) -> bool:
+        """Whether the last fix came from following the limb, not from a search."""
+        return self._track is not None and self._track.age > 0
+
     def process(self, frames: Sequence[Frame], aiding: Aiding = NOTHING_KNOWN) -> HorizonFix:
         """Find the horizon in simultaneous frames, with what is known of them from elsewhere.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
+from horizon_sensor_ros.core.fits.limb_rays import gather
 from horizon_sensor_ros.core.fits.maximum_likelihood import refine
 from horizon_sensor_ros.core.fits.result import LimbObservation
 from horizon_sensor_ros.core.limb.air_layer import ground_under_airglow
@@ -28,6 +28,7 @@ from horizon_sensor_ros.core.limb.selection import (
     rays_of_candidates,
 )
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
 
 # From the consensus, good to a grid step or two, to the last tenths of a pixel. Where air glows the
@@ -37,8 +38,8 @@ _NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0)
 _GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0)
 _FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0)
 # Where the prediction was off.
-_AGAIN = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0)
-_ON_COURSE_PX = 0.6
+_AGAIN = RefinePass(reach_px=10.0, grid_px=0.5, spacing_px=4.0)
+_STRETCHES, _ON_COURSE_PX = 4, 0.6
 _CANNY_REACH_PX = 2.0
 
 
@@ -132,29 +133,29 @@ def follow_limb(
             for view, image, look in zip(views, images, looks, strict=True)
         ]
         limbs = tuple(limb for limb, _ in found)
-        rays = gather([LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)])
-        if step is _FINAL and _on_course(rays, nadir, rho, limbs, looks):
+        observations = [LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)]
+        if step is _AGAIN:
+            nearer = refine(gather(observations), planet, (nadir, rho))
+            if not nearer.ok:
+                return None
+            nadir, rho = nearer.nadir_base, nearer.rho_rad
+        elif all(
+            _on_course(observation, nadir, rho)
+            for observation, look in zip(observations, looks, strict=True)
+            if look
+        ):
             seen = tuple(new or old for (_, new), old in zip(found, looks, strict=True))
             return Detection(limbs, nadir_base=nadir, rho_rad=rho, looks=seen)
-        nearer = refine(rays, planet, (nadir, rho))
-        if not nearer.ok:
-            return None
-        nadir, rho = nearer.nadir_base, nearer.rho_rad
     return None
 
 
-def _on_course(
-    rays: LimbRays,
-    nadir_base: np.ndarray,
-    rho_rad: float,
-    limbs: Sequence[LimbPoints],
-    looks: Sequence[tuple[EdgeLook, ...]],
-) -> bool:
-    """Whether the limb lies within a part of a pixel of the cone it was measured around."""
-    if any(look and limb.status is not Status.OK for look, limb in zip(looks, limbs, strict=True)):
+def _on_course(observation: LimbObservation, nadir_base: np.ndarray, rho_rad: float) -> bool:
+    """Whether all stretches of a limb lie near the cone that it was measured around."""
+    rays = observation.rays
+    if len(rays) < MIN_INLIERS:
         return False
-    off = np.abs(rays.residuals_px(nadir_base, rho_rad))
-    return len(off) > 0 and bool(np.percentile(off, 90) < _ON_COURSE_PX)
+    off = rays.residuals_px(nadir_base, rho_rad)[rays.along_limb(nadir_base)]
+    return max(abs(median(part)) for part in np.array_split(off, _STRETCHES)) < _ON_COURSE_PX
 
 
 def canny_limbs(
