@@ -127,6 +127,7 @@ def follow_limb(
     around where it is, so that the answer is that of a search.
     """
     nadir, rho = nadir_base, rho_rad
+    first = True
     for step in (_FINAL, _AGAIN, _FINAL, _FINAL):
         found = [
             refine_limb(image, view, nadir, rho, step, () if step is _AGAIN else look)
@@ -134,18 +135,21 @@ def follow_limb(
         ]
         limbs = tuple(limb for limb, _ in found)
         observations = [LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)]
-        if step is _AGAIN:
-            nearer = refine(gather(observations), planet, (nadir, rho))
-            if not nearer.ok:
-                return None
-            nadir, rho = nearer.nadir_base, nearer.rho_rad
-        elif all(
+        if step is _FINAL and all(
             _on_course(observation, nadir, rho)
             for observation, look in zip(observations, looks, strict=True)
             if look
         ):
             seen = tuple(new or old for (_, new), old in zip(found, looks, strict=True))
             return Detection(limbs, nadir_base=nadir, rho_rad=rho, looks=seen)
+        if first:
+            # What is out of reach is not even seen: no cone can be had from the rest.
+            first = False
+            continue
+        nearer = refine(gather(observations), planet, (nadir, rho))
+        if not nearer.ok:
+            return None
+        nadir, rho = nearer.nadir_base, nearer.rho_rad
     return None
 
 
