@@ -133,13 +133,24 @@ def test_the_search_finds_the_papers_motion(clouds: tuple[np.ndarray, ...]) -> N
     a, b, truth = clouds
     sections = cut(a, PITCH_M)
     batch = BatchObjective(sections, b)
-    found = direct_search(batch, np.array([np.radians(15)] * 3 + [0.08] * 3))
+    reach = np.array([np.radians(15)] * 3 + [0.08] * 3)
+    found = direct_search(batch, reach, plateau=np.array([np.radians(1)] * 3 + [0.01] * 3))
     true = candidate_of(sections, truth)
     assert found.value >= objective(sections, b, true) - 1e-9
-    middle = plateau_mean(batch, found.best, np.array([np.radians(1)] * 3 + [0.01] * 3))
-    for place in (found.best, middle):
+    assert batch(found.top)[0] == pytest.approx(found.value)
+    for place in (found.best, found.top):
         assert np.degrees(np.abs(place[:3] - true[:3])).max() < 0.8
         assert np.abs(place[3:] - true[3:]).max() < 0.01
+
+
+def test_the_middle_of_a_plateau_is_its_middle() -> None:
+    top = np.array([0.3, -0.2])
+    # Flat within 0.1 of the top.
+    middle = plateau_mean(
+        lambda x: -np.maximum(np.abs(x - top).max(axis=1) - 0.1, 0.0),
+        top + np.array([0.09, -0.08]), np.full(2, 0.25), samples=1000,
+    )  # fmt: skip
+    assert np.abs(middle - top).max() < 0.01
 
 
 def test_compass_search_climbs_a_smooth_hill() -> None:

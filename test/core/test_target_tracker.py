@@ -139,15 +139,39 @@ def test_a_gap_starts_a_new_frame() -> None:
 
 
 def test_a_lost_track_starts_a_new_frame() -> None:
-    clouds, _ = tumbling(3, 1)
+    clouds, _ = tumbling(3, 2)
     other, _ = tumbling(3, 5, "plate_with_dish")
     tracker = TargetTracker(TrackerConfig(max_refused=3))
-    tracker.process(clouds[0], 0)
-    fixes = [tracker.process(cloud, (k + 1) * STEP_NS) for k, cloud in enumerate(other)]
+    for k, cloud in enumerate(clouds):
+        assert tracker.process(cloud, k * STEP_NS).status is Status.OK
+    fixes = [tracker.process(cloud, (k + 2) * STEP_NS) for k, cloud in enumerate(other)]
     assert [fix.status is Status.OK for fix in fixes] == [False, False, True, True, True]
     assert fixes[2].new_frame
     assert "lost" in fixes[2].reason
     assert fixes[3].delta_previous_from_now is not None
+
+
+def test_three_clouds_that_agree_outvote_a_first_one_of_another_target() -> None:
+    clouds, _ = tumbling(3, 4)
+    other, _ = tumbling(3, 1, "plate_with_dish")
+    tracker = TargetTracker()
+    fixes = [tracker.process(c, k * STEP_NS) for k, c in enumerate([*other, *clouds])]
+    assert [fix.status is Status.OK for fix in fixes] == [True, False, False, True, True]
+    assert "agree" in fixes[1].reason
+    assert fixes[3].new_frame
+    assert "first cloud" in fixes[3].reason
+    assert fixes[3].delta_previous_from_now is None
+    assert fixes[4].delta_previous_from_now is not None
+
+
+def test_two_odd_clouds_after_a_first_good_one_are_no_new_target() -> None:
+    clouds, _ = tumbling(3, 2)
+    other, _ = tumbling(3, 2, "plate_with_dish")
+    tracker = TargetTracker()
+    sent = [clouds[0], *other, clouds[1]]
+    fixes = [tracker.process(c, k * STEP_NS) for k, c in enumerate(sent)]
+    assert [fix.status is Status.OK for fix in fixes] == [True, False, False, True]
+    assert not fixes[3].new_frame
 
 
 def test_stamps_that_repeat_or_jump_back() -> None:

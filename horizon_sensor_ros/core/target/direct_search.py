@@ -7,12 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+_PLATEAU_SAMPLES = 1000
+
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """Best place (D,) found, its value, and how often the function was evaluated."""
+    """Where the search ended.
+
+    best : (D,) the answer.  top : (D,) place of the highest value seen; of ``direct_search`` the
+        answer is the middle of the plateau around it.  value : at ``top``.
+    evaluations : how often the function was evaluated.
+    """
 
     best: np.ndarray
+    top: np.ndarray
     value: float
     evaluations: int
 
@@ -49,7 +57,7 @@ def compass_search(
             mesh = min(2 * mesh, 1.0)
         else:
             pattern, mesh = None, mesh / 2
-    return SearchResult(best, value, evaluations)
+    return SearchResult(best, best, value, evaluations)
 
 
 def direct_search(
@@ -58,9 +66,18 @@ def direct_search(
     starts: int = 256,
     climbs: int = 6,
     smallest: float = 1 / 128,
+    plateau: np.ndarray | None = None,
 ) -> SearchResult:
     """Compass searches from the best of an even spread of starts over the box +-``reach`` (D,),
-    its centre among them."""
+    its centre among them; the answer is the middle of the plateau that the highest one reached.
+
+    plateau : (D,) how far the plateau may reach to both sides, less than half a cell; None: the
+        highest place alone is the answer.
+
+    The paper asks for the arguments of the greatest value, but a likeness counted in cells has no
+    single such place: it is a staircase with its steps where points happen to cross the borders of
+    cells, and its highest step says less than the middle of those about as high.
+    """
     from scipy.stats import qmc  # noqa: PLC0415  heavy to import, and only used here
 
     reach = np.asarray(reach, float)
@@ -71,8 +88,12 @@ def direct_search(
     if 0 not in order:
         order[-1] = 0
     runs = [compass_search(function, places[k], reach / 4, smallest) for k in order]
-    best = max(runs, key=lambda run: run.value)
-    return SearchResult(best.best, best.value, len(places) + sum(run.evaluations for run in runs))
+    top = max(runs, key=lambda run: run.value)
+    evaluations = len(places) + sum(run.evaluations for run in runs)
+    if plateau is None:
+        return SearchResult(top.top, top.top, top.value, evaluations)
+    middle = plateau_mean(function, top.top, plateau, samples=_PLATEAU_SAMPLES)
+    return SearchResult(middle, top.top, top.value, evaluations + 2 * _PLATEAU_SAMPLES)
 
 
 def plateau_mean(
@@ -83,11 +104,7 @@ def plateau_mean(
     samples: int = 400,
 ) -> np.ndarray:
     """(D,) mean of the places around ``best`` whose values come within about ``width`` of the
-    highest.
-
-    Not in the paper. A likeness counted in cells is a staircase with its steps in random places,
-    and its highest step says less than the middle of the plateau.
-    """
+    highest; looked for within ``reach`` (D,) to both sides, twice."""
     from scipy.stats import qmc  # noqa: PLC0415  heavy to import, and only used here
 
     spread = (2 * qmc.Halton(len(best), scramble=False).random(samples) - 1) * np.asarray(reach)

@@ -14,6 +14,8 @@ from .rigid import inverse_pose, pose_matrix, rotation_from_vector, skew, vector
 # none.
 _DEFINITION_VARIANCE = 1e-8
 _MAX_KEYFRAMES = 40
+# So many refused clouds in a row that agree outvote a first one that nothing agrees with.
+_OUTVOTE = 3
 
 
 @dataclass(frozen=True)
@@ -22,7 +24,8 @@ class TrackerConfig:
 
     max_gap_s : without an accepted cloud for longer, a new target frame starts.
     max_refused : so many refused clouds in a row are a lost track, and the last of them starts a
-        new target frame.
+        new target frame. A first cloud that nothing has agreed with yet is given up sooner: as
+        soon as three others in a row agree with each other.
     keyframe_turn_rad : the target may turn so far from a keyframe before the cloud before becomes
         a new one.
     keyframe_overlap : and so much of the points must still overlap.
@@ -55,7 +58,7 @@ class TargetFix:
         : (6, 6) of that step, (rotation vector about the previous target frame's axes, position).
         delta_s : stamps' difference.
     new_frame : this cloud set the target frame, because of ``reason`` (first cloud, gap, lost
-        track, time jumped back).
+        track, odd first cloud, time jumped back).
     registration : the last one tried; None where there was none.  num_keyframes : kept views of
         the target.
     num_points : finite points of the cloud.
@@ -102,6 +105,8 @@ class TargetTracker:
         self._last: _Known | None = None
         self._before: _Known | None = None
         self._refused = 0
+        self._odd: TargetView | None = None
+        self._agreeing = 0
         self._stamp_ns: int | None = None
 
     def process(self, points: np.ndarray, stamp_ns: int) -> TargetFix:
@@ -131,12 +136,27 @@ class TargetTracker:
                 fix, registration = self._track(view, stamp_ns)
                 if fix is not None:
                     return fix
-                if self._refused + 1 < self.config.max_refused:
+                if self._first_was_odd(view):
+                    why = f"first cloud fits none since: {registration.reason}"
+                elif self._refused + 1 < self.config.max_refused:
                     return self._refuse(
                         registration.status, registration.reason, stamp_ns, view, registration
                     )
-                why = f"track lost: {registration.reason}"
+                else:
+                    why = f"track lost: {registration.reason}"
         return self._start(view, stamp_ns, why)
+
+    def _first_was_odd(self, view: TargetView) -> bool:
+        """Take a cloud that does not fit the track; whether it and those refused before it agree
+        with each other, and nothing has with the first."""
+        if self._before is not None:
+            return False
+        agrees = (
+            self._odd is not None
+            and register(self._odd, view, self.config.registration).status is Status.OK
+        )
+        self._odd, self._agreeing = view, self._agreeing + 1 if agrees else 1
+        return self._agreeing >= _OUTVOTE
 
     def _refuse(
         self,
@@ -223,7 +243,7 @@ class TargetTracker:
         # The next cloud is not likely to overlap this keyframe any better.
         if found.overlap < self.config.keyframe_overlap:
             self._keep(now)
-        self._before, self._last, self._refused = last, now, 0
+        self._before, self._last, self._refused, self._odd = last, now, 0, None
         return TargetFix(
             Status.OK, "", stamp_ns, pose, covariance, delta, delta_covariance,
             (stamp_ns - last.stamp_ns) * 1e-9, False, found,
