@@ -17,6 +17,8 @@ FIGURES = (
     "registration",
     "drift",
     "mounting",
+    "edge",
+    "watching",
 )
 
 

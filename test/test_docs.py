@@ -77,6 +77,22 @@ def test_every_page_is_built(pages: Path) -> None:
     assert "<math" in (pages / "horizon.html").read_text()
 
 
+@pytest.mark.parametrize(
+    ("tex", "found"),
+    [
+        (r"\tfrac12 x", "<mn>1</mn><mn>2</mn></mfrac>"),
+        (r"\bar{\mathbf n}_i", "</mover><mi>i</mi></msub>"),
+        (r"\sum_i x", "<munder>"),
+    ],
+)
+def test_equations_mean_what_they_say(
+    tex: str, found: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(DOC / "extensions"))
+    extension = pytest.importorskip("mathml")
+    assert found in re.sub(r"\s*\n\s*", "", extension.mathml(tex))
+
+
 def test_the_api_pages_have_every_module_of_the_core(pages: Path) -> None:
     text = "".join(page.read_text() for page in (pages / "api").glob("*.html"))
     core = ROOT / "horizon_sensor_ros" / "core"

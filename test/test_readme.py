@@ -29,7 +29,8 @@ PROGRAMS = (".venv/bin/", "make ", "git ", "cd ", "rosdep ", "colcon ", "source 
 def commands(heading: str = "") -> list[str]:
     """Commands of the indented blocks below a heading, or of all, without their comments."""
     text = README.split(f"\n## {heading}\n", 1)[1].split("\n## ", 1)[0] if heading else README
-    lines = [line[4:] for line in text.splitlines() if line.startswith("    ")]
+    block = "\n".join(line[4:] for line in text.splitlines() if line.startswith("    "))
+    lines = block.replace("\\\n", "").splitlines()
     return [re.split(r"\s{2,}#", line)[0].strip() for line in lines if line.startswith(PROGRAMS)]
 
 

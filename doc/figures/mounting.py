@@ -14,7 +14,7 @@ _FILE = str(Path(__file__).parents[2] / "config" / "two_cameras.yaml")
 COMMANDS = {
     "quality.png": ("--quality", "--range", "-40", "40", "--step", "2"),
     "mounting.png": ("--mounting", "300", "1200", "--tilt", "5"),
-    "figure6.png": ("--figure6", "--step", "1"),
+    "figure6-wide.png": ("--figure6", "--step", "1"),
 }
 
 

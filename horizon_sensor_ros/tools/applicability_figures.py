@@ -120,7 +120,12 @@ def _limits(angles_deg: np.ndarray) -> tuple[float, float]:
 
 
 def draw_maps(
-    path: Path, grid: AngleGrid, panels: Sequence[Panel], title: str, columns: int | None = None
+    path: Path,
+    grid: AngleGrid,
+    panels: Sequence[Panel],
+    title: str,
+    columns: int | None = None,
+    panel_inches: tuple[float, float] = (5.0, 4.3),
 ) -> None:
     """Write the panels to a PNG, two or three in a row where it is not said how many."""
     columns = columns or (2 if len(panels) in (2, 4) else min(len(panels), 3))
@@ -128,7 +133,7 @@ def draw_maps(
     figure, grid_axes = plt.subplots(
         rows,
         columns,
-        figsize=(5.0 * columns, 4.3 * rows + 0.5),
+        figsize=(panel_inches[0] * columns, panel_inches[1] * rows + 0.5),
         layout="constrained",
         squeeze=False,
     )

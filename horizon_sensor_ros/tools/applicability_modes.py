@@ -44,14 +44,14 @@ def draw_quality(
     usable = {name: np.where(s <= USABLE_DEG, s, np.nan) for name, s in sigmas.items()}
     known = np.concatenate([s[np.isfinite(s)] for s in usable.values()])
     limits = (known.min(), max(known.max(), 1.01 * known.min())) if known.size else (1e-3, 1.0)
-    shares, errors = [], []
+    panels = []
     most = max(100.0 * quality.share.max() for quality in maps.values()) or 1.0
     for name, quality in maps.items():
         seen = np.where(quality.share > 0, 100.0 * quality.share, np.nan)
-        shares.append(
+        panels.append(
             Panel(f"{name}: horizon seen", seen, "share of the horizon (%)", limits=(0.0, most))
         )
-        errors.append(
+        panels.append(
             Panel(
                 f"{name}: expected sigma",
                 usable[name],
@@ -65,10 +65,11 @@ def draw_quality(
     draw_maps(
         png,
         grid,
-        [*shares, *errors],
-        f"At {altitude_m / 1e3:g} km, {sigma_px:g} px of error in each pixel of limb. "
+        panels,
+        f"At {altitude_m / 1e3:g} km, {sigma_px:g} px of error in each pixel of limb.\n"
         f"Grey: no horizon, or sigma above {USABLE_DEG:g} deg",
-        columns=len(maps),
+        columns=2,
+        panel_inches=(3.7, 3.1),
     )
     write_csv(table, columns)
     said = "; ".join(

@@ -89,7 +89,8 @@ def test_quality_of_both_is_better_than_of_one(rig: Path, tmp_path: Path, capsys
         assert row["all_cameras_share"] == pytest.approx(total, abs=1e-6)
     picture = cv2.imread(str(prefix.with_suffix(".png")))
     assert picture is not None
-    assert picture.shape[1] > picture.shape[0] > 600
+    # A row for each camera and one for both, two pictures in each.
+    assert picture.shape[0] > picture.shape[1] > 600
 
 
 def test_quality_is_that_of_visibility_and_bound() -> None:
