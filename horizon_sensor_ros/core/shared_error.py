@@ -16,6 +16,7 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.robust import median
 
 _STRETCHES = 6
+_MEDIAN_VARIANCE = np.pi / 2.0  # of a median of normal errors, over that of their mean
 _CAMERA_SHIFT = 1.5  # error of a camera's whole limb, over that of its stretches
 
 
@@ -56,9 +57,12 @@ def _coherent_covariance(
         claimed_px = observation.limb.coherent_px
         if claimed_px == 0.0:
             return np.zeros((4, 4))
-        # What the stretches show of it counts too, more than it seems: the fit has bent to them.
+        # What the stretches show of it, beyond their points' own errors, counts too, more than it
+        # seems: the fit has bent to them.
         freedom = max(1.0 - 3.0 / (_STRETCHES * len(fit.cameras)), 0.25)
-        coherent_px = max(claimed_px, bend_px(fit, rays) / np.sqrt(freedom))
+        own2 = _MEDIAN_VARIANCE * median(rays.sigma_px) ** 2 * _STRETCHES / len(rays)
+        bend2 = max(bend_px(fit, rays) ** 2 / freedom - own2, 0.0)
+        coherent_px = max(claimed_px, np.sqrt(bend2))
         rows = rays.design(fit.nadir_base, basis) / rays.angles(fit.nadir_base)[1][:, None]
         weight = _STRETCHES / (len(rays) * coherent_px**2)
         information += weight * rows.T @ rows
