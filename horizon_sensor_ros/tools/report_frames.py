@@ -234,7 +234,7 @@ class _Study:
                 look.reason += f"{name}: {step.refusal.reason}. "
                 look.photos += _plain_photo(name, image)
             for result in step.results:
-                look.reason += result.fix.reason
+                look.reason += _reason(result.frames, result.fix)
                 look.photos += _photos(result.frames, result.fix)
 
     def photographs(self, start_ns: int) -> list[Block]:
@@ -324,6 +324,18 @@ def _draw_agreement(
         )  # fmt: skip
     axes.set(xlabel="time (s)", ylabel="angle (deg)", ylim=(0, None))
     legend(axes)
+
+
+def _reason(frames: Sequence[Frame], fix: HorizonFix) -> str:
+    """Why there is no fix, or which cameras had no part in it and why."""
+    if not fix.ok:
+        return fix.reason
+    left_out = [
+        f"{frame.view.name} left out: {limb.reason or 'its limb lies elsewhere'}"
+        for frame, limb in zip(frames, fix.limbs, strict=True)
+        if frame.view.name not in fix.cameras_used
+    ]
+    return "; ".join(left_out)
 
 
 def _plain_photo(camera: str, msg: Any) -> list[Photo]:
