@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -33,12 +33,13 @@ from horizon_sensor_ros.core.status import Status
 
 # From the consensus, good to a grid step or two, to the last tenths of a pixel. Where air glows the
 # ground's edge lies farther from the steepest fall, where the first two look, than the last does.
-_SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0)
+# The search sees a reduced image, whose edges look sharper than they are.
+_SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0, guess=False)
 _NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0)
 _GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0)
 _FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0)
 # Where the prediction was off.
-_AGAIN = RefinePass(reach_px=10.0, grid_px=0.5, spacing_px=4.0)
+_AGAIN = RefinePass(reach_px=10.0, grid_px=0.5, spacing_px=4.0, guess=False)
 _STRETCHES, _ON_COURSE_PX = 4, 0.6
 _CANNY_REACH_PX = 2.0
 
@@ -94,12 +95,10 @@ def detect_limb(
             here, part = step, image
             if step is _SEARCH:
                 factor = max(1, int(candidates[i].pitch_px) // 2)
-                here = RefinePass(step.reach_px, step.grid_px, step.spacing_px, factor)
+                here = replace(step, factor=factor)
                 part = image if factor == 1 else block_average(image, factor)
-            limb, seen = refine_limb(part, view, nadir, rho, here, looks[i])
+            limb, looks[i] = refine_limb(part, view, nadir, rho, here, looks[i])
             limbs.append(limb)
-            # The search sees a reduced image, whose edges look sharper than they are.
-            looks[i] = () if step is _SEARCH else seen
         if step is _FINAL:
             break
         rays = gather([LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)])

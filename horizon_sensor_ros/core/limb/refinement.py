@@ -72,13 +72,15 @@ _USUAL_PSF_PX = (
 class RefinePass:
     """One pass of refinement: edges within +-reach_px on a grid, a profile every spacing_px.
 
-    All in pixels of the image, which is reduced by `factor`.
+    All in pixels of the image, which is reduced by `factor`. guess : say what the edge may look
+    like where that was not known.
     """
 
     reach_px: float
     grid_px: float
     spacing_px: float
     factor: int = 1
+    guess: bool = True
 
 
 def refine_limb(
@@ -94,8 +96,8 @@ def refine_limb(
     gray : (H, W) uint8 or uint16, already reduced by ``step.factor``; pixels of the result are
     those of the full image. looks : what the edge may look like, as returned by the pass before;
     of several the likeliest is chosen. Without any the place of steepest fall is taken.
-    Returns the limb and the look of its edge (after a pass without one, guesses). Too few
-    significant edges: status NO_LIMB, and no looks.
+    Returns the limb and the look of its edge (after a pass without one, guesses or nothing). Too
+    few significant edges: status NO_LIMB, and no looks.
     """
     curve = limb_curve(view, nadir_base, rho_rad, spacing_px=step.spacing_px * step.factor)
     if len(curve) < _MIN_PROFILES:
@@ -154,7 +156,8 @@ def refine_limb(
         return LimbPoints.none(Status.NO_LIMB, reason), ()
     apart = (places.offset_px - steepest.offset_px)[good & _believable(steepest)]
     places = places.take(good)
-    looks = tuple(looks) or guess_looks(profiles[good], grid.d_px, places)
+    if step.guess and not looks:
+        looks = guess_looks(profiles[good], grid.d_px, places)
     glows = any(look.glow_px > 0 for look in looks)
     coherent = _COHERENT_PX[(glows, model_free)]
     if model_free and not glows:
@@ -178,7 +181,7 @@ def refine_limb(
         coherent * step.factor,
         step.spacing_px * step.factor * size,
     )
-    return limb, looks
+    return limb, tuple(looks)
 
 
 def _believable(places: EdgePlaces) -> np.ndarray:
@@ -196,14 +199,11 @@ def guess_looks(profiles: np.ndarray, d_px: np.ndarray, places: EdgePlaces) -> t
     together = apart <= 3.0 * median(apart) + 0.3
     where, mean = mean_profile(profiles[together], d_px, places.take(together))
     near = (where > -2.5) & (where < 4.0)
-    costs = []
-    for psf in PSF_LADDER_PX:
-        rise = normal_cdf(-where[near] / psf)
-        slope = rise * np.minimum(where[near], 0.0)
-        design = np.stack([np.ones_like(rise), rise, slope], axis=1)
-        solution, *_ = np.linalg.lstsq(design, mean[near], rcond=None)
-        costs.append(float(np.sum((design @ solution - mean[near]) ** 2)))
-    sharp = EdgeLook(PSF_LADDER_PX[int(np.argmin(costs))], 0.0)
+    rise = normal_cdf(-where[near] / np.array(PSF_LADDER_PX)[:, None])
+    slope = rise * np.minimum(where[near], 0.0)
+    q, _ = np.linalg.qr(np.stack([np.ones_like(rise), rise, slope], axis=2))
+    explained = np.sum(np.square(mean[near] @ q), axis=1)
+    sharp = EdgeLook(PSF_LADDER_PX[int(np.argmax(explained))], 0.0)
     usual = EdgeLook(_USUAL_PSF_PX, 0.0)
     inside, tail, far = (float(np.interp(at, where, mean)) for at in (-1.5, 2.5, 4.5))
     if tail < _GLOW_SHARE * inside:
