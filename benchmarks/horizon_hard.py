@@ -56,6 +56,7 @@ class Fixed:
 class _Tally:
     scenes: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_EXPECT, 0))
     fixed: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_EXPECT, 0))
+    lone: dict[str, int] = field(default_factory=lambda: dict.fromkeys(("solvable", "fixed"), 0))
     fixes: list[Fixed] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
 
@@ -113,6 +114,9 @@ def run(options: Options) -> list[Table]:
             believed.append(_fixed(scene, any_fix))
         for tally in (tallies[scene.kind], everything):
             tally.scenes[scene.expect] += 1
+            if scene.expect == "fix" and len(scene.limb_cameras) == 1:
+                tally.lone["solvable"] += 1
+                tally.lone["fixed"] += judged.ok
             if judged.ok:
                 fix = _fixed(scene, judged)
                 tally.fixed[scene.expect] += 1
@@ -140,7 +144,7 @@ def _scenes_table(count: int, tallies: dict[str, _Tally], everything: _Tally) ->
     rows = [tally.row(kind) for kind, tally in tallies.items() if any(tally.scenes.values())]
     solvable = everything.scenes["fix"]
     missed = 1.0 - everything.fixed["fix"] / solvable if solvable else np.nan
-    beyond = sum(fix.beyond for fix in everything.fixes)
+    beyond, lone = sum(fix.beyond for fix in everything.fixes), everything.lone
     worst = percentile([fix.error_deg for fix in everything.fixes], 100)
     notes = (
         "Two perpendicular 640 x 480 cameras, both given to the sensor with its default settings; "
@@ -150,7 +154,8 @@ def _scenes_table(count: int, tallies: dict[str, _Tally], everything: _Tally) ->
         "rest. By the drawn scene's truth, not by its kind.",
         f"Of the {solvable} solvable, {number(100.0 * missed, 1)} % are refused: "
         f"{verdict(missed, 1.0 - FIXED_BAR)}; of the {everything.scenes['none']} without a limb, "
-        f"{everything.fixed['none']} are fixed.",
+        f"{everything.fixed['none']} are fixed. Of the solvable, {lone['solvable']} show it to one "
+        f"camera alone, and {lone['fixed']} of those are fixed: a short arc in glowing air.",
         "median, max: error of geocentric nadir of all fixes. over 3 sigma: fixes whose error is "
         "above three sigma of nadir's least certain direction; the normal law allows 1.1 % or "
         f"fewer; here {beyond} of {len(everything.fixes)}.",
@@ -247,6 +252,7 @@ def draw(path: Path, believed: Sequence[Fixed], solvable: int) -> None:
             )  # fmt: skip
     trade.axhline(1.1, color="0.5", linewidth=1, label="normal law, at most")
     trade.set(xlabel="solvable scenes refused, %", ylabel="fixes beyond three sigma, %")
+    trade.set_ylim(0.0, max(3.0, 1.2 * trade.get_ylim()[1]))
     trade.legend(fontsize="small")
     figure.savefig(path, dpi=110)
     pyplot.close(figure)

@@ -228,3 +228,12 @@ def test_the_image_is_left_as_it_was(uniform: SimFrame) -> None:
     canny_candidates(uniform.image)
     np.testing.assert_array_equal(before, uniform.image)
     assert as_frames(limb_views(500e3), (uniform,))[0].gray is uniform.image
+
+
+@pytest.mark.parametrize("width_px", [1.0, 2.4])
+def test_a_streak_is_no_limb(width_px: float) -> None:
+    y = np.arange(480)[:, None] - 200.3
+    image = np.random.default_rng(0).normal(8.0, 1.0, (480, 640)) + 90.0 * np.exp(
+        -0.5 * np.square(y / width_px)
+    )
+    assert len(space_boundary_candidates(np.clip(image, 0, 255).astype(np.uint8))) < 60

@@ -104,3 +104,28 @@ def test_hardly_any_sky_is_no_evidence_about_it() -> None:
     told = evidence(frame.image, view)
     assert 0 <= told.limb_px < 320
     assert np.isnan(told.clear_sky) or told.clear_sky > 0.9
+
+
+def with_glare(radius_px: float, fade_px: float) -> SkyEvidence:
+    """Evidence beside a limb, a bright disc in the sky and light fading from it."""
+    view, frame = drawn(EarthScene(uniform_dn=90.0))
+    y, x = np.mgrid[: frame.image.shape[0], : frame.image.shape[1]]
+    rays = view.camera.rays(np.stack([x.ravel(), y.ravel()], axis=1).astype(float))
+    sky = np.flatnonzero(rays @ (view.rot_base_from_cam.T @ NADIR) < np.cos(RHO + 0.15))
+    spot = sky[len(sky) // 2]
+    distance = np.hypot(x - spot % frame.image.shape[1], y - spot // frame.image.shape[1])
+    light = np.where(distance < radius_px, 255.0, 200.0 * np.exp(-(distance - radius_px) / fade_px))
+    return evidence(np.clip(frame.image + light, 0, 255).astype(np.uint8), view)
+
+
+def test_the_suns_glare_is_no_cloud_in_the_sky() -> None:
+    told = with_glare(30.0, 60.0)
+    assert told.clear_sky > 0.8
+    assert told.bright_sky < 0.1
+
+
+def test_light_that_no_sun_explains_counts_against_the_sky() -> None:
+    view, frame = drawn(EarthScene(uniform_dn=90.0))
+    ramp = np.linspace(0.0, 80.0, frame.image.shape[1])
+    lit = np.clip(frame.image + ramp, 0, 255).astype(np.uint8)
+    assert evidence(lit, view).clear_sky < 0.72

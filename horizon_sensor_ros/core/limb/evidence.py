@@ -22,8 +22,9 @@ _SKY_MARGIN_PX = 8.0  # air glow above the limb is left out
 # Sky that is as clear as this leaves nothing to explain by glare.
 _SURELY_CLEAR, _HARDLY_BRIGHT = 0.9, 0.1
 _RING_PX = 10.0  # width of the rings about the Sun, working pixels
-# What the Sun floods: at least so many pixels of the grid, at most such a share of the sky.
-_LEAST_SUN, _LARGEST_SUN = 5, 0.05
+# What the Sun floods: so many working pixels at least, within so many of its middle (a star, a lamp
+# or the Moon less), and at most such a share of the sky.
+_LEAST_SUN_PX, _NEAR_SUN_PX, _LARGEST_SUN = 120, 20, 0.15
 _MASK_CLEARANCE_PX = 11.0  # nearer to a mask, pixels of the full image, no limb is looked for
 
 
@@ -150,10 +151,15 @@ def _glare(above: np.ndarray, sky: np.ndarray, contrast: float) -> np.ndarray | 
     if len(sky) == 0:
         return None
     level = above[sky[:, 1], sky[:, 0]]
-    sun = level > max(0.9 * float(level.max()), contrast)
-    if not _LEAST_SUN <= np.count_nonzero(sun) < _LARGEST_SUN * len(sky):
+    brightest = max(0.9 * float(level.max()), contrast)
+    sun = level > brightest
+    if not 0 < np.count_nonzero(sun) < _LARGEST_SUN * len(sky):
         return None
     centre = np.median(sky[sun], axis=0)
+    left, top = np.maximum(centre.astype(np.intp) - _NEAR_SUN_PX, 0)
+    near = above[top : top + 2 * _NEAR_SUN_PX, left : left + 2 * _NEAR_SUN_PX]
+    if np.count_nonzero(near > brightest) < _LEAST_SUN_PX:
+        return None
     ring = (np.hypot(*(sky - centre).T) / _RING_PX).astype(np.intp)
     # The darker part of a ring is free of streaks, and of a planet that is taken for sky.
     around = np.full(int(ring.max()) + 1, np.inf)
@@ -161,7 +167,7 @@ def _glare(above: np.ndarray, sky: np.ndarray, contrast: float) -> np.ndarray | 
         around[i] = np.percentile(level[ring == i], 30)
     fading = np.minimum.accumulate(around)
     if fading[0] < 0.5 * contrast:
-        return None  # a star, a lamp on the craft
+        return None
     x, y = np.arange(above.shape[1]) - centre[0], np.arange(above.shape[0]) - centre[1]
     distance = np.hypot(x, y[:, None]) / _RING_PX - 0.5
     return np.interp(distance, np.arange(len(fading)), fading).astype(np.float32)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -43,8 +43,6 @@ _BUNDLES = 160  # profiles, or means of neighbouring ones, along the limb in a f
 # there are enough of them for a robust fit.
 _STRETCH_PX = 16.0
 _LEAST_STRETCHES = 32
-_MOST_BEYOND = 0.08  # share of the edges beyond reach, from which it is doubled ...
-_WIDEST_PX = 6.0  # ... up to this
 _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that must follow it
 _CLEAN_SIGMA_PX = 2.2  # sigma of an untextured edge's place, for a step as high as the noise
 _STRETCHES = 6
@@ -52,7 +50,6 @@ _APART_SHARE = 0.75  # of what separates two kinds of edge along the limb, as me
 _TEXTURE_SHARED = 0.4  # share of the texture's error that counts as common to a stretch of limb
 _CALM, _CALM_PX = 3.0, 0.2  # jumps from profile to profile: over those without a model, and at all
 _MOVED_PX = 0.5
-_OUTWARD_PX = 0.5
 # Error that neighbours share, by whether air glows and whether edges were placed without a model:
 # the scatter, beyond noise, of whole stretches of simulated limbs about the true ones.
 _COHERENT_PX = {
@@ -132,9 +129,6 @@ def refine_limb(
             looks = (likeliest_look(known, noise, looks, grid),)
         likely = place_edges(profiles, noise, looks[0], grid)
         fits = _believable(likely)
-        if looks[0].glow_px > 0:
-            # Glow draws the steepest fall outwards, never inwards.
-            fits &= ~_believable(steepest) | (likely.offset_px - steepest.offset_px < _OUTWARD_PX)
         # A model that most of the edges do not follow, that makes them jump about, or that without
         # glow moves them all, is wrong.
         calm = max(_CALM * places.take(good).scatter_px(), _CALM_PX)
@@ -145,12 +139,6 @@ def refine_limb(
             and (looks[0].glow_px > 0 or abs(moved) < _MOVED_PX)
         ):
             places, good, model_free = likely, fits, False
-    significant = places.significance > _MIN_SIGNIFICANCE
-    beyond = np.count_nonzero(places.at_border & significant)
-    if beyond > _MOST_BEYOND * len(places.at_border) and 2.0 * step.reach_px <= _WIDEST_PX:
-        # Those within reach would be a choice among the edges: nearer to the prediction than all.
-        wider = replace(step, reach_px=2.0 * step.reach_px)
-        return refine_limb(gray, view, nadir_base, rho_rad, wider, looks)
     if good.sum() < _MIN_PROFILES:
         reason = f"{int(good.sum())} of {len(profiles)} profiles across the limb show an edge"
         return LimbPoints.none(Status.NO_LIMB, reason), ()
