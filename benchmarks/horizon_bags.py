@@ -57,7 +57,7 @@ def write_scenes(path: Path, directory: Path, scenes: Sequence[dict[str, Any]]) 
         poses = writer.add_connection("/coarse_pose", _POSE, typestore=_TYPESTORE)
         for i, scene in enumerate(scenes):
             time = (START_S + i) * 1_000_000_000
-            if scene["position_ecef_km"] is not None:
+            if scene.get("position_ecef_km") is not None:
                 raw = _TYPESTORE.serialize_cdr(_pose(_header(START_S + i, "earth"), scene), _POSE)
                 writer.write(poses, time, raw)
                 time += 1_000_000
