@@ -78,12 +78,13 @@ def run(command: str, place: Path) -> str:
 
 def test_bags_and_images_as_the_readme_has_it(place: Path) -> None:
     said = [run(command, place) for command in commands("Bags")]
-    assert len(said) == 4
+    assert len(said) == 5
     assert "3 fixes" in said[0]
-    assert "rows of /attitude" in said[1]
+    assert (place / "report.html").stat().st_size > 10_000
+    assert "rows of /attitude" in said[2]
     assert (place / "tables" / "attitude.csv").read_text().count("\n") == 4
-    assert "2 frames of camera_1, 2 frames of camera_2" in said[2]
-    assert "2 fixes" in said[3]
+    assert "2 frames of camera_1, 2 frames of camera_2" in said[3]
+    assert "2 fixes" in said[4]
 
 
 def test_where_to_mount_the_cameras(place: Path) -> None:
