@@ -31,7 +31,9 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
-        (f"share/{PACKAGE}/config", sorted(glob("config/*"))),
+        (f"share/{PACKAGE}/config", sorted(glob("config/*.*"))),
+        (f"share/{PACKAGE}/config/integration", sorted(glob("config/integration/*"))),
+        (f"share/{PACKAGE}/config/security", sorted(glob("config/security/*"))),
         (f"share/{PACKAGE}/launch", sorted(glob("launch/*.launch.py"))),
     ],
     # The libraries come from rosdep (package.xml) or from requirements/run.txt, never from here:

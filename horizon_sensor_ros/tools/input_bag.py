@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import resource
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from rosbags.interfaces import Connection
@@ -12,14 +14,18 @@ from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
 
 STORAGE = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 
+# A few kilobytes of compressed bag can say that they are terabytes; no sensor's message comes near.
+_MAX_BYTES = 4_000_000_000
+
 
 def open_bag(path: Path) -> Reader:
     """Return an open reader of a directory, an .mcap or a .db3; BagError says why there is none."""
     if not path.exists():
         raise BagError(f"there is no bag {path}")
     try:
-        reader = Reader(path)
-        reader.open()
+        with _bounded_memory():
+            reader = Reader(path)
+            reader.open()
     except Exception as error:
         # Whatever the storage libraries raise; rosbags says in its own words what it misses.
         raise BagError(f"{path} cannot be read as a rosbag2: {in_one_line(error)}") from None
@@ -33,13 +39,29 @@ def bag_messages(
     messages = reader.messages(connections)
     while True:
         try:
-            message = next(messages)
+            with _bounded_memory():
+                message = next(messages)
         except StopIteration:
             return
         except Exception as error:
             # As above, of a damaged file.
             raise BagError(f"{reader.path} is truncated or damaged: {in_one_line(error)}") from None
         yield message
+
+
+@contextmanager
+def _bounded_memory() -> Iterator[None]:
+    """Let an allocation fail that would take this process far beyond what it uses now."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    bound = pages * resource.getpagesize() + _MAX_BYTES
+    if soft != resource.RLIM_INFINITY:
+        bound = min(bound, soft)
+    resource.setrlimit(resource.RLIMIT_AS, (bound, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 def storage_of(path: Path) -> str:
