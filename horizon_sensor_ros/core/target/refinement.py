@@ -101,7 +101,8 @@ class Matcher:
     def pairs(
         self, rotation: np.ndarray, translation: np.ndarray, gate_m: float, step: int = 1
     ) -> Pairs:
-        """Pairs whose distance along the normal is below ``gate_m``; of planes each ``step``-th."""
+        """Pairs whose distance along the normal is below ``gate_m``; of planes and edges
+        each ``step``-th."""
         a, b = self.a, self.b
         back, shift = rotation.T, -rotation.T @ translation
         there, far = _to_planes(a, b, rotation, translation, gate_m, step)
@@ -120,7 +121,9 @@ class Matcher:
         ]
         kinds = [np.where(each, FAR_SIDE, FACE).astype(np.int8) for each in (far, far_back)]
         if len(a.edges) and len(b.edges):
-            for number, pairs in enumerate(self._edges(rotation, translation, gate_m), start=EDGE):
+            for number, pairs in enumerate(
+                self._edges(rotation, translation, gate_m, step), start=EDGE
+            ):
                 sets.append(pairs)
                 kinds.append(np.full(len(pairs[0]), number, np.int8))
         point_a, point_b, normal_a, normal_b, sigma, weight, tilt2 = (
@@ -133,23 +136,23 @@ class Matcher:
         )  # fmt: skip
 
     def _edges(
-        self, rotation: np.ndarray, translation: np.ndarray, gate_m: float
+        self, rotation: np.ndarray, translation: np.ndarray, gate_m: float, step: int
     ) -> list[tuple[np.ndarray, ...]]:
         a, b = self.a.edges, self.b.edges
-        point = a.points @ rotation.T + translation
-        side = a.sides @ rotation.T
+        point = a.points[::step] @ rotation.T + translation
+        side = a.sides[::step] @ rotation.T
         reach = max(3 * self.b.footprint_m, gate_m)
         distance, index = self._tree.query(point, distance_upper_bound=reach)
         near = np.flatnonzero(np.isfinite(distance))
         index = index[near]
         point, side, other, n = point[near], side[near], b.points[index], b.sides[index]
-        front_a, front_b = a.fronts[near] @ rotation.T, b.fronts[index]
+        front_a, front_b = a.fronts[step * near] @ rotation.T, b.fronts[index]
         thin = np.isfinite(front_a[:, 0])
         keep = np.einsum("ij,ij->i", side, n) > 0.85
         keep &= thin == np.isfinite(front_b[:, 0])
         off = np.einsum("ij,ij->i", point - other, n)
         keep &= np.abs(off) < max(gate_m, self.b.footprint_m)
-        sigma = np.hypot(a.sigma_m[near], b.sigma_m[index])
+        sigma = np.hypot(a.sigma_m[step * near], b.sigma_m[index])
         one = np.ones(len(near))
         sides = (
             point[keep],
@@ -157,14 +160,14 @@ class Matcher:
             side[keep],
             n[keep],
             sigma[keep],
-            one[keep],
+            step * one[keep],
             0 * one[keep],
         )
         keep &= thin
         keep[keep] = np.einsum("ij,ij->i", front_a[keep], front_b[keep]) > 0.7
         noise = np.hypot(np.hypot(self.a.sigma_m, self.b.sigma_m), 0.1 * self.b.footprint_m)
         fronts = (point[keep], other[keep], front_a[keep], front_b[keep],
-                  noise * one[keep], one[keep], 0 * one[keep])  # fmt: skip
+                  noise * one[keep], step * one[keep], 0 * one[keep])  # fmt: skip
         return [sides, fronts]
 
 
@@ -274,6 +277,6 @@ def refine(
         rotation = turn @ rotation
         translation = turn @ (translation - centre) + centre + step[3:]
         converged = not coarse and moved < 0.5
-        if converged and (moved < 0.05 or iteration > _FREE_ITERATIONS + 2):
+        if converged and (moved < 0.3 or iteration > _FREE_ITERATIONS + 2):
             break
     return Refined(orthonormal(rotation), translation, pairs, robust, converged, iteration)
