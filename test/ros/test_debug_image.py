@@ -134,7 +134,7 @@ def test_a_very_long_reason_stays_in_the_picture(pair: tuple[Frames, HorizonFix]
     picture = draw_fix(dark, fix)
     # Nothing is written over the tile's right edge.
     assert not picture[:, 636:640].any()
-    assert len(np.flatnonzero((picture[:, :640] == 255).any(axis=(1, 2)))) > 40
+    assert len(np.flatnonzero((picture[:, :640] > 150).any(axis=(1, 2)))) > 40
 
 
 @pytest.mark.parametrize(("width", "drawn"), [(64, 640), (640, 640), (700, 700), (2048, 800)])
