@@ -126,7 +126,7 @@ class _Wanted:
     """What becomes of which topic."""
 
     def __init__(self, found: Recorded, names: TopicNames, imu_topic: str) -> None:
-        self._found = found
+        self.found = found
         self._answers = {names(topic): topic for topic in ANSWER_TOPICS}
         self._truths = {names(topic): topic for topic in TRUTH_TOPICS}
         self._cloud, self._imu = names(CLOUD_TOPIC), names(imu_topic)
@@ -153,14 +153,14 @@ class _Wanted:
         """Take note of an image or a cloud."""
         stamp = _stamp_in(raw)
         if connection.msgtype == _CLOUD:
-            self._found.clouds.append(stamp)
+            self.found.clouds.append(stamp)
         else:
             camera = connection.topic.removesuffix(_IMAGE_SUFFIX).strip("/").rpartition("/")[2]
-            self._found.frames.setdefault(camera, []).append(stamp)
+            self.found.frames.setdefault(camera, []).append(stamp)
 
     def take(self, topic: str, time: int, msg: Any) -> None:
         """Take a message."""
-        found = self._found
+        found = self.found
         if topic == self._diagnostics:
             for status in msg.status:
                 values = {pair.key: pair.value for pair in status.values}
@@ -185,7 +185,7 @@ def _read(
     reader: Reader, name: str, wanted: _Wanted, taken: set[str], stopped: Callable[[], bool]
 ) -> None:
     typestore = get_typestore(Stores.ROS2_JAZZY)
-    found = wanted._found
+    found = wanted.found
     found.topics += [
         TopicFacts(name, c.topic, c.msgtype, c.msgcount)
         for c in sorted(reader.connections, key=lambda c: c.topic)

@@ -8,15 +8,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix
-from horizon_sensor_ros.core.limb.candidates import space_boundary_candidates
-from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.self_calibration.differences import (
     NadirDifference,
     nadir_differences,
@@ -24,7 +20,7 @@ from horizon_sensor_ros.core.self_calibration.differences import (
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
-from horizon_sensor_ros.ros.messages import Refusal, gray_from_image, stamp_ns
+from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.pairing import Pairing
 from horizon_sensor_ros.ros.parameters import (
     HorizonSettings,
@@ -48,19 +44,13 @@ from horizon_sensor_ros.tools.report_blocks import (
     Text,
     chart,
     legend,
-    photo,
 )
+from horizon_sensor_ros.tools.report_photos import fix_photos, plain_photo, reason_in_words
 
 _IMAGE = ("sensor_msgs/msg/Image",)
 _CAMERA_INFO = ("sensor_msgs/msg/CameraInfo",)
 _POSE = ("geometry_msgs/msg/PoseStamped",)
 _REFUSED_SHOWN, _ANSWERED_SHOWN, _COMPARED = 8, 2, 60
-_TILE_PX = 480
-# BGR of Okabe & Ito's blue-ish and reddish, told apart by the colour-blind; the shapes differ too.
-_CHOSEN, _THROWN_AWAY = (233, 180, 86), (0, 94, 213)
-_MOST_DOTS = 150
-# Candidates nearer to a chosen point than this many of their grid's steps became that point.
-_SAME_STEPS = 2.5
 
 
 @dataclass
@@ -225,17 +215,17 @@ class _Study:
         self._looks.append(look)
         if self._pipeline is None:
             for name, image in images.items():
-                look.photos += _plain_photo(name, image)
+                look.photos += plain_photo(name, image)
             return
         self._pipeline.reset()
         for name, image in images.items():
             step = self._pipeline.on_image(name, image)
             if step.refusal is not None:
                 look.reason += f"{name}: {step.refusal.reason}. "
-                look.photos += _plain_photo(name, image)
+                look.photos += plain_photo(name, image)
             for result in step.results:
-                look.reason += _reason(result.frames, result.fix)
-                look.photos += _photos(result.frames, result.fix)
+                look.reason += reason_in_words(result.frames, result.fix)
+                look.photos += fix_photos(result.frames, result.fix)
 
     def photographs(self, start_ns: int) -> list[Block]:
         """Return the frames that were looked at, the refused ones first."""
@@ -324,61 +314,3 @@ def _draw_agreement(
         )  # fmt: skip
     axes.set(xlabel="time (s)", ylabel="angle (deg)", ylim=(0, None))
     legend(axes)
-
-
-def _reason(frames: Sequence[Frame], fix: HorizonFix) -> str:
-    """Why there is no fix, or which cameras had no part in it and why."""
-    if not fix.ok:
-        return fix.reason
-    left_out = [
-        f"{frame.view.name} left out: {limb.reason or 'its limb lies elsewhere'}"
-        for frame, limb in zip(frames, fix.limbs, strict=True)
-        if frame.view.name not in fix.cameras_used
-    ]
-    return "; ".join(left_out)
-
-
-def _plain_photo(camera: str, msg: Any) -> list[Photo]:
-    gray = gray_from_image(msg)
-    if isinstance(gray, Refusal) or not gray.size:
-        return []
-    return [photo(f"frame of {camera}", _tile(gray)[0])]
-
-
-def _photos(frames: Sequence[Frame], fix: HorizonFix) -> list[Photo]:
-    found = []
-    for frame, limb in zip(frames, fix.limbs, strict=True):
-        picture, scale = _tile(frame.gray)
-        for x, y in _thrown_away(frame, limb) * scale:
-            at = (round(float(x)), round(float(y)))
-            cv2.drawMarker(picture, at, _THROWN_AWAY, cv2.MARKER_TILTED_CROSS, 6, 1, cv2.LINE_AA)
-        for x, y in _some(limb.px) * scale:
-            at = (round(float(x)), round(float(y)))
-            cv2.circle(picture, at, 2, _CHOSEN, -1, cv2.LINE_AA)
-        told = f"{len(limb.px)} limb points" if len(limb.px) else (limb.reason or str(limb.status))
-        found.append(photo(f"frame of {frame.view.name}: {told}", picture))
-    return found
-
-
-def _thrown_away(frame: Frame, limb: LimbPoints) -> np.ndarray:
-    """Candidates (N, 2), px, that are no point of the limb."""
-    candidates = space_boundary_candidates(frame.gray, mask=frame.view.mask)
-    px = _some(candidates.px)
-    if not len(limb.px) or not len(px):
-        return px
-    apart = np.linalg.norm(px[:, None] - limb.px[None], axis=2).min(axis=1)
-    return px[apart > _SAME_STEPS * max(candidates.pitch_px, 2.0)]
-
-
-def _some(px: np.ndarray) -> np.ndarray:
-    return px[:: 1 + len(px) // _MOST_DOTS]
-
-
-def _tile(gray: np.ndarray) -> tuple[np.ndarray, float]:
-    """Picture (H, W, 3) uint8 of a frame, not wider than a tile, and its scale."""
-    scale = min(1.0, _TILE_PX / gray.shape[1])
-    if gray.dtype != np.uint8:
-        gray = cv2.convertScaleAbs(gray, alpha=255.0 / max(int(gray.max()), 1))
-    if scale < 1.0:
-        gray = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR), scale
