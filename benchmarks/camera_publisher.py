@@ -1,6 +1,6 @@
 """A process that publishes camera pairs of a horizon; prints the stamps of what it has sent.
 
-    python benchmarks/camera_publisher.py --size 640x480 --rate 30 --pairs 900 --listeners 2
+python benchmarks/camera_publisher.py --size 640x480 --rate 30 --pairs 900 --listeners 2
 """
 
 from __future__ import annotations

@@ -74,9 +74,7 @@ def test_the_check_finds_what_it_is_for(source: str) -> None:
     assert list(dangers(ast.parse(source)))
 
 
-def test_a_bag_that_swells_when_it_is_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_bag_that_swells_when_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "bag"
     kind, zeros = "std_msgs/msg/String", bytes(300_000_000)
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)

@@ -14,6 +14,7 @@ from horizon_sensor_ros.core.robust import robust_sigma
 # edge is never quite the model's: on frames of known noise this factor makes the residuals of a
 # clean limb as large as their sigmas.
 _NOISE_FACTOR = 1.3
+_PIECE = 512  # profiles that are sampled at a time
 _LEAST_NOISE = 0.25  # gray levels; what rounding alone adds
 
 
@@ -84,14 +85,20 @@ def sample_profiles(
     valid = (low >= 1.0).all(axis=1) & (high[:, 0] <= width - 2) & (high[:, 1] <= height - 2)
     x = (centre[:, :1] + d_px * curve.normal_px[:, :1]).astype(np.float32)
     y = (centre[:, 1:] + d_px * curve.normal_px[:, 1:]).astype(np.float32)
-    # Only the part of the image that is looked at is turned into floats (8-bit interpolation would
-    # round).
-    left, top = max(0, int(low[:, 0].min()) - 4), max(0, int(low[:, 1].min()) - 4)
-    right, bottom = int(high[:, 0].max()) + 6, int(high[:, 1].max()) + 6
-    part = gray[top:bottom, left:right].astype(np.float32)
-    profiles = cv2.remap(
-        part, x - left, y - top, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE
-    )
+    profiles = np.empty(x.shape, dtype=np.float32)
+    for piece in np.array_split(np.arange(len(x)), 1 + len(x) // _PIECE):
+        # Only the part of the image that is looked at is turned into floats (8-bit interpolation
+        # would round), a stretch of limb at a time: the box around all of it is most of the image.
+        near, far = low[piece].min(axis=0), high[piece].max(axis=0)
+        left, top = max(0, int(near[0]) - 4), max(0, int(near[1]) - 4)
+        part = gray[top : int(far[1]) + 6, left : int(far[0]) + 6].astype(np.float32)
+        profiles[piece] = cv2.remap(
+            part,
+            x[piece] - left,
+            y[piece] - top,
+            cv2.INTER_LANCZOS4,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
     return profiles, valid
 
 

@@ -37,6 +37,7 @@ _TAPS_PX = 4.0  # beyond its end that interpolation still looks at
 _MIN_SIGNIFICANCE = 5.0
 _MAX_MISFIT = 6.0
 _MIN_PROFILES = 8
+_LARGE_PX = 1024  # size of a frame up to which every pixel of limb is sampled
 _BUNDLES = 160  # profiles, or means of neighbouring ones, along the limb in a frame
 # Length of limb over which the model is given the profiles' mean: what clouds and ground do hardly
 # changes along it, and shows through less noise. Short limbs are cut into shorter ones, so that
@@ -96,7 +97,9 @@ def refine_limb(
     Returns the limb and the look of its edge (after a pass without one, guesses or nothing). Too
     few significant edges: status NO_LIMB, and no looks.
     """
-    curve = limb_curve(view, nadir_base, rho_rad, spacing_px=step.spacing_px * step.factor)
+    # Every pixel of a long limb would cost more than it adds: the edge's texture spans many.
+    spacing_px = step.spacing_px * max(1, round(max(gray.shape) / _LARGE_PX))
+    curve = limb_curve(view, nadir_base, rho_rad, spacing_px=spacing_px * step.factor)
     if len(curve) < _MIN_PROFILES:
         return LimbPoints.none(Status.NO_LIMB, "the limb is not in the frame"), ()
     first = -(step.reach_px + _INNER_PX)
@@ -112,7 +115,7 @@ def refine_limb(
     # Neighbours see the same edge: their mean says as much as they do, for a part of the work.
     size = len(curve) / _BUNDLES
     if looks:
-        stretch = min(_STRETCH_PX / step.spacing_px, valid.sum() / _LEAST_STRETCHES)
+        stretch = min(_STRETCH_PX / spacing_px, valid.sum() / _LEAST_STRETCHES)
         size = max(size, stretch)
     size = max(1, min(round(size), int(valid.sum()) // _MIN_PROFILES))
     profiles, middle = bundle_profiles(profiles, valid, size)
@@ -167,7 +170,7 @@ def refine_limb(
         normal_px[good],
         places.sigma_px * step.factor,
         coherent * step.factor,
-        step.spacing_px * step.factor * size,
+        spacing_px * step.factor * size,
     )
     return limb, tuple(looks)
 
