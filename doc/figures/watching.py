@@ -15,10 +15,10 @@ _SCENES = (("boom", 5), ("terminator", 4))
 
 
 def draw(folder: Path) -> None:
-    """Write debug_image.jpg: two scenes, one above the other."""
+    """Write debug_image.jpg: the first camera of two scenes, one above the other."""
     rows = []
     for kind, seed in _SCENES:
         scene = next(iter(hard_scenes(1, seed, (kind,))))
         frames = tuple(Frame(v, f.image) for v, f in zip(scene.views, scene.frames, strict=True))
-        rows.append(draw_fix(frames, HorizonSensor().process(frames)))
+        rows.append(draw_fix(frames, HorizonSensor().process(frames))[:, :640])
     cv2.imwrite(str(folder / "debug_image.jpg"), np.vstack(rows), [cv2.IMWRITE_JPEG_QUALITY, 85])
