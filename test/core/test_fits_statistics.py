@@ -15,7 +15,6 @@ from limb_samples import (
     view_at_limb,
 )
 
-from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.fits import HorizonFit, LimbObservation, fit_horizon
@@ -183,30 +182,6 @@ def test_noise_that_hangs_together_along_the_limb_enlarges_the_covariance() -> N
     _, nees = errors_and_nees(fits)
     # As independent points their covariance would be some 16 times too small.
     assert nees.mean() < 4
-
-
-def test_a_known_altitude_sharpens_a_short_arc() -> None:
-    rng = np.random.default_rng(9)
-    limbs = clean_limbs([PINHOLE], 4e5, 0.1, spacing_px=1.0, arc_rad=np.radians(15))
-    with_altitude, without = [], []
-    for _ in range(120):
-        noisy = [shifted(limb, rng.normal(0, 0.1, len(limb.limb.px))) for limb in limbs]
-        measured = AltitudeMeasurement(4e5 + rng.normal(0, 500), 500.0)
-        with_altitude.append(fit_maximum_likelihood(noisy, PLANET, altitude=measured))
-        without.append(fit_maximum_likelihood(noisy, PLANET))
-    assert all(fit.ok for fit in with_altitude)
-    errors, nees = errors_and_nees(with_altitude)
-    loose, _ = errors_and_nees([fit for fit in without if fit.ok])
-    assert np.sqrt((errors**2).mean()) < 0.2 * np.sqrt((loose**2).mean())
-    assert 1.4 < nees.mean() < 2.6
-    assert np.std([fit.altitude_m for fit in with_altitude]) == pytest.approx(500, rel=0.3)
-    assert all(np.sqrt(fit.cov_nadir_altitude[3, 3]) <= 500.1 for fit in with_altitude)
-
-
-def test_altitude_measurement_checks_itself() -> None:
-    for altitude, sigma in ((np.nan, 1.0), (1e5, 0.0), (1e5, np.inf)):
-        with pytest.raises(ValueError, match="must be"):
-            AltitudeMeasurement(altitude, sigma)
 
 
 def test_the_start_does_not_matter() -> None:

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from limb_samples import BARREL, angle_between, observe, view_at_limb
+from limb_samples import BARREL, observe, view_at_limb
 
 from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.known_altitude import with_altitude
-from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
 
@@ -56,20 +55,6 @@ def test_the_covariance_shrinks_as_information_adds(seed: int, sigma_m: float) -
     along = both.nadir_base @ both.cov_nadir_altitude[:3, :3] @ both.nadir_base
     assert abs(along) < 1e-15
     assert both.rho_rad == pytest.approx(PLANET.rho_from_altitude(both.altitude_m))
-
-
-def test_it_is_what_the_maximum_likelihood_fit_with_the_same_measurement_finds() -> None:
-    view = view_at_limb(BARREL, NADIR, RHO, 0.4)
-    for seed in range(5):
-        noise = np.random.default_rng(seed)
-        observed = [observe(view, NADIR, RHO, 0.1, noise, arc_rad=0.4)]
-        known = AltitudeMeasurement(ALTITUDE_M + 800.0, 1e3)
-        inside = fit_maximum_likelihood(observed, PLANET, altitude=known)
-        after = with_altitude(fit_horizon(observed, PLANET), known, PLANET)
-        # The disc's curvature makes the two differ a little on so short an arc.
-        sigma = np.sqrt(np.linalg.eigvalsh(inside.cov_nadir_altitude[:3, :3])[-1])
-        assert angle_between(inside.nadir_base, after.nadir_base) < 0.4 * sigma
-        assert after.altitude_m == pytest.approx(inside.altitude_m, abs=100.0)
 
 
 def test_nadir_on_a_short_arc_gains_too_and_stays_honest() -> None:

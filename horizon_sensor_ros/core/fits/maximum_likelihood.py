@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import (
     MAX_RMS_PX,
@@ -43,22 +43,19 @@ def fit_maximum_likelihood(
     observations: Sequence[LimbObservation],
     planet: Planet,
     initial: tuple[np.ndarray, float] | None = None,
-    altitude: AltitudeMeasurement | None = None,
 ) -> HorizonFit:
     """Nadir and rho that make the pixel residuals along the limb's normals most likely.
 
     initial : (nadir_base (3,), rho_rad) to start from; by default a closed-form robust circle.
-    altitude : an optional measurement of it. Without points there is no answer, whatever the rest.
     Source: derived here; the residual's first-order scaling is that of orthogonal distance fits.
     """
-    return refine(gather(observations), planet, initial, altitude)
+    return refine(gather(observations), planet, initial)
 
 
 def refine(
     rays: LimbRays,
     planet: Planet,
     initial: tuple[np.ndarray, float] | None = None,
-    altitude: AltitudeMeasurement | None = None,
 ) -> HorizonFit:
     """`fit_maximum_likelihood` of points that are gathered already."""
     refused = too_few(rays, METHOD)
@@ -70,18 +67,38 @@ def refine(
         reason = "the limb points do not determine a cone"
         return HorizonFit.none(Status.ILL_CONDITIONED, reason, METHOD, rays.num_points)
     with np.errstate(divide="ignore", invalid="ignore"):
-        nadir, rho, converged, history = _iterate(
-            rays, planet, nadir / np.linalg.norm(nadir), float(rho), altitude
-        )
-        return _assess(rays, planet, nadir, rho, altitude, converged, history)
+        start = _Cone.seen_by(rays, nadir / np.linalg.norm(nadir), float(rho))
+        return _assess(rays, planet, *_iterate(rays, start))
 
 
-def _chi(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals (N,) in sigmas, infinite where the limb normal contradicts the cone, and the growth
+@dataclass(frozen=True)
+class _Cone:
+    """A cone and how the rays lie to it.
+
+    chi : (N,) residuals in sigmas, infinite where the limb normal contradicts the cone. growth :
     (N,) of the rays' angles, rad per sigma.
     """
-    residual, growth = rays.residuals_and_growth(nadir, rho)
-    return residual / rays.sigma_px, growth * rays.sigma_px
+
+    nadir: np.ndarray
+    rho: float
+    chi: np.ndarray
+    growth: np.ndarray
+
+    @classmethod
+    def seen_by(cls, rays: LimbRays, nadir: np.ndarray, rho: float) -> _Cone:
+        """Return the cone with the residuals of rays."""
+        residual, growth = rays.residuals_and_growth(nadir, rho)
+        return cls(nadir, rho, residual / rays.sigma_px, growth * rays.sigma_px)
+
+    def moved(self, rays: LimbRays, basis: np.ndarray, step: np.ndarray) -> _Cone:
+        """Return the cone moved by (3,): nadir's components along a basis (3, 2), and rho."""
+        nadir = self.nadir + basis @ step[:2]
+        return _Cone.seen_by(rays, nadir / np.linalg.norm(nadir), self.rho + float(step[2]))
+
+    @property
+    def state(self) -> np.ndarray:
+        """(4,) nadir and rho."""
+        return np.append(self.nadir, self.rho)
 
 
 def _scale(chi: np.ndarray) -> float:
@@ -94,85 +111,56 @@ def _tukey_cost(chi: np.ndarray, scale: float) -> float:
     return float((1.0 - rest * rest * rest).sum()) * (_TUKEY * scale) ** 2 / 6.0
 
 
-def _altitude_row(
-    planet: Planet, rho: float, altitude: AltitudeMeasurement | None
-) -> tuple[float, float]:
-    """Residual of the altitude in sigmas, and its derivative by rho."""
-    if altitude is None:
-        return 0.0, 0.0
-    predicted = planet.limb_radius_m / np.sin(rho) - planet.mean_radius_m
-    return (
-        (predicted - altitude.altitude_m) / altitude.sigma_m,
-        planet.altitude_slope(rho) / altitude.sigma_m,
-    )
+def _iterate(rays: LimbRays, start: _Cone) -> tuple[_Cone, bool, np.ndarray]:
+    """Gauss-Newton on two tangent components and rho, reweighted, with step halving.
 
-
-def _iterate(
-    rays: LimbRays,
-    planet: Planet,
-    nadir: np.ndarray,
-    rho: float,
-    altitude: AltitudeMeasurement | None,
-) -> tuple[np.ndarray, float, bool, np.ndarray]:
-    """Gauss-Newton on two tangent components and rho, reweighted, with step halving."""
-    history = [np.append(nadir, rho)]
-    chi, growth = _chi(rays, nadir, rho)
+    Returns the cone, whether it is the minimum, and the states (K, 4) on the way.
+    """
+    cone = start
+    history = [cone.state]
     scale = length2 = np.inf
     for count in range(_MAX_STEPS):
         # A scale that kept following the residuals would make every step chase the last one.
-        scale = _scale(chi) if count < _SCALE_STEPS else scale
+        scale = _scale(cone.chi) if count < _SCALE_STEPS else scale
         if not np.isfinite(scale):
             break
-        basis = tangent_basis(nadir)
-        weight = np.maximum(1.0 - (chi / (_TUKEY * scale)) ** 2, 0.0)
+        basis = tangent_basis(cone.nadir)
+        weight = np.maximum(1.0 - (cone.chi / (_TUKEY * scale)) ** 2, 0.0)
         weight *= weight
-        rows = rays.design(nadir, basis)
-        rows /= np.where(weight > 0, growth, np.inf)[:, None]
+        rows = rays.design(cone.nadir, basis)
+        rows /= np.where(weight > 0, cone.growth, np.inf)[:, None]
         weighted = rows * weight[:, None]
         information = weighted.T @ rows
-        gradient = weighted.T @ np.where(weight > 0, chi, 0.0)
-        prior, slope = _altitude_row(planet, rho, altitude)
-        information[2, 2] += slope * slope
-        gradient[2] += slope * prior
-        step = _solve(information, -gradient)
+        step = _solve(information, -(weighted.T @ np.where(weight > 0, cone.chi, 0.0)))
         if not np.all(np.isfinite(step)):
             break
         step *= min(1.0, _MAX_STEP_RAD / max(float(np.abs(step).max()), 1e-300))
         length2 = float(step @ information @ step)
-        cost = _tukey_cost(chi, scale) + 0.5 * prior * prior
+        cost = _tukey_cost(cone.chi, scale)
         for _ in range(_MAX_HALVINGS):
-            new_nadir = nadir + basis @ step[:2]
-            new_nadir /= np.linalg.norm(new_nadir)
-            new_rho = rho + float(step[2])
-            new_chi, new_growth = _chi(rays, new_nadir, new_rho)
-            new_prior = _altitude_row(planet, new_rho, altitude)[0]
-            new_cost = _tukey_cost(new_chi, scale) + 0.5 * new_prior * new_prior
-            if 0 < new_rho < np.pi and new_cost <= cost + 1e-9 * (1.0 + cost):
+            new = cone.moved(rays, basis, step)
+            new_cost = _tukey_cost(new.chi, scale)
+            if 0 < new.rho < np.pi and new_cost <= cost + 1e-9 * (1.0 + cost):
                 break
             step *= 0.5
         else:
             # No descent left: at the minimum to within rounding, or lost.
-            return nadir, rho, length2 < 1e-3 * max(1.0, scale * scale), np.array(history)
+            return cone, length2 < 1e-3 * max(1.0, scale * scale), np.array(history)
         if count >= _PATIENCE:
             # Along a valley reweighted steps creep: the same way on, while it leads downwards.
             while np.abs(step).max() < 0.5 * _MAX_STEP_RAD:
-                far_nadir = new_nadir + basis @ step[:2]
-                far_nadir /= np.linalg.norm(far_nadir)
-                far_rho = new_rho + float(step[2])
-                far_chi, far_growth = _chi(rays, far_nadir, far_rho)
-                far_prior = _altitude_row(planet, far_rho, altitude)[0]
-                far_cost = _tukey_cost(far_chi, scale) + 0.5 * far_prior * far_prior
-                if not (0 < far_rho < np.pi and far_cost < new_cost):
+                far = new.moved(rays, basis, step)
+                far_cost = _tukey_cost(far.chi, scale)
+                if not (0 < far.rho < np.pi and far_cost < new_cost):
                     break
-                new_nadir, new_rho, new_chi, new_cost = far_nadir, far_rho, far_chi, far_cost
-                new_growth = far_growth
+                new, new_cost = far, far_cost
                 step *= 2.0
-        nadir, rho, chi, growth = new_nadir, new_rho, new_chi, new_growth
-        history.append(np.append(nadir, rho))
+        cone = new
+        history.append(cone.state)
         if length2 < _CONVERGED * max(1.0, scale * scale):
-            return nadir, rho, True, np.array(history)
+            return cone, True, np.array(history)
     near = np.isfinite(scale) and length2 < _NEAR_ENOUGH * max(1.0, scale * scale)
-    return nadir, rho, bool(near), np.array(history)
+    return cone, bool(near), np.array(history)
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -187,24 +175,19 @@ def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _assess(
-    rays: LimbRays,
-    planet: Planet,
-    nadir: np.ndarray,
-    rho: float,
-    altitude: AltitudeMeasurement | None,
-    converged: bool,
-    history: np.ndarray,
+    rays: LimbRays, planet: Planet, cone: _Cone, converged: bool, history: np.ndarray
 ) -> HorizonFit:
     """Judge the fit and give its covariance.
 
     The covariance is the M-estimator's, ``(A^T A)^-1 mean psi^2 / (mean psi')^2`` over the inliers
     (Huber 1981), enlarged by the residuals' correlation along the limb, and never smaller than
-    the claimed sigmas allow. An altitude measurement keeps its own sigma.
+    the claimed sigmas allow.
     """
 
     def refuse(status: Status, reason: str) -> HorizonFit:
         return HorizonFit.none(status, reason, METHOD, rays.num_points)
 
+    nadir, rho, chi = cone.nadir, cone.rho, cone.chi
     basis = tangent_basis(nadir)
     design = rays.design(nadir, basis)
     refused = refusal(rays, nadir, rho, design)
@@ -212,7 +195,6 @@ def _assess(
         return refuse(*refused)
     if not converged:
         return refuse(Status.NOT_CONVERGED, f"no convergence in {len(history) - 1} steps")
-    chi, growth = _chi(rays, nadir, rho)
     scale = _scale(chi)
     inlying = np.abs(chi) < _TUKEY * scale
     num_inliers = int(np.count_nonzero(inlying))
@@ -221,7 +203,7 @@ def _assess(
         return refuse(Status.POOR_FIT, f"residual {rms:.1f} px rms")
     if num_inliers < max(MIN_INLIER_FRACTION * len(rays), 3):
         return refuse(Status.POOR_FIT, f"only {num_inliers} of {len(rays)} points on one limb")
-    rows = design[inlying] / growth[inlying, None]
+    rows = design[inlying] / cone.growth[inlying, None]
     order = rays.along_limb(nadir)
     order = order[inlying[order]]
     along = chi[order]
@@ -231,7 +213,6 @@ def _assess(
     variance = float(psi @ psi) / max(num_inliers - 3, 1) / slope**2
     factor = max(1.0, variance * correlation_factor(psi, rays.camera[order]))
     information = rows.T @ rows / factor
-    information[2, 2] += _altitude_row(planet, rho, altitude)[1] ** 2
     diagonal = np.sqrt(np.diag(information))
     try:
         cov = np.linalg.inv(information / np.outer(diagonal, diagonal))
