@@ -1,15 +1,10 @@
-"""What pages take from the files that are there: sections for modules, and pages for an index.
-
-A page of api/ names packages and gets a section for each of their modules. The first page lists
-other pages in the order for a reader; "{other pages}" there stands for those it does not name.
-"""
+"""Fills the pages of api/: a page names packages and gets a section for each of their modules."""
 
 from __future__ import annotations
 
 import pkgutil
 import re
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 from sphinx.application import Sphinx
@@ -37,11 +32,6 @@ def modules_of(package: str, others: tuple[str, ...] = ()) -> list[str]:
 def _fill(app: Sphinx, docname: str, source: list[str]) -> None:
     if docname.startswith("api/"):
         source[0] = _MARKER.sub(_sections, source[0])
-    if docname == app.config.root_doc:
-        named = set(re.findall(r"\w+", source[0]))
-        pages = sorted(path.stem for path in Path(app.srcdir).glob("*.md"))
-        others = [page for page in pages if page not in {*named, docname}]
-        source[0] = source[0].replace("{other pages}", "\n".join(others))
 
 
 def _sections(match: re.Match[str]) -> str:
