@@ -7,9 +7,17 @@ from collections.abc import Callable
 from pathlib import Path
 
 from horizon_sensor_ros.core.self_calibration.adjustment import CalibrationConfig, calibrate
+from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.calibration_recording import read_recording
 from horizon_sensor_ros.tools.calibration_text import calibration_text, corrected_parameters
+
+_HINTS = {
+    Status.TOO_FEW_POINTS: "; record longer, with the limb in both frames",
+    Status.POOR_FIT: "; over a flattened planet set planet: wgs84 and have coarse_pose in the bag, "
+    "for a misalignment that grows give --drift",
+    Status.ILL_CONDITIONED: "; let the craft roll and pitch while recording",
+}
 
 
 def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) -> str:
@@ -33,7 +41,8 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
     recording = read_recording(arguments, stopped)
     calibration = calibrate(recording.sets, recording.rot_base_from_cam, recording.sphere, config)
     if not calibration.ok:
-        raise BagError(f"no calibration: {calibration.reason}. {recording.summary}")
+        hint = _HINTS.get(calibration.status, "")
+        raise BagError(f"no calibration: {calibration.reason}{hint}. {recording.summary}")
     print(calibration_text(calibration, recording.rot_base_from_cam, recording.summary))
     written = []
     if arguments.picture is not None:

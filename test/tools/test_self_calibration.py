@@ -173,6 +173,7 @@ def test_too_few_frames_are_no_calibration(
     out = tmp_path / "corrected.yaml"
     told = refused(capsys, short, "--params", params, "--out", out)
     assert "3 of 3 frame sets" in told
+    assert "record longer" in told
     assert not out.exists()
 
 
