@@ -22,7 +22,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 PEERS := requirements/bench.txt
 INPUTS := setup.py setup.cfg pyproject.toml $(filter-out $(PEERS),$(wildcard requirements/*.txt))
 
-.PHONY: help venv demo test test-slow test-faults soak test-noble bench lint params docs pictures clean
+.PHONY: help venv demo test test-slow test-faults bench-ros soak test-noble bench lint params docs pictures clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -41,6 +41,8 @@ test-faults: venv ## every fault ten times over
 	$(VENV)/bin/python -m pytest test/ros/test_faults.py --count 10 $(PYTEST_ARGS)
 bench: $(VENV)/.peers ## the benchmark tables, beside other people's registrations
 	$(VENV)/bin/python benchmarks/run.py
+bench-ros: venv ## the live node beside a bare subscriber: latency, losses, load, start-up
+	$(VENV)/bin/python benchmarks/ros_latency.py
 soak: venv ## a million pairs and clouds: memory and handles (half an hour)
 	$(VENV)/bin/python benchmarks/soak.py
 lint: venv ## ruff and mypy

@@ -1,4 +1,6 @@
-"""A process that publishes camera pairs of a horizon; prints the stamps of what it has sent.
+"""A process that publishes camera pairs of a horizon, once as many listen as announced.
+
+It says when it begins, and in the end the stamps of what it has sent.
 
 python benchmarks/camera_publisher.py --size 640x480 --rate 30 --pairs 900 --listeners 2
 """
@@ -24,7 +26,7 @@ PATIENCE_S = 30.0
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Publish once the topics are heard by as many as were announced."""
+    """Publish; 1 when nobody came to listen."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--size", default="640x480")
     parser.add_argument("--rate", type=float, default=30.0)
@@ -50,7 +52,7 @@ def main(argv: list[str] | None = None) -> int:
         for images in frames
     ]
     deadline = time.monotonic() + PATIENCE_S
-    while any(p.get_subscription_count() < arguments.listeners for s in senders for p in s):
+    while any(image.get_subscription_count() < arguments.listeners for _, image in senders):
         if time.monotonic() > deadline:
             print("nobody listens", file=sys.stderr)
             return 1
@@ -63,6 +65,8 @@ def main(argv: list[str] | None = None) -> int:
             for publisher, message in zip(sender, pair, strict=True):
                 message.header.stamp = time_from_ns(stamp)
                 publisher.publish(message)
+        if number == 0:
+            print("begins", flush=True)
         if number >= 0:
             stamps.append(stamp)
         due += 1.0 / arguments.rate

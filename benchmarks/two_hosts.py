@@ -123,7 +123,7 @@ def run(pairs: int) -> str:
             time.sleep(0.5)
         finally:
             heard = [_ended(process) for process in processes[:2]][1]
-    stamps = set(map(int, sent.split()))
+    stamps = set(map(int, sent.split()[1:]))
     rows = [list(map(int, line.split())) for line in heard.splitlines()]
     latencies_ms = [delay * 1e-6 for stamp, delay in rows if stamp in stamps]
     if not stamps or not latencies_ms:
