@@ -111,6 +111,7 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         if self._feed is None or self._monitor is None:
             return
         self._monitor.stale_after_ns = settings.stale_after_ns
+        self.report_every(settings.diagnostics_period_s)
         self._feed.leave(self)
         self._feed = self._feed_of(settings, self._feed.pipeline)
         if self._working:

@@ -56,6 +56,7 @@ _ENCODINGS: dict[str, tuple[int, int, int | None]] = {
 ENCODINGS = tuple(_ENCODINGS)
 
 _FARTHEST_M = 1e12  # of a coarse pose
+_FOCAL_OF_SIZE = (0.02, 1e4)  # over the frame's width and height: from 177 deg across to 20 arcsec
 _MAX_BEND = 4.0  # of angles off the axis by a lens; a fisheye as plumb_bob has less than 2
 _FASTEST_RAD_S = 100.0  # of an angular rate; no gyro measures more
 
@@ -152,6 +153,10 @@ def camera_from_info(msg: Any) -> Camera | Refusal:
         )
     except ValueError as error:
         return Refusal("bad_camera_info", f"camera_info: {error}")
+    for focal, size in ((camera.fx, camera.width), (camera.fy, camera.height)):
+        if not _FOCAL_OF_SIZE[0] <= focal / size <= _FOCAL_OF_SIZE[1]:
+            what = f"camera_info: no lens has a focal length of {focal:.3g} px for {size} px"
+            return Refusal("bad_camera_info", what)
     if _bend(camera) > _MAX_BEND:
         return Refusal("bad_camera_info", "camera_info: no lens has such distortion coefficients")
     return camera

@@ -488,6 +488,7 @@ COMMON_PARAMETERS = (
         unit="s",
         minimum=0.05,
         maximum=3600.0,
+        live=True,
     ),
 )
 

@@ -53,6 +53,12 @@ class ReportingNode(ManagedNode[Settings]):
         """Report from now on, every so often."""
         # Not managed: an inactive node says so.
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.report_every(period_s)
+
+    def report_every(self, period_s: float) -> None:
+        """Take another time between two reports."""
+        if self._timer is not None:
+            self.destroy_timer(self._timer)
         # Steady: diagnostics go on when simulated time stands still.
         self._timer = self.create_timer(
             period_s, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME)

@@ -92,6 +92,7 @@ class TargetPoseNode(ReportingNode[TargetSettings]):
         if self._pipeline is None or self._monitor is None:
             return
         self._monitor.stale_after_ns = settings.stale_after_ns
+        self.report_every(settings.diagnostics_period_s)
         self._pipeline.apply(settings.pipeline)
 
     def diagnosis(self, now: int) -> DiagnosticArray | None:

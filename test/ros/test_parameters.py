@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,12 @@ from horizon_sensor_ros.ros.parameters import (
     NODE_PARAMETERS,
     TARGET_PARAMETERS,
     ParameterError,
+    horizon_parameters,
     horizon_settings,
     parameter_file,
     parameter_reference,
     read_parameter_file,
+    target_parameters,
     target_settings,
     unknown_parameters,
 )
@@ -294,3 +297,22 @@ def test_the_reference_names_every_parameter() -> None:
     reference = parameter_reference()
     for parameter in ALL_PARAMETERS:
         assert f"| `{parameter.name}` |" in reference
+
+
+def test_every_number_has_its_range_and_its_unit() -> None:
+    numbers = [
+        parameter
+        for parameter in (*horizon_parameters({}), *target_parameters())
+        if parameter.kind in ("double", "integer")
+    ]
+    assert len(numbers) > 30
+    # Shares, counts, and multiples of a noise.
+    plain = re.compile(
+        r"min_(limb_share|clear_sky|contrast|points|score|overlap)|max_(bright_sky|space_level)"
+        r"|max_refused|queue_size|keyframe_overlap"
+    )
+    for parameter in numbers:
+        assert parameter.minimum is not None, parameter.name
+        assert parameter.maximum is not None, parameter.name
+        name = parameter.name
+        assert bool(parameter.unit) != bool(plain.fullmatch(name)), name

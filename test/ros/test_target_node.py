@@ -253,6 +253,9 @@ def test_parameters_describe_themselves_and_some_are_live(
     chaser.wait_for_state("no_fix", "100000 needed")
     # The track is still there.
     assert set_one("min_points", 100).successful
+    assert set_one("diagnostics_period", 0.05).successful
+    chaser.heard.clear()
+    chaser.wait(lambda: len(chaser.statuses()) >= 10, "reports at the new rate")
     chaser.expect(good_cloud(2), 2, *TARGET_TOPICS)
 
 
