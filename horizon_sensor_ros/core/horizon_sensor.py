@@ -12,6 +12,7 @@ import numpy as np
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.figure import (
+    Disc,
     Figure,
     MeanSphere,
     StretchedEllipsoid,
@@ -47,7 +48,8 @@ class HorizonFix:
     """What simultaneous frames told.
 
     fit : the estimate, NaN when status is not OK. limbs : one per frame, in order; a frame that
-    contributed nothing says why. cameras_used : names of those that did.
+    contributed nothing says why. cameras_used : names of those that did. predicted : where the limb
+    was expected, if it was followed and not searched for.
     """
 
     status: Status
@@ -55,6 +57,7 @@ class HorizonFix:
     fit: HorizonFit
     limbs: tuple[LimbPoints, ...]
     cameras_used: tuple[str, ...]
+    predicted: Disc | None = None
 
     @property
     def ok(self) -> bool:
@@ -223,7 +226,7 @@ class HorizonSensor:
         if doubtful or fix.cameras_used != track.cameras_used or fix.fit.disc is None:
             return None
         self._track = track.continued(detection, fix.fit)
-        return fix
+        return replace(fix, predicted=Disc(figure, nadir, track.rho_rad))
 
     def _attempt(
         self, frames: Sequence[Frame], aiding: Aiding

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.figure import disc_of
+from horizon_sensor_ros.core.figure import Disc, disc_of
 from horizon_sensor_ros.core.fits.assessment import inliers
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix
@@ -35,9 +35,10 @@ def draw_fix(frames: tuple[Frame, ...], fix: HorizonFix) -> np.ndarray:
     """Return the frames side by side, (H, W, 3) uint8 BGR, with what was found in them.
 
     Each is 640 to 800 pixels wide. Yellow dots: limb points, some of them. Vermillion crosses:
-    points that the fit threw away. Sky blue: the fitted limb, dashed where it is only predicted.
-    White arrow: towards nadir (a cross where nadir is in the frame). Purple, in the corner: nadir's
-    one-sigma ellipse as the camera sees it. Above: status and reason.
+    points that the fit threw away. Sky blue: the fitted limb, dashed where no point supports it.
+    White dots: where a limb that is followed was expected from the fixes before. White arrow:
+    towards nadir (a cross where nadir is in the frame). Purple, in the corner: nadir's one-sigma
+    ellipse as the camera sees it. Above: status and reason.
     """
     tiles = [_Tile(frame, limb, fix).draw() for frame, limb in zip(frames, fix.limbs, strict=True)]
     height = max(tile.shape[0] for tile in tiles)
@@ -60,6 +61,8 @@ class _Tile:
 
     def draw(self) -> np.ndarray:
         """Draw everything over the frame."""
+        if self._fix.predicted is not None:
+            self._draw_expected(self._fix.predicted)
         if self._fix.ok:
             self._draw_limb(self._fix.fit)
         counts = self._draw_points()
@@ -71,6 +74,15 @@ class _Tile:
         return self._picture
 
     # ------------------------------------------------------------------ limb
+
+    def _draw_expected(self, disc: Disc) -> None:
+        """Where the limb was looked for: small dots, which the fitted limb is drawn over."""
+        px = disc.limb_px(self._view, _LIMB_SAMPLES)
+        for run in _runs(self._view.camera.in_frame(px)):
+            dots = [dash[0] for dash in _dashes(px[run] * self._scale)]
+            for x, y in self._places(np.array(dots).reshape(-1, 2) / self._scale):
+                cv2.circle(self._picture, (x, y), 2, _BLACK, -1, cv2.LINE_AA)
+                cv2.circle(self._picture, (x, y), 1, _WHITE, -1, cv2.LINE_AA)
 
     def _draw_limb(self, fit: HorizonFit) -> None:
         """The fitted limb: a line where points support it, dashes where they do not."""
@@ -192,6 +204,7 @@ class _Tile:
             lines.append(
                 f"altitude {fix.fit.altitude_m / 1e3:.1f} km, sigma {sigma_km:.2g};  "
                 f"residual {fix.fit.rms_residual_px:.2f} px"
+                + ("; followed" if fix.predicted else "")
             )
         elif (whole := f"{fix.reason or fix.status}") not in found:
             lines.append(whole)

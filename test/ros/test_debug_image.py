@@ -113,6 +113,26 @@ def test_the_limb_is_dashed_where_no_point_supports_it(pair: tuple[Frames, Horiz
     assert len(places(picture[:30], VERMILLION)) > 500, "left out"
 
 
+def test_a_limb_that_is_followed_shows_where_it_was_expected(
+    pair: tuple[Frames, HorizonFix],
+) -> None:
+    frames, _ = pair
+    sensor = HorizonSensor()
+    fixes = [sensor.process(frames) for _ in range(2)]
+    assert fixes[0].predicted is None
+    disc = fixes[1].predicted
+    assert disc is not None
+    # The craft stood still: it is expected where it was.
+    np.testing.assert_allclose(disc.nadir, fixes[0].fit.nadir_base, atol=1e-9)
+    # Off the limb, as after a turn that nobody foresaw, its dots are seen.
+    off = replace(fixes[1], predicted=replace(disc, rho_rad=disc.rho_rad + 0.05))
+    plain, drawn = (draw_fix(frames, f) for f in (fixes[0], off))
+    x, y = np.rint(off.predicted.limb_px(frames[0].view, 2000) * 2 + 0.5).T
+    inside = (x > 5) & (x < 634) & (y > 70) & (y < 475)
+    along = [p[y[inside].astype(int), x[inside].astype(int)].astype(int) for p in (drawn, plain)]
+    assert 0.1 < np.mean(np.abs(along[0] - along[1]).max(axis=1) > 30) < 0.9
+
+
 def test_a_refused_frame_says_so_and_shows_no_answer(pair: tuple[Frames, HorizonFix]) -> None:
     frames, _ = pair
     dark = tuple(replace(frame, gray=np.zeros((HEIGHT, WIDTH), np.uint8)) for frame in frames)
