@@ -16,18 +16,15 @@ import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import cv2
 import numpy as np
+from horizon_rig import rig
 from sensor_msgs.msg import Imu
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.attitude import quaternion_from_rotation
-from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.rigid import pose_matrix, rotation_from_vector
 from horizon_sensor_ros.ros.diagnostics import HorizonMonitor
@@ -41,13 +38,10 @@ from horizon_sensor_ros.ros.parameters import horizon_settings, target_settings
 from horizon_sensor_ros.ros.sensor_messages import camera_info_message, cloud_message, encoded_image
 from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
 from horizon_sensor_ros.ros.target_pipeline import TargetPipeline
-from horizon_sensor_ros.sim.earth_camera import render_views
-from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
-from horizon_sensor_ros.sim.poses import camera_from_fov, rot_from_axis
 from horizon_sensor_ros.sim.shapes import sich_n5
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 
-WIDTH, HEIGHT, FOV_RAD = 160, 120, np.radians(60.0)
+WIDTH, HEIGHT = 160, 120
 CLOUD_SIZE = 32
 VIEWS = 8
 SHOWN_EVERY = 100
@@ -85,38 +79,18 @@ class Soak:
     """The pipelines of all nodes, with their monitors and messages, in simulated time."""
 
     def __init__(self) -> None:
-        planet = Planet()
-        off = planet.rho_from_altitude(500e3)
-        camera = camera_from_fov(WIDTH, HEIGHT, FOV_RAD)
-        axes = {
-            "camera_1": (np.sin(off), 0.0, -np.cos(off)),
-            "camera_2": (0.0, np.sin(off), -np.cos(off)),
-        }
-        self.views = [
-            CameraView(name, camera, rot_from_axis(np.array(axis), 0.0))
-            for name, axis in axes.items()
-        ]
-        values: dict[str, Any] = {
-            f"{view.name}.rotation": [
-                float(v) for v in quaternion_from_rotation(view.rot_base_from_cam)
-            ]
-            for view in self.views
-        }
-        settings = horizon_settings(values)
+        cameras = rig(WIDTH, HEIGHT)
+        self.views = cameras.views
+        settings = horizon_settings(cameras.parameters)
         self.horizon = HorizonPipeline(settings.pipeline)
         self.target = TargetPipeline(target_settings({}).pipeline)
         self.monitors = (
-            HorizonMonitor("horizon", list(axes), settings.stale_after_ns, live=True),
+            HorizonMonitor(
+                "horizon", settings.pipeline.cameras, settings.stale_after_ns, live=True
+            ),
             TargetMonitor("target", settings.stale_after_ns, live=True),
         )
-        rng = np.random.default_rng(0)
-        scene = EarthScene(planet=planet)
-        position = np.array([0.0, 0.0, planet.radius_m + 500e3])
-        drawn = [
-            render_views(tuple(self.views), np.eye(3), position, scene, rng, imaging=Imaging())
-            for _ in range(VIEWS)
-        ]
-        self.frames = [[shot.image for shot in shots] for shots in drawn]
+        self.frames = cameras.frames(VIEWS)
         dark = np.random.default_rng(1).integers(0, 5, (HEIGHT, WIDTH), dtype=np.uint8)
         self.dark = [dark, dark]
         tof = ToFCamera(width=CLOUD_SIZE, height=CLOUD_SIZE, pixel_pitch_m=255e-6)
