@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
+from matplotlib import pyplot as plt
 
 from figures.drawing import save
 from horizon_sensor_ros.core.target.registration import register, target_view
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
-from horizon_sensor_ros.tools.demo_target_picture import cloud_figure
+from horizon_sensor_ros.tools.report_clouds import draw_clouds
 
 _APART_S = 9.0
 
@@ -19,6 +19,6 @@ def draw(folder: Path) -> None:
     target = TumblingTarget()
     old, new = target.scan(0.0), target.scan(_APART_S)
     found = register(target_view(old.points), target_view(new.points))
-    figure = cloud_figure(old.plain(), new.plain(), np.eye(4), found.pose_b_from_a)
-    figure.set_size_inches(6.5, 5.4)
+    figure, axes = plt.subplots(2, 2, figsize=(6.5, 5.4), layout="constrained")
+    draw_clouds(axes.ravel().tolist(), old.plain(), new.plain(), found.pose_b_from_a)
     save(figure, folder / "registration.png")

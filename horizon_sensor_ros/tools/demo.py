@@ -1,5 +1,5 @@
 """horizon_demo: a simulated flight, with a target in sight, past the real nodes over DDS; held
-against its truth and recorded as a bag."""
+against its truth, recorded as a bag, and shown by that bag's report."""
 
 from __future__ import annotations
 
@@ -8,16 +8,14 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped
 
-from horizon_sensor_ros.core.target.rigid import inverse_pose, vector_from_rotation
 from horizon_sensor_ros.ros.messages import NANOSECONDS
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.sim.flight import Flight
@@ -41,27 +39,21 @@ from horizon_sensor_ros.tools.demo_processes import (
 )
 from horizon_sensor_ros.tools.demo_recording import DemoBag, write_parameters
 from horizon_sensor_ros.tools.demo_rendering import Moment, rendered
-from horizon_sensor_ros.tools.demo_report import Sample, TargetPart, write_report
 from horizon_sensor_ros.tools.demo_screen import FlightScreen
 from horizon_sensor_ros.tools.demo_target_errors import (
-    DELTA_TOPIC,
     POSE_TOPIC,
     TargetErrors,
-    pose_of,
     target_errors,
     target_table,
 )
-from horizon_sensor_ros.tools.demo_target_picture import cloud_figure, error_figure
 from horizon_sensor_ros.tools.package_share import share_directory
 from horizon_sensor_ros.tools.private_domain import isolated_environment, private_domain
+from horizon_sensor_ros.tools.report import write_report
 
 HORIZON_NODES = ("local_vertical_node", "attitude_node")
 NODES = (*HORIZON_NODES, "target_pose_node")
 LEVEL_Z = "down"
-_SAMPLES = 6
 _QUIET_S = 3.0
-# The report's two clouds are so far apart at most: a part of the surface must be in both.
-_PICTURED_TURN_RAD = np.radians(20.0)
 
 
 class NoAnswerError(RuntimeError):
@@ -101,8 +93,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="horizon_demo",
         description="Fly a simulated orbit past the real nodes, each in its own process, and "
-        "compare what they publish with the truth. Leaves a report, and the flight as a bag "
-        "with the truth in it.",
+        "compare what they publish with the truth. Leaves the flight as a bag with the truth "
+        "in it, and the page that horizon_report makes of that bag.",
         epilog="Example: horizon_demo --seconds 60 --output /tmp/flight",
     )
     parser.add_argument("--seconds", type=_positive, default=20.0, help="length of the flight")
@@ -125,17 +117,15 @@ def _positive(text: str) -> float:
 
 @dataclass
 class _Flown:
-    """What was published: truths, clouds and times, by the stamp (ns)."""
+    """What was published: truths and times, by the stamp (ns)."""
 
     truths: list[Truth] = field(default_factory=list)
     bodies: dict[int, np.ndarray] = field(default_factory=dict)
-    clouds: dict[int, np.ndarray] = field(default_factory=dict)
     sent_ns: dict[int, int] = field(default_factory=dict)
 
     def add(self, stamp: int, moment: Moment) -> None:
         self.truths.append(Truth(stamp, moment.time_s, moment.nadir_base, moment.altitude_m))
         self.bodies[stamp] = moment.pose_tof_from_body
-        self.clouds[stamp] = moment.points
         self.sent_ns[stamp] = time.time_ns()
 
     def errors(self, answers: Answers) -> tuple[FlightErrors, TargetErrors]:
@@ -190,8 +180,8 @@ def _demo(options: argparse.Namespace) -> None:
             answers = link.answers
             if not all(answers.messages[topic] for topic in OUTPUT_TOPICS):
                 raise NoAnswerError(_why_nothing(answers, nodes))
-            screen.say("writing bag and report")
-    _report(output, summary, flown, answers)
+            screen.say("writing the bag")
+    _report(output, params, f"Simulated flight of {options.seconds:g} s", flown, answers)
 
 
 def _node_arguments(params: Path) -> list[str]:
@@ -211,7 +201,6 @@ def _fly(
     Stamps keep the flight's own time even then.
     """
     flown = _Flown()
-    pictured = set(np.linspace(0, len(moments) - 1, _SAMPLES).round().astype(int).tolist())
     figures: dict[str, str] = {}
     screen.say("in flight")
     start = time.time_ns()
@@ -224,8 +213,6 @@ def _fly(
         require_alive(nodes)
         moment = future.result()
         stamp = start + round(moment.time_s * NANOSECONDS)
-        if i in pictured:
-            link.wanted_pictures.add(stamp)
         flown.add(stamp, moment)
         link.publish(stamp, moment.images, moment.points)
         bag.record_truth(stamp, moment.nadir_base, moment.altitude_m, moment.pose_tof_from_body)
@@ -234,8 +221,8 @@ def _fly(
         screen.advance(figures)
     deadline = time.monotonic() + _QUIET_S
     last = flown.truths[-1].stamp
-    while time.monotonic() < deadline and not (
-        last in link.answers.pictures and last in link.answers.messages[POSE_TOPIC]
+    while time.monotonic() < deadline and not all(
+        last in link.answers.messages[topic] for topic in (ATTITUDE_TOPIC, POSE_TOPIC)
     ):
         link.spin(0.1)
     return flown
@@ -269,49 +256,14 @@ def _why_nothing(answers: Answers, nodes: Sequence[NodeProcess]) -> str:
     return "\n".join(lines)
 
 
-def _report(output: Path, summary: str, flown: _Flown, answers: Answers) -> None:
+def _report(output: Path, params: Path, title: str, flown: _Flown, answers: Answers) -> None:
+    """Print the errors, and write the page about the bag."""
     flight, target = flown.errors(answers)
     table = error_table(flight, flown.latency_s(answers, ATTITUDE_TOPIC))
     of_target = target_table(target, flown.latency_s(answers, POSE_TOPIC))
-    samples = [
-        Sample(truth.time_s, answers.pictures[truth.stamp])
-        for truth in flown.truths
-        if truth.stamp in answers.pictures
-    ]
-    part = _target_part(of_target, target, flown, answers)
-    write_report(output / "report.html", summary, table, flight, samples, part)
     print(f"\n{table}\n\n{of_target}\n")
-    print(f"report with pictures: {(output / 'report.html').resolve()}")
-    print(f"bag: {(output / 'demo').resolve()}, replays with --params {output / 'params.yaml'}")
-
-
-def _target_part(table: str, errors: TargetErrors, flown: _Flown, answers: Answers) -> TargetPart:
-    pair = _pictured_pair(answers.messages)
-    if pair is None:
-        return TargetPart(table, error_figure(errors), None, "")
-    old, new = pair
-    poses = [pose_of(answers.messages[POSE_TOPIC][stamp]) for stamp in pair]
-    clouds = [flown.clouds[stamp].reshape(-1, 3) for stamp in pair]
-    figure = cloud_figure(clouds[0], clouds[1], *poses)
-    apart = (new - old) / NANOSECONDS
-    caption = (
-        f"Two clouds {apart:.1f} s apart, from the front and from above. What only one of them "
-        "shows has nothing to lie on."
-    )
-    return TargetPart(table, error_figure(errors), figure, caption)
-
-
-def _pictured_pair(
-    messages: Mapping[str, Mapping[int, PoseWithCovarianceStamped]],
-) -> tuple[int, int] | None:
-    """Stamps of the first pose, and of the one most turned from it while enough is seen of both."""
-    poses, deltas = messages[POSE_TOPIC], messages[DELTA_TOPIC]
-    stamps = sorted(poses)
-    first = pose_of(poses[stamps[0]])
-    found = None
-    for stamp in stamps[1:]:
-        turn = (inverse_pose(first) @ pose_of(poses[stamp]))[:3, :3]
-        if stamp not in deltas or np.linalg.norm(vector_from_rotation(turn)) > _PICTURED_TURN_RAD:
-            break
-        found = stamps[0], stamp
-    return found
+    bag, page = output / "demo", output / "report.html"
+    print("writing the report from the bag")
+    write_report([bag], page, params=params, title=title)
+    print(f"report with pictures: {page.resolve()}")
+    print(f"bag: {bag.resolve()}, replays with --params {params}")

@@ -39,7 +39,6 @@ OUTPUT_TOPICS: dict[str, type] = {
 }
 # Frame of the clouds.
 RANGE_CAMERA_FRAME = "tof_optical"
-_PICTURE_TOPIC = "attitude_node/debug_image"
 
 
 class LinkTimeoutError(RuntimeError):
@@ -58,8 +57,7 @@ class Answers:
     """What the nodes published.
 
     messages, heard_ns : by topic and by the input's stamp (ns), the message and the wall clock at
-    its arrival. pictures : (H, W, 3) uint8 BGR, of the wanted stamps only. diagnostics : the latest
-    values by the status's name.
+    its arrival. diagnostics : the latest values by the status's name.
     """
 
     messages: dict[str, dict[int, Any]] = field(
@@ -68,7 +66,6 @@ class Answers:
     heard_ns: dict[str, dict[int, int]] = field(
         default_factory=lambda: {topic: {} for topic in OUTPUT_TOPICS}
     )
-    pictures: dict[int, np.ndarray] = field(default_factory=dict)
     diagnostics: dict[str, dict[str, str]] = field(default_factory=dict)
 
 
@@ -76,7 +73,7 @@ class DemoLink:
     """Publishers of the sensors' topics and subscribers of the nodes' outputs, in one context.
 
     listeners : by topic, how many nodes listen to it. record : told topic and message of all that
-    is published and heard, pictures apart.
+    is published and heard.
     """
 
     def __init__(
@@ -87,7 +84,6 @@ class DemoLink:
         record: Callable[[str, Any], None],
     ) -> None:
         self.answers = Answers()
-        self.wanted_pictures: set[int] = set()
         self._views = tuple(views)
         self._listeners = listeners
         self._record = record
@@ -108,9 +104,6 @@ class DemoLink:
             self._node.create_subscription(kind, topic, partial(self._hear, topic), reliable)
             for topic, kind in OUTPUT_TOPICS.items()
         ]
-        self._outputs.append(
-            self._node.create_subscription(Image, _PICTURE_TOPIC, self._hear_picture, reliable)
-        )
         self._node.create_subscription(
             DiagnosticArray, DIAGNOSTICS_TOPIC, self._hear_diagnostics, reliable
         )
@@ -193,12 +186,6 @@ class DemoLink:
         self.answers.messages[topic][stamp] = message
         self.answers.heard_ns[topic][stamp] = time.time_ns()
         self._record(topic, message)
-
-    def _hear_picture(self, message: Image) -> None:
-        stamp = _stamp(message)
-        if stamp in self.wanted_pictures:
-            shape = (message.height, message.width, 3)
-            self.answers.pictures[stamp] = np.frombuffer(message.data, np.uint8).reshape(shape)
 
     def _hear_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -27,6 +27,8 @@ from horizon_sensor_ros.tools.report_blocks import (
 )
 
 _Z, _ROT_X, _ROT_Y = 2, 3, 4
+# A scale that spans less than this is linear.
+_LEAST_LOGARITHMIC = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,7 @@ def attitude_section(recorded: Recorded) -> Section | None:
                 panels=3,
             ),
             chart(
-                "One sigma of roll, pitch and altitude over time, logarithmic.",
+                "One sigma of roll, pitch and altitude over time.",
                 "How sure each answer says it is.",
                 lambda axes: _draw_sigmas(axes, found),
                 panels=2,
@@ -152,6 +154,10 @@ def _draw_sigmas(axes: Sequence[Axes], found: Attitudes) -> None:
     axes[1].semilogy(time_s, altitude, color=GREEN)
     axes[1].set_ylabel("one sigma (km)")
     axes[1].set_xlabel("time (s)")
+    for panel in axes:
+        low, high = panel.get_ylim()
+        if high < _LEAST_LOGARITHMIC * low:
+            panel.set_yscale("linear")
 
 
 def _draw_nadir(axes: Axes, time_s: np.ndarray, nadir: np.ndarray) -> None:

@@ -55,14 +55,18 @@ class Diagnosis:
 class Recorded:
     """Messages by stamp (ns); times of recording are in the bag's own clock.
 
-    answers : by topic without namespace, as truths. frames : stamps of the images by camera;
-    clouds : of the clouds. diagnostics : by name of the status. imu : in order.
+    answers : by topic without namespace, as truths, and received_ns, when they were recorded;
+    frames_received_ns, clouds_received_ns : when a stamp's last image or cloud was. frames : stamps
+    of the images by camera; clouds : of the clouds. diagnostics : by name of the status. imu : in
+    order.
     """
 
     bags: tuple[Path, ...]
     topics: list[TopicFacts] = field(default_factory=list)
     answers: dict[str, dict[int, Any]] = field(default_factory=dict)
     received_ns: dict[str, dict[int, int]] = field(default_factory=dict)
+    frames_received_ns: dict[int, int] = field(default_factory=dict)
+    clouds_received_ns: dict[int, int] = field(default_factory=dict)
     truths: dict[str, dict[int, Any]] = field(default_factory=dict)
     frames: dict[str, list[int]] = field(default_factory=dict)
     clouds: list[int] = field(default_factory=list)
@@ -149,14 +153,16 @@ class _Wanted:
             kind == _CLOUD and topic == self._cloud
         )
 
-    def take_stamp(self, connection: Connection, raw: bytes) -> None:
+    def take_stamp(self, connection: Connection, time: int, raw: bytes) -> None:
         """Take note of an image or a cloud."""
         stamp = _stamp_in(raw)
         if connection.msgtype == _CLOUD:
             self.found.clouds.append(stamp)
+            self.found.clouds_received_ns[stamp] = time
         else:
             camera = connection.topic.removesuffix(_IMAGE_SUFFIX).strip("/").rpartition("/")[2]
             self.found.frames.setdefault(camera, []).append(stamp)
+            self.found.frames_received_ns[stamp] = time
 
     def take(self, topic: str, time: int, msg: Any) -> None:
         """Take a message."""
@@ -201,7 +207,7 @@ def _read(
             raise KeyboardInterrupt
         try:
             if wanted.is_big(connection):
-                wanted.take_stamp(connection, raw)
+                wanted.take_stamp(connection, time, raw)
             else:
                 msg = typestore.deserialize_cdr(raw, connection.msgtype)
                 wanted.take(connection.topic, time, msg)

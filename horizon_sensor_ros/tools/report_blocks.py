@@ -88,22 +88,29 @@ def chart(
     draw: Callable[[Sequence[Axes]], None],
     *,
     panels: int = 1,
+    columns: int = 1,
     panel_height: float = 1.7,
     share_x: bool = True,
 ) -> Chart:
-    """Have a chart drawn in both shapes; draw gets its panels, one above the other."""
+    """Have a chart drawn in both shapes; draw gets its panels, row after row.
+
+    panels : one above the other, columns : beside each other; on a phone all are one above the
+    other.
+    """
     urls = []
-    for width, dpi, size in (_WIDE, _NARROW):
+    for (width, dpi, size), shape in (
+        (_WIDE, (panels, columns)),
+        (_NARROW, (panels * columns, 1)),
+    ):
         with mpl.rc_context({"font.size": size, "axes.grid": True, "grid.alpha": 0.3}):
             figure, axes = plt.subplots(
-                panels,
-                1,
-                figsize=(width, panel_height * panels + 0.6),
+                *shape,
+                figsize=(width, panel_height * shape[0] + 0.6),
                 sharex=share_x,
                 squeeze=False,
                 layout="constrained",
             )
-            draw(list(axes[:, 0]))
+            draw(axes.ravel().tolist())
             buffer = io.BytesIO()
             figure.savefig(buffer, format="png", dpi=dpi)
             plt.close(figure)
@@ -135,6 +142,11 @@ def with_gaps(time_s: np.ndarray, *values: np.ndarray) -> tuple[np.ndarray, ...]
 def legend(axes: Axes) -> None:
     """Name the lines above the panel, where they hide nothing."""
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False, borderpad=0.1)
+
+
+def from_zero(axes: Axes) -> None:
+    """Begin a panel's scale at zero, with room above the largest value."""
+    axes.set_ylim(0.0, 1.08 * axes.get_ylim()[1])
 
 
 def figures(*values: float) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from horizon_sensor_ros.core.attitude import nadir_sign, rotation_from_quaternio
 from horizon_sensor_ros.core.target.rigid import pose_matrix
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
 from horizon_sensor_ros.tools.demo_errors import FlightErrors, Truth, flight_errors
-from horizon_sensor_ros.tools.demo_target_errors import MotionErrors, TargetErrors, target_errors
+from horizon_sensor_ros.tools.demo_target_errors import MotionErrors, target_errors
 from horizon_sensor_ros.tools.report_attitude import attitudes
 from horizon_sensor_ros.tools.report_bags import Recorded
 from horizon_sensor_ros.tools.report_blocks import (
@@ -45,6 +45,7 @@ def horizon_errors_section(recorded: Recorded) -> Section | None:
         return None
     degrees = np.degrees
     rows = [
+        _spread("nadir of local_vertical (deg)", degrees(errors.vertical_rad), None),
         _spread("nadir (deg)", degrees(errors.nadir_rad), degrees(errors.nadir_sigma_rad)),
         _spread("roll (deg)", degrees(errors.roll_rad), degrees(errors.roll_sigma_rad)),
         _spread("pitch (deg)", degrees(errors.pitch_rad), degrees(errors.pitch_sigma_rad)),
@@ -112,16 +113,25 @@ def target_errors_section(recorded: Recorded) -> Section | None:
         shift, shift_sigma = 100 * motion.shift, 100 * motion.shift_sigma
         rows.append(_spread(f"{topic}: shift (cm{per})", shift, shift_sigma))
     blocks: list[Block] = [Table(_SPREAD_COLUMNS, tuple(rows))]
+    # The pose that sets the frame is right by definition.
+    later = errors.pose.nees[np.isfinite(errors.delta.nees)]
+    blocks += _consistency(later, 6, "turn and shift of target/pose")
     blocks += _consistency(errors.delta.nees, 6, "turn and shift of target/pose_delta")
-    blocks.append(
+    blocks += [
         chart(
             "Errors of the target's pose: angle and distance against truth over time.",
-            f"Pose since the target frame was set ({errors.frames} times). Line: size of the "
-            "error. Band: three sigma.",
-            lambda axes: _draw_target(axes, errors),
+            f"target/pose, since the target frame was set ({errors.frames} times). Line: size of "
+            "the error. Band: three sigma.",
+            lambda axes: _draw_target(axes, errors.time_s, errors.pose),
             panels=2,
-        )
-    )
+        ),
+        chart(
+            "Errors of the target's steps: angle and distance against truth over time.",
+            "target/pose_delta: the step since the pose before.",
+            lambda axes: _draw_target(axes, errors.time_s, errors.delta),
+            panels=2,
+        ),
+    ]
     return Section("target-errors", "Errors of the target against the truth", tuple(blocks))
 
 
@@ -168,14 +178,13 @@ def _draw_horizon(axes: Sequence[Axes], errors: FlightErrors) -> None:
     axes[-1].set_xlabel("time (s)")
 
 
-def _draw_target(axes: Sequence[Axes], errors: TargetErrors) -> None:
-    motion: MotionErrors = errors.pose
+def _draw_target(axes: Sequence[Axes], time_s: np.ndarray, motion: MotionErrors) -> None:
     panels = (
         ("turn (deg)", np.degrees(motion.rotation), np.degrees(motion.rotation_sigma), BLUE),
         ("shift (cm)", 100 * motion.shift, 100 * motion.shift_sigma, VERMILION),
     )
     for panel, (name, values, sigma, colour) in zip(axes, panels, strict=True):
-        error_band(panel, errors.time_s, values, sigma, colour)
+        error_band(panel, time_s, values, sigma, colour)
         panel.set_ylim(bottom=0.0)
         panel.set_ylabel(f"error of {name}")
     axes[-1].set_xlabel("time (s)")

@@ -1,4 +1,6 @@
-"""The report's second look at the frames: why some were refused, and whether the cameras agree."""
+"""The report's second look at the frames: what was found in some, why others were refused, and
+whether the cameras agree.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ from horizon_sensor_ros.core.self_calibration.differences import (
 )
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
+from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
 from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.pairing import Pairing
 from horizon_sensor_ros.ros.parameters import (
@@ -43,14 +45,20 @@ from horizon_sensor_ros.tools.report_blocks import (
     Table,
     Text,
     chart,
+    from_zero,
     legend,
 )
-from horizon_sensor_ros.tools.report_photos import fix_photos, plain_photo, reason_in_words
+from horizon_sensor_ros.tools.report_photos import (
+    choice_photos,
+    fix_photos,
+    plain_photo,
+    reason_in_words,
+)
 
 _IMAGE = ("sensor_msgs/msg/Image",)
 _CAMERA_INFO = ("sensor_msgs/msg/CameraInfo",)
 _POSE = ("geometry_msgs/msg/PoseStamped",)
-_REFUSED_SHOWN, _ANSWERED_SHOWN, _COMPARED = 8, 2, 60
+_REFUSED_SHOWN, _ANSWERED_SHOWN, _COMPARED = 8, 4, 60
 
 
 @dataclass
@@ -65,11 +73,13 @@ class _Look:
 
 @dataclass(frozen=True)
 class SecondLook:
-    """refused : blocks on the refused frames. residuals : of the fits. agreement : of the cameras,
-    None where less than two saw the limb.
+    """refused : blocks on the refused frames. answered : frames and what was found in them, None
+    without any. residuals : of the fits. agreement : of the cameras, None where less than two saw
+    the limb.
     """
 
     refused: tuple[Block, ...]
+    answered: Section | None = None
     residuals: tuple[Block, ...] = ()
     agreement: Section | None = None
 
@@ -116,9 +126,13 @@ def look_again(
     ]
     if settings is None:
         blocks.append(Text("How the limb was chosen is shown when --params FILE is given."))
-    blocks += study.photographs(recorded.start_ns)
+    start_ns = recorded.start_ns
+    blocks += study.refused_photographs(start_ns)
     return SecondLook(
-        tuple(blocks), study.residuals(recorded.start_ns), study.agreement(recorded.start_ns)
+        tuple(blocks),
+        study.answered_photographs(start_ns),
+        study.residuals(start_ns),
+        study.agreement(start_ns),
     )
 
 
@@ -195,53 +209,64 @@ class _Study:
         for members in self._pairing.push(camera, stamp, msg).sets:
             stamps = {stamp for stamp, _ in members}
             images = dict(zip(self._cameras, (image for _, image in members), strict=True))
-            if stamps & self._shown:
-                self._look(min(stamps), images, answered=not stamps & self._refused)
-            if stamps & self._compared and self._alone is not None:
-                self._compare(images)
+            self._process(stamps, images)
 
-    def _compare(self, images: Mapping[str, Any]) -> None:
-        """Fit the cameras' frames together, and each one alone."""
-        assert self._pipeline is not None
-        assert self._alone is not None
-        self._pipeline.reset()
-        for name, image in images.items():
-            self._alone.on_image(name, image)
-            results = self._pipeline.on_image(name, image).results
-            self._fits += [(r.stamp, r.fix.fit) for r in results if r.fix.ok]
-
-    def _look(self, stamp: int, images: Mapping[str, Any], *, answered: bool) -> None:
-        look = _Look(stamp, answered)
-        self._looks.append(look)
-        if self._pipeline is None:
-            for name, image in images.items():
-                look.photos += plain_photo(name, image)
+    def _process(self, stamps: set[int], images: Mapping[str, Any]) -> None:
+        """Fit the frames of a chosen set together and, to be compared, each one alone."""
+        shown, compared = bool(stamps & self._shown), bool(stamps & self._compared)
+        if not (shown or compared):
             return
-        self._pipeline.reset()
+        look = _Look(min(stamps), answered=not stamps & self._refused)
+        if shown:
+            self._looks.append(look)
         for name, image in images.items():
+            if self._pipeline is None or self._alone is None:
+                look.photos += plain_photo(name, image) if shown else []
+                continue
+            if compared:
+                self._alone.on_image(name, image)
             step = self._pipeline.on_image(name, image)
-            if step.refusal is not None:
-                look.reason += f"{name}: {step.refusal.reason}. "
-                look.photos += plain_photo(name, image)
-            for result in step.results:
-                look.reason += reason_in_words(result.frames, result.fix)
-                look.photos += fix_photos(result.frames, result.fix)
+            if compared:
+                self._fits += [(r.stamp, r.fix.fit) for r in step.results if r.fix.ok]
+            if shown:
+                _take_note(look, name, image, step)
 
-    def photographs(self, start_ns: int) -> list[Block]:
-        """Return the frames that were looked at, the refused ones first."""
+    def refused_photographs(self, start_ns: int) -> list[Block]:
+        """Return the frames without an answer."""
         blocks: list[Block] = []
-        if self._pipeline is not None and self._looks:
+        if self._pipeline is not None and any(not look.answered for look in self._looks):
             blocks.append(
                 Text(
                     "Blue dots: points chosen as the limb. Red crosses: edges that border on "
                     "darkness and were thrown away."
                 )
             )
-        for look in sorted(self._looks, key=lambda each: (each.answered, each.stamp)):
-            when = f"{(look.stamp - start_ns) * 1e-9:.2f} s"
-            word = "answered" if look.answered else "no answer"
-            why = f": {look.reason.strip()}" if look.reason.strip() else ""
-            if look.photos:
+        return blocks + self._photographs(start_ns, answered=False)
+
+    def answered_photographs(self, start_ns: int) -> Section | None:
+        """Return frames with an answer, and what was found in them."""
+        blocks: list[Block] = []
+        if self._pipeline is not None:
+            blocks.append(
+                Text(
+                    "Some frames, processed once more, drawn as on ~/debug_image. Yellow dots: "
+                    "limb points; red crosses: points that the fit threw away. Blue: the fitted "
+                    "limb, dashed where it is only predicted. White: the way to nadir; in the "
+                    "corner its one-sigma ellipse."
+                )
+            )
+        photographs = self._photographs(start_ns, answered=True)
+        if not photographs:
+            return None
+        return Section("frames", "What the cameras saw", (*blocks, *photographs))
+
+    def _photographs(self, start_ns: int, *, answered: bool) -> list[Block]:
+        blocks: list[Block] = []
+        for look in sorted(self._looks, key=lambda each: each.stamp):
+            if look.photos and look.answered == answered:
+                when = f"{(look.stamp - start_ns) * 1e-9:.2f} s"
+                word = "answered" if answered else "no answer"
+                why = f": {look.reason.strip()}" if look.reason.strip() else ""
                 blocks.append(Photos(tuple(look.photos), f"{when}, {word}{why}"))
         return blocks
 
@@ -292,9 +317,11 @@ class _Study:
 
 def _draw_fits(axes: Sequence[Axes], times_s: np.ndarray, fits: Sequence[HorizonFit]) -> None:
     axes[0].plot(times_s, [fit.rms_residual_px for fit in fits], ".", color=COLOURS[0])
-    axes[0].set(ylabel="residual (px)", ylim=(0, None))
+    axes[0].set(ylabel="residual (px)")
     axes[1].plot(times_s, [fit.num_inliers for fit in fits], ".", color="0.3")
-    axes[1].set(ylabel="points", xlabel="time (s)", ylim=(0, None))
+    axes[1].set(ylabel="points", xlabel="time (s)")
+    for panel in axes:
+        from_zero(panel)
 
 
 def _row(difference: NadirDifference) -> tuple[str, ...]:
@@ -312,5 +339,17 @@ def _draw_agreement(
             times_s[difference.index], angle, marker, color=colour, markersize=4,
             label=difference.name,
         )  # fmt: skip
-    axes.set(xlabel="time (s)", ylabel="angle (deg)", ylim=(0, None))
+    axes.set(xlabel="time (s)", ylabel="angle (deg)")
+    from_zero(axes)
     legend(axes)
+
+
+def _take_note(look: _Look, camera: str, image: Any, step: Step) -> None:
+    """Add to a set's pictures and reasons what came of one of its images."""
+    if step.refusal is not None:
+        look.reason += f"{camera}: {step.refusal.reason}. "
+        look.photos += plain_photo(camera, image)
+    for result in step.results:
+        look.reason += reason_in_words(result.frames, result.fix)
+        photos = fix_photos if look.answered else choice_photos
+        look.photos += photos(result.frames, result.fix)

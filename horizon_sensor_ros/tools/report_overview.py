@@ -17,6 +17,7 @@ from horizon_sensor_ros.tools.report_blocks import (
     Table,
     Text,
     chart,
+    from_zero,
     legend,
 )
 
@@ -110,21 +111,31 @@ def latency(recorded: Recorded) -> Section | None:
             said.append((name, f"{median:.1f}", f"{most:.1f}"))
     if said:
         columns = ("node", "median (ms)", "largest (ms)")
-        blocks.append(Table(columns, tuple(said), "From stamp to answer, as the nodes measured it"))
+        blocks.append(
+            Table(
+                columns,
+                tuple(said),
+                "From stamp to answer, as the nodes measured it: the delay of the inputs is in it",
+            )
+        )
     measured = {}
     for topic, received in recorded.received_ns.items():
         stamps = np.array(sorted(received))
-        late_s = np.array([received[int(s)] - int(s) for s in stamps]) * 1e-9
+        # Without the input's record its stamp has to do.
+        of_target = topic.startswith("target/")
+        known = recorded.clouds_received_ns if of_target else recorded.frames_received_ns
+        late_s = np.array([received[int(s)] - known.get(int(s), int(s)) for s in stamps]) * 1e-9
         if len(late_s) and 0.0 <= np.median(late_s) < _MOST_LATENCY_S:
             measured[topic] = (recorded.seconds([int(s) for s in stamps]), late_s * 1e3)
     if measured:
         blocks += [
             Text(
-                "From an answer's stamp to its record in the bag. In a replayed bag that is when "
-                "the set of frames was complete, not how long the computer took."
+                "From the record of an answer's frame or cloud to that of the answer; from its "
+                "stamp where the inputs are not in the bags. In a replayed bag that is when the "
+                "set of frames was complete, not how long the computer took."
             ),
             chart(
-                "Milliseconds from stamp to record for each answer over time.",
+                "Milliseconds from input to answer over time.",
                 "One point an answer.",
                 lambda axes: _draw_latency(axes[0], measured),
                 panel_height=2.0,
@@ -139,7 +150,8 @@ def _draw_latency(axes: Axes, measured: dict[str, tuple[np.ndarray, np.ndarray]]
         measured.items(), COLOURS, markers, strict=False
     ):
         axes.plot(times, late_ms, marker, color=colour, markersize=3, label=topic)
-    axes.set(xlabel="time (s)", ylabel="latency (ms)", ylim=(0, None))
+    axes.set(xlabel="time (s)", ylabel="latency (ms)")
+    from_zero(axes)
     legend(axes)
 
 

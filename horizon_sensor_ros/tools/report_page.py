@@ -46,6 +46,7 @@ def write_page(
     sections = (
         availability(recorded),
         horizon_errors_section(recorded),
+        again.answered,
         attitude_section(recorded),
         imu_section(recorded),
         residuals_section(recorded, again.residuals),

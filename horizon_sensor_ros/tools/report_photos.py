@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -11,6 +12,7 @@ import numpy as np
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix
 from horizon_sensor_ros.core.limb.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.ros.debug_image import draw_fix
 from horizon_sensor_ros.ros.messages import Refusal, gray_from_image
 from horizon_sensor_ros.tools.report_blocks import Photo, photo
 
@@ -43,6 +45,14 @@ def plain_photo(camera: str, msg: Any) -> list[Photo]:
 
 
 def fix_photos(frames: Sequence[Frame], fix: HorizonFix) -> list[Photo]:
+    """Photos of frames, each by itself, with the fix of all of them, as on `~/debug_image`."""
+    return [
+        photo(_alt(frame, limb), draw_fix((frame,), replace(fix, limbs=(limb,))))
+        for frame, limb in zip(frames, fix.limbs, strict=True)
+    ]
+
+
+def choice_photos(frames: Sequence[Frame], fix: HorizonFix) -> list[Photo]:
     """Photos of frames: blue dots on the limb's points, red crosses on candidates that are none."""
     found = []
     for frame, limb in zip(frames, fix.limbs, strict=True):
@@ -53,9 +63,13 @@ def fix_photos(frames: Sequence[Frame], fix: HorizonFix) -> list[Photo]:
         for x, y in _some(limb.px) * scale:
             at = (round(float(x)), round(float(y)))
             cv2.circle(picture, at, 2, _CHOSEN, -1, cv2.LINE_AA)
-        told = f"{len(limb.px)} limb points" if len(limb.px) else (limb.reason or str(limb.status))
-        found.append(photo(f"frame of {frame.view.name}: {told}", picture))
+        found.append(photo(_alt(frame, limb), picture))
     return found
+
+
+def _alt(frame: Frame, limb: LimbPoints) -> str:
+    told = f"{len(limb.px)} limb points" if len(limb.px) else (limb.reason or str(limb.status))
+    return f"frame of {frame.view.name}: {told}"
 
 
 def _thrown_away(frame: Frame, limb: LimbPoints) -> np.ndarray:

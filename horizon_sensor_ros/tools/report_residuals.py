@@ -16,6 +16,7 @@ from horizon_sensor_ros.tools.report_blocks import (
     Table,
     Text,
     chart,
+    from_zero,
     legend,
 )
 
@@ -75,11 +76,12 @@ def _draw(
         numbers = [v for _, v in values]
         axes[0].plot(times, numbers, marker, color=colour, markersize=3, label=camera)
     axes[0].set_ylabel(f"residual ({unit})")
-    axes[0].set_ylim(0, None)
     legend(axes[0])
     points = [(e.time_ns, float(e.values["points"])) for e in found if "points" in e.values]
     axes[1].plot(recorded.seconds([t for t, _ in points]), [n for _, n in points], ".", color="0.3")
-    axes[1].set(ylabel="points", xlabel="time (s)", ylim=(0, None))
+    axes[1].set(ylabel="points", xlabel="time (s)")
+    for panel in axes:
+        from_zero(panel)
 
 
 def refusal_blocks(recorded: Recorded) -> list[Block]:

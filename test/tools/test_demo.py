@@ -302,7 +302,15 @@ def test_short_flight_prints_errors_and_leaves_a_report_and_a_bag(tmp_path: Path
     median_deg = float(re.search(r"attitude: nadir +deg +([\d.]+)", done.stdout)[1])  # type: ignore[index]
     assert median_deg < 0.1
     page = (tmp_path / "report.html").read_text()
-    assert page.count("<img") >= 4
+    assert str(tmp_path / "report.html") in done.stdout
+    assert "Simulated flight of 4 s" in page
+    for title in (
+        *("Errors against the truth", "What the cameras saw", "Agreement of the cameras"),
+        *("Target", "Errors of the target against the truth", "Latency"),
+    ):
+        assert f"<h2>{title}</h2>" in page
+    assert "Two clouds from the front and from above" in page
+    assert page.count('alt="frame of camera_1') >= 4
     assert 'src="http' not in page
     found = re.search(r"target/pose (\d+) of 20", done.stdout)
     assert found is not None, done.stdout

@@ -138,6 +138,7 @@ def test_every_part_is_there(page: Path) -> None:
     assert read.headings == [
         "Availability",
         "Errors against the truth",
+        "What the cameras saw",
         "Nadir, roll, pitch and altitude",
         "Camera against accelerometer",
         "Residuals",
@@ -151,6 +152,7 @@ def test_every_part_is_there(page: Path) -> None:
     assert all(alt.strip() for alt in read.alts)
     # Two nodes with one pipeline are drawn once.
     assert sum(alt.startswith("Residuals") for alt in read.alts) == 3
+    assert sum(alt.startswith("Two clouds from the front") for alt in read.alts) == 1
     assert len(read.alts) > 20
 
 
@@ -165,6 +167,7 @@ def test_figures_are_those_of_the_flight(page: Path) -> None:
     assert read.row("target/pose")[:2] == [str(CLOUDS), str(CLOUDS)]
     assert f"{len(FLOODED)} of {PAIRS} frame sets have no answer" in read.text
     assert read.text.count("s, no answer:") == len(FLOODED)
+    assert read.text.count("s, answered") == 4
     assert "frame of camera_1: 0 candidates" in " ".join(read.alts)
     # Errors of a clear horizon, and of the accelerometer's, which is exact.
     assert float(read.row("roll (deg)")[0]) < 0.01
@@ -202,7 +205,7 @@ def test_without_parameters_the_frames_are_shown_as_they_are(
     assert main([str(a) for a in arguments]) == 0
     read = Reader(path)
     assert "shown when --params FILE is given" in read.text
-    assert read.alts.count("frame of camera_1") == len(FLOODED) + 2
+    assert read.alts.count("frame of camera_1") == len(FLOODED) + 4
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
