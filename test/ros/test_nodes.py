@@ -36,7 +36,10 @@ from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rosbags.rosbag2 import Reader
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, Imu
+
+from horizon_sensor_ros.ros.messages import time_from_ns
 
 NODES = ("local_vertical_node", "attitude_node")
 
@@ -448,3 +451,35 @@ def test_debug_image_only_for_who_asks(
     colours = np.frombuffer(picture.data, np.uint8).reshape(480, 2 * 640, 3)
     assert np.any(np.ptp(colours.astype(int), axis=2) > 100)
     craft.node.destroy_subscription(subscription)
+
+
+def test_silence_is_told_by_the_nodes_clock(
+    start: Callable[..., Program], craft: Craft, params: list[str]
+) -> None:
+    node = "attitude_node"
+    clock = craft.node.create_publisher(Clock, "/clock", 10)
+    start(node, *params, "-p", "use_sim_time:=true")
+    craft.wait(lambda: clock.get_subscription_count() == 1, "the node's clock")
+    craft.match((node,))
+
+    def tick(seconds: int) -> None:
+        clock.publish(Clock(clock=time_from_ns(START_NS + seconds * 10**9)))
+
+    def stamps() -> set[int]:
+        return {
+            msg.header.stamp.sec - START_NS // 10**9
+            for topic, msg in craft.heard
+            if topic == "/diagnostics"
+        }
+
+    while 0 not in stamps():
+        tick(0)
+        craft.spin(0.1)
+    craft.expect_pair(0, ("attitude",))
+    craft.wait_for_state("ok")
+    # Time stands still: reports go on, and nothing is stale however long that takes.
+    craft.heard.clear()
+    craft.wait(lambda: len(craft.statuses(node)) >= 5, "reports")
+    assert {status.values[0].value for status in craft.statuses(node)} == {"ok"}
+    craft.insist(lambda: tick(3), node, "no frames from camera_1 for 3.0 s")
+    assert stamps() == {0, 3}
