@@ -118,7 +118,7 @@ class HorizonSensor:
                 return followed
         fix, detection = self._search(frames, limbs, aiding)
         self._track = None
-        if self.config.tracking and detection is not None and fix.fit.disc is not None:
+        if self.config.tracking and detection is not None:
             self._track = Track.started([frame.view for frame in frames], detection, fix.fit)
         return fix
 

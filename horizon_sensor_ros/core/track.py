@@ -12,6 +12,7 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.detector import Detection
 from horizon_sensor_ros.core.limb.edge_model import EdgeLook
+from horizon_sensor_ros.core.status import Status
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +35,19 @@ class Track:
     age: int = 0
 
     @classmethod
-    def started(cls, views: Sequence[CameraView], detection: Detection, fit: HorizonFit) -> Track:
-        """Track from a fit, with its disc, of what a search found."""
-        assert fit.disc is not None
+    def started(
+        cls, views: Sequence[CameraView], detection: Detection, fit: HorizonFit
+    ) -> Track | None:
+        """Track from a fit, with its disc, of what a search found; None where it cannot be one.
+
+        A limb whose edge follows no model is measured otherwise, and may be again in the next frame
+        or not: every frame of it is for a search.
+        """
+        if fit.disc is None or any(
+            limb.status is Status.OK and not look
+            for limb, look in zip(detection.limbs, detection.looks, strict=True)
+        ):
+            return None
         skies = tuple(
             LimbCandidates(pitch_px=c.pitch_px, space_level=c.space_level, noise=c.noise)
             for c in detection.candidates

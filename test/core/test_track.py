@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -27,7 +28,7 @@ SEARCHING = HorizonConfig(tracking=False)
 
 
 @lru_cache(maxsize=16)
-def turned(steps: float) -> tuple[list[Frame], np.ndarray]:
+def turned(steps: float, air_dn: float = 0.0) -> tuple[list[Frame], np.ndarray]:
     """Frames after so many turns of the base about its own axis, and nadir in the base (3,)."""
     rot_start_from_now = Rotation.from_rotvec(steps * TURN_RAD).as_matrix()
     rot_world_from_base = rot_from_axis(-ZENITH, 0.7) @ rot_start_from_now
@@ -36,7 +37,7 @@ def turned(steps: float) -> tuple[list[Frame], np.ndarray]:
         VIEWS,
         rot_world_from_base,
         position,
-        clouds(2),
+        replace(clouds(2), air_dn=air_dn),
         np.random.default_rng(round(10 * steps)),
         imaging=Imaging(noise_dn=1.5),
     )
@@ -78,6 +79,22 @@ def test_followed_fixes_are_those_of_a_search(searches: list[int]) -> None:
         assert angle_between(fix.fit.nadir_base, searched.fit.nadir_base) < sigma_rad(searched)
         assert sigma_rad(fix) == pytest.approx(sigma_rad(searched), rel=0.3)
         assert fix.fit.altitude_m == pytest.approx(searched.fit.altitude_m, rel=1e-3)
+
+
+def test_in_glowing_air_too(searches: list[int]) -> None:
+    """Glow's edge lies off the steepest fall: a track must not slide from the one to the other."""
+    sensor = HorizonSensor()
+    followed = []
+    for steps in range(5):
+        frames, nadir = turned(steps, 150.0)
+        before = len(searches)
+        fix = sensor.process(frames)
+        followed.append(len(searches) == before)
+        searched = HorizonSensor(SEARCHING).process(frames)
+        assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+        assert angle_between(fix.fit.nadir_base, searched.fit.nadir_base) < sigma_rad(searched)
+        assert fix.fit.altitude_m == pytest.approx(searched.fit.altitude_m, abs=1500.0)
+    assert sum(followed) >= 3
 
 
 def test_a_gyro_tells_of_any_turn(searches: list[int]) -> None:

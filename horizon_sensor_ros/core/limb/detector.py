@@ -86,6 +86,7 @@ def detect_limb(
         return Detection((none,) * len(views), candidates, consensus)
     nadir, rho = consensus.nadir_base, consensus.rho_rad
     looks: list[tuple[EdgeLook, ...]] = [()] * len(views)
+    held = list(looks)
     limbs: list[LimbPoints] = []
     for step in (_SEARCH, _NEAR, _GLOW, _FINAL):
         if step is _GLOW and not any(look.glow_px > 0 for seen in looks for look in seen):
@@ -97,8 +98,9 @@ def detect_limb(
                 factor = max(1, int(candidates[i].pitch_px) // 2)
                 here = replace(step, factor=factor)
                 part = image if factor == 1 else block_average(image, factor)
-            limb, looks[i] = refine_limb(part, view, nadir, rho, here, looks[i])
+            limb, held[i] = refine_limb(part, view, nadir, rho, here, looks[i])
             limbs.append(limb)
+            looks[i] = held[i] or looks[i]
         if step is _FINAL:
             break
         rays = gather([LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)])
@@ -108,7 +110,7 @@ def detect_limb(
         if not nearer.ok:
             break
         nadir, rho = nearer.nadir_base, nearer.rho_rad
-    return Detection(tuple(limbs), candidates, consensus, nadir, rho, tuple(looks))
+    return Detection(tuple(limbs), candidates, consensus, nadir, rho, tuple(held))
 
 
 def follow_limb(
@@ -121,34 +123,38 @@ def follow_limb(
 ) -> Detection | None:
     """Find the limb again near a predicted one; None where the prediction is of no help.
 
-    looks : of the edge in each frame, as in the last detection. The last pass of `detect_limb`
-    around the predicted cone; if the limb turns out to lie more than a part of a pixel off, again
-    around where it is, so that the answer is that of a search.
+    looks : of the edge in each frame, as in the last detection; none for a camera that saw no limb.
+    The last pass of `detect_limb` around the predicted cone; if the limb turns out to lie more than
+    a part of a pixel off, again around where it is, so that the answer is that of a search. Where a
+    look no longer holds, or a camera sees a limb that saw none, that is for a search to say.
     """
     nadir, rho = nadir_base, rho_rad
-    first = True
-    for step in (_FINAL, _AGAIN, _FINAL, _FINAL):
+    glows = any(seen.glow_px > 0 for look in looks for seen in look)
+    approach = (_GLOW, _FINAL) if glows else (_FINAL,)
+    for step in (*approach, _AGAIN, *approach, _FINAL):
+        if step is _AGAIN:
+            # What was out of reach was not even seen: the rest gave no better cone.
+            nadir, rho = nadir_base, rho_rad
         found = [
             refine_limb(image, view, nadir, rho, step, () if step is _AGAIN else look)
             for view, image, look in zip(views, images, looks, strict=True)
         ]
         limbs = tuple(limb for limb, _ in found)
         observations = [LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)]
+        if any(
+            limb.status is Status.OK and not look for limb, look in zip(limbs, looks, strict=True)
+        ):
+            return None
         if step is _FINAL and all(
-            _on_course(observation, nadir, rho)
-            for observation, look in zip(observations, looks, strict=True)
+            held and _on_course(observation, nadir, rho)
+            for observation, (_, held), look in zip(observations, found, looks, strict=True)
             if look
         ):
-            seen = tuple(new or old for (_, new), old in zip(found, looks, strict=True))
-            return Detection(limbs, nadir_base=nadir, rho_rad=rho, looks=seen)
-        if first:
-            # What is out of reach is not even seen: no cone can be had from the rest.
-            first = False
-            continue
+            held_looks = tuple(held for _, held in found)
+            return Detection(limbs, nadir_base=nadir, rho_rad=rho, looks=held_looks)
         nearer = refine(gather(observations), planet, (nadir, rho))
-        if not nearer.ok:
-            return None
-        nadir, rho = nearer.nadir_base, nearer.rho_rad
+        if nearer.ok:
+            nadir, rho = nearer.nadir_base, nearer.rho_rad
     return None
 
 

@@ -94,8 +94,8 @@ def refine_limb(
     gray : (H, W) uint8 or uint16, already reduced by ``step.factor``; pixels of the result are
     those of the full image. looks : what the edge may look like, as returned by the pass before;
     of several the likeliest is chosen. Without any the place of steepest fall is taken.
-    Returns the limb and the look of its edge (after a pass without one, guesses or nothing). Too
-    few significant edges: status NO_LIMB, and no looks.
+    Returns the limb and the look of its edge: after a pass without one, guesses or nothing; nothing
+    where a given one does not hold. Too few significant edges: status NO_LIMB, and no looks.
     """
     # Every pixel of a long limb would cost more than it adds: the edge's texture spans many.
     spacing_px = step.spacing_px * max(1, round(max(gray.shape) / _LARGE_PX))
@@ -147,7 +147,8 @@ def refine_limb(
         return LimbPoints.none(Status.NO_LIMB, reason), ()
     apart = (places.offset_px - steepest.offset_px)[good & _believable(steepest)]
     places = places.take(good)
-    if step.guess and not looks:
+    given = bool(looks)
+    if step.guess and not given:
         looks = guess_looks(profiles[good], grid.d_px, places)
     glows = any(look.glow_px > 0 for look in looks)
     coherent = _COHERENT_PX[(glows, model_free)]
@@ -172,7 +173,7 @@ def refine_limb(
         coherent * step.factor,
         spacing_px * step.factor * size,
     )
-    return limb, tuple(looks)
+    return limb, () if given and model_free else tuple(looks)
 
 
 def _believable(places: EdgePlaces) -> np.ndarray:
