@@ -118,7 +118,12 @@ class HorizonSensor:
                 return followed
         fix, detection = self._search(frames, limbs, aiding)
         self._track = None
-        if self.config.tracking and detection is not None:
+        if (
+            self.config.tracking
+            and detection is not None
+            and fix.fit.disc is not None
+            and detection.modelled
+        ):
             self._track = Track.started([frame.view for frame in frames], detection, fix.fit)
         return fix
 
@@ -218,7 +223,9 @@ class HorizonSensor:
         figure = self._figure(aiding).aligned(nadir)
         views = [figure.view(frame.view) for frame in frames]
         images = [frame.gray for frame in frames]
-        detection = follow_limb(views, images, self._sphere, nadir, track.rho_rad, track.looks)
+        detection = follow_limb(
+            views, images, self._sphere, nadir, track.rho_rad, track.sees, track.looks
+        )
         if detection is None:
             return None
         detection = replace(detection, candidates=track.samples(images))

@@ -20,40 +20,34 @@ class Track:
     """The limb of the last set of frames, and what it looked like.
 
     views, cameras_used : of that set. nadir_base, rho_rad : its disc's cone. last_nadir_base : that
-    of the set before, None right after a search. looks : of the limb's edge, one per frame. skies :
-    one per frame, level and noise of empty space as the search measured them. age : sets since the
-    search.
+    of the set before, None right after a search. sees : whether each frame's camera saw the limb.
+    looks : of its edge, one per frame, empty where no model fits. skies : one per frame, level and
+    noise of empty space as the search measured them. age : sets since the search.
     """
 
     views: tuple[CameraView, ...]
     cameras_used: tuple[str, ...]
     nadir_base: np.ndarray
     rho_rad: float
+    sees: tuple[bool, ...]
     looks: tuple[tuple[EdgeLook, ...], ...]
     skies: tuple[LimbCandidates, ...]
     last_nadir_base: np.ndarray | None = None
     age: int = 0
 
     @classmethod
-    def started(
-        cls, views: Sequence[CameraView], detection: Detection, fit: HorizonFit
-    ) -> Track | None:
-        """Track from a fit, with its disc, of what a search found; None where it cannot be one.
-
-        A limb whose edge follows no model is measured otherwise, and may be again in the next frame
-        or not: every frame of it is for a search.
-        """
-        if fit.disc is None or any(
-            limb.status is Status.OK and not look
-            for limb, look in zip(detection.limbs, detection.looks, strict=True)
-        ):
-            return None
+    def started(cls, views: Sequence[CameraView], detection: Detection, fit: HorizonFit) -> Track:
+        """Track from a fit, with its disc, of what a search found."""
+        assert fit.disc is not None
         skies = tuple(
             LimbCandidates(pitch_px=c.pitch_px, space_level=c.space_level, noise=c.noise)
             for c in detection.candidates
         )
         disc = fit.disc
-        return cls(tuple(views), fit.cameras, disc.nadir, disc.rho_rad, detection.looks, skies)
+        sees = tuple(limb.status is Status.OK for limb in detection.limbs)
+        return cls(
+            tuple(views), fit.cameras, disc.nadir, disc.rho_rad, sees, detection.looks, skies
+        )
 
     def continued(self, detection: Detection, fit: HorizonFit) -> Track:
         """Track with one more fit, with its disc."""

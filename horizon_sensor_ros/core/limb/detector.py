@@ -41,6 +41,8 @@ _FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0)
 # Where the prediction was off.
 _AGAIN = RefinePass(reach_px=10.0, grid_px=0.5, spacing_px=4.0, guess=False)
 _STRETCHES, _ON_COURSE_PX = 4, 0.6
+# Where it is not known what the edge looks like.
+_FRESH = (_NEAR, _GLOW, _FINAL)
 _CANNY_REACH_PX = 2.0
 
 
@@ -50,7 +52,7 @@ class Detection:
 
     limbs : one per frame, in order. nadir_base, rho_rad : the cone whose limb the last pass
     refined; NaN where there is none. candidates : step one's, for drawing. consensus : step two's.
-    looks : one per frame, what the limb's edge looks like.
+    looks : one per frame, what the limb's edge looks like; none where no model fits it.
     """
 
     limbs: tuple[LimbPoints, ...]
@@ -59,6 +61,14 @@ class Detection:
     nadir_base: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     rho_rad: float = np.nan
     looks: tuple[tuple[EdgeLook, ...], ...] = ()
+
+    @property
+    def modelled(self) -> bool:
+        """Whether a model fits the edge of every limb that was seen."""
+        return all(
+            look or limb.status is not Status.OK
+            for limb, look in zip(self.limbs, self.looks, strict=True)
+        )
 
 
 def detect_limb(
@@ -84,20 +94,80 @@ def detect_limb(
     if consensus.status is not Status.OK:
         none = LimbPoints.none(consensus.status, consensus.reason)
         return Detection((none,) * len(views), candidates, consensus)
-    nadir, rho = consensus.nadir_base, consensus.rho_rad
-    looks: list[tuple[EdgeLook, ...]] = [()] * len(views)
+    factors = [max(1, int(found.pitch_px) // 2) for found in candidates]
+    looked = _look(
+        views,
+        images,
+        planet,
+        (consensus.nadir_base, consensus.rho_rad),
+        [()] * len(views),
+        (_SEARCH, *_FRESH),
+        factors,
+    )
+    return Detection(
+        looked.limbs, candidates, consensus, looked.nadir_base, looked.rho_rad, looked.looks
+    )
+
+
+def follow_limb(
+    views: Sequence[CameraView],
+    images: Sequence[np.ndarray],
+    planet: Planet,
+    nadir_base: np.ndarray,
+    rho_rad: float,
+    sees: Sequence[bool],
+    looks: Sequence[tuple[EdgeLook, ...]],
+) -> Detection | None:
+    """Find the limb again near a predicted one; None where the prediction is of no help.
+
+    sees : whether each frame's camera saw the limb. looks : of its edge, as in the last detection.
+    The last passes of `detect_limb` around the predicted cone; where the limb lies farther off, or
+    looks otherwise, a pass or two more, so that the answer is that of a search. Other cameras that
+    see the limb than did, or an edge that no model fits and that a search may measure otherwise:
+    None.
+    """
+    fresh: list[tuple[EdgeLook, ...]] = [()] * len(views)
+    attempts = ((looks, (_GLOW, _FINAL)), (fresh, _FRESH), (fresh, (_AGAIN, *_FRESH)))
+    for start, steps in attempts:
+        found = _look(views, images, planet, (nadir_base, rho_rad), start, steps)
+        if [limb.status is Status.OK for limb in found.limbs] != list(sees):
+            continue
+        if found.modelled and all(
+            _on_course(LimbObservation(view, limb), found.nadir_base, found.rho_rad)
+            for view, limb in zip(views, found.limbs, strict=True)
+            if limb.status is Status.OK
+        ):
+            return found
+    return None
+
+
+def _look(
+    views: Sequence[CameraView],
+    images: Sequence[np.ndarray],
+    planet: Planet,
+    near: tuple[np.ndarray, float],
+    looks: Sequence[tuple[EdgeLook, ...]],
+    steps: Sequence[RefinePass],
+    factors: Sequence[int] | None = None,
+) -> Detection:
+    """Pass after pass, each around the cone that fits the last one's limb.
+
+    near : nadir (3,) and rho of the first pass. factors : by which each image is reduced in the
+    search's pass. Passes that leave the cone open are the last.
+    """
+    nadir, rho = near
+    looks = list(looks)
     held = list(looks)
     limbs: list[LimbPoints] = []
-    for step in (_SEARCH, _NEAR, _GLOW, _FINAL):
+    for step in steps:
         if step is _GLOW and not any(look.glow_px > 0 for seen in looks for look in seen):
             continue
         limbs = []
         for i, (view, image) in enumerate(zip(views, images, strict=True)):
             here, part = step, image
-            if step is _SEARCH:
-                factor = max(1, int(candidates[i].pitch_px) // 2)
-                here = replace(step, factor=factor)
-                part = image if factor == 1 else block_average(image, factor)
+            if step is _SEARCH and factors is not None:
+                here = replace(step, factor=factors[i])
+                part = image if factors[i] == 1 else block_average(image, factors[i])
             limb, held[i] = refine_limb(part, view, nadir, rho, here, looks[i])
             limbs.append(limb)
             looks[i] = held[i] or looks[i]
@@ -110,52 +180,7 @@ def detect_limb(
         if not nearer.ok:
             break
         nadir, rho = nearer.nadir_base, nearer.rho_rad
-    return Detection(tuple(limbs), candidates, consensus, nadir, rho, tuple(held))
-
-
-def follow_limb(
-    views: Sequence[CameraView],
-    images: Sequence[np.ndarray],
-    planet: Planet,
-    nadir_base: np.ndarray,
-    rho_rad: float,
-    looks: Sequence[tuple[EdgeLook, ...]],
-) -> Detection | None:
-    """Find the limb again near a predicted one; None where the prediction is of no help.
-
-    looks : of the edge in each frame, as in the last detection; none for a camera that saw no limb.
-    The last pass of `detect_limb` around the predicted cone; if the limb turns out to lie more than
-    a part of a pixel off, again around where it is, so that the answer is that of a search. Where a
-    look no longer holds, or a camera sees a limb that saw none, that is for a search to say.
-    """
-    nadir, rho = nadir_base, rho_rad
-    glows = any(seen.glow_px > 0 for look in looks for seen in look)
-    approach = (_GLOW, _FINAL) if glows else (_FINAL,)
-    for step in (*approach, _AGAIN, *approach, _FINAL):
-        if step is _AGAIN:
-            # What was out of reach was not even seen: the rest gave no better cone.
-            nadir, rho = nadir_base, rho_rad
-        found = [
-            refine_limb(image, view, nadir, rho, step, () if step is _AGAIN else look)
-            for view, image, look in zip(views, images, looks, strict=True)
-        ]
-        limbs = tuple(limb for limb, _ in found)
-        observations = [LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)]
-        if any(
-            limb.status is Status.OK and not look for limb, look in zip(limbs, looks, strict=True)
-        ):
-            return None
-        if step is _FINAL and all(
-            held and _on_course(observation, nadir, rho)
-            for observation, (_, held), look in zip(observations, found, looks, strict=True)
-            if look
-        ):
-            held_looks = tuple(held for _, held in found)
-            return Detection(limbs, nadir_base=nadir, rho_rad=rho, looks=held_looks)
-        nearer = refine(gather(observations), planet, (nadir, rho))
-        if nearer.ok:
-            nadir, rho = nearer.nadir_base, nearer.rho_rad
-    return None
+    return Detection(tuple(limbs), nadir_base=nadir, rho_rad=rho, looks=tuple(held))
 
 
 def _on_course(observation: LimbObservation, nadir_base: np.ndarray, rho_rad: float) -> bool:
