@@ -11,13 +11,13 @@ COMMANDS = {
     "attitude_node": "ros.attitude_node",
     "target_pose_node": "ros.target_pose_node",
     "horizon_sensor": "ros.horizon_sensor",
-    "horizon_replay": "tools.replay",
-    "horizon_self_calibration": "tools.self_calibration",
-    "horizon_report": "tools.report",
-    "horizon_applicability": "tools.applicability",
-    "horizon_demo": "tools.demo",
-    "horizon_bag_from_images": "tools.bag_from_images",
-    "horizon_bag_to_csv": "tools.bag_to_csv",
+    "horizon_replay": "tools.bags.replay",
+    "horizon_self_calibration": "tools.calibration.self_calibration",
+    "horizon_report": "tools.report.report",
+    "horizon_applicability": "tools.applicability.applicability",
+    "horizon_demo": "tools.demo.demo",
+    "horizon_bag_from_images": "tools.bags.bag_from_images",
+    "horizon_bag_to_csv": "tools.bags.bag_to_csv",
 }
 
 setup(
@@ -27,7 +27,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={f"{PACKAGE}.tools": ["templates/*.j2"]},
+    package_data={f"{PACKAGE}.tools.report": ["templates/*.j2"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

@@ -96,7 +96,7 @@ def replay(bag: Path, out: Path, parameters: Path, *arguments: str) -> str:
     """Run `horizon_replay` in a process of its own; return what it said of its work."""
     done = subprocess.run(
         [
-            *(sys.executable, "-m", "horizon_sensor_ros.tools.replay", str(bag), str(out)),
+            *(sys.executable, "-m", "horizon_sensor_ros.tools.bags.replay", str(bag), str(out)),
             *("--params", str(parameters), *arguments),
         ],
         capture_output=True,

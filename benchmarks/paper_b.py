@@ -28,7 +28,7 @@ from horizon_sensor_ros.core.visibility import (
 )
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
-from horizon_sensor_ros.tools.figure6 import paper_rig
+from horizon_sensor_ros.tools.applicability.figure6 import paper_rig
 
 PAPER_RMS_DEG = 0.038
 # Below this length in either frame an arc's end points say little; such attitudes are shown apart.

@@ -27,9 +27,9 @@ from horizon_sensor_ros.ros.sensor_messages import camera_info_message, encoded_
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.flight import Flight, Swing
 from horizon_sensor_ros.sim.poses import random_direction
-from horizon_sensor_ros.tools.calibration_recording import read_recording
-from horizon_sensor_ros.tools.output_bag import OutputBag
-from horizon_sensor_ros.tools.self_calibration import parser
+from horizon_sensor_ros.tools.bags.output_bag import OutputBag
+from horizon_sensor_ros.tools.calibration.recording import read_recording
+from horizon_sensor_ros.tools.calibration.self_calibration import parser
 
 _MISALIGNMENT_DEG = 0.3
 _BAR_DEG = 0.005

@@ -7,7 +7,7 @@ import io
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from horizon_sensor_ros.tools.applicability import main
+from horizon_sensor_ros.tools.applicability.applicability import main
 
 _FILE = str(Path(__file__).parents[2] / "config" / "two_cameras.yaml")
 # Each picture, and the command that draws it.

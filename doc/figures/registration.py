@@ -9,7 +9,7 @@ from matplotlib import pyplot as plt
 from figures.drawing import save
 from horizon_sensor_ros.core.target.registration import register, target_view
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
-from horizon_sensor_ros.tools.report_clouds import draw_clouds
+from horizon_sensor_ros.tools.report.clouds import draw_clouds
 
 _APART_S = 9.0
 

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from threading import Event
 
-from horizon_sensor_ros.tools.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
 
 
 def run_command(name: str, work: Callable[[Callable[[], bool]], str]) -> int:

@@ -7,7 +7,7 @@ import pytest
 
 from horizon_sensor_ros.core.error_map import angle_rad, bound_error, fit_error
 from horizon_sensor_ros.core.visibility import horizon_rays, rot_base_from_down
-from horizon_sensor_ros.tools.figure6 import paper_rig
+from horizon_sensor_ros.tools.applicability.figure6 import paper_rig
 
 RIG = paper_rig()
 ALTITUDE_M = 300e3

@@ -439,7 +439,7 @@ def replay(*arguments: object, file_bytes: int | None = None) -> tuple[int, str]
             resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, file_bytes))
 
     done = subprocess.run(
-        [sys.executable, "-m", "horizon_sensor_ros.tools.replay", *map(str, arguments)],
+        [sys.executable, "-m", "horizon_sensor_ros.tools.bags.replay", *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=120,

@@ -168,7 +168,7 @@ def test_live_equals_replay(
     # Every other run's third frame is of no use, as things happen in flight.
     flight[8] = (*flight[8][:2], camera_info_of(0, "camera_1", k=[0.0] * 9))
     bag = write_bag(tmp_path / "in", flight)
-    command = [sys.executable, "-m", "horizon_sensor_ros.tools.replay", str(bag)]
+    command = [sys.executable, "-m", "horizon_sensor_ros.tools.bags.replay", str(bag)]
     command += [str(tmp_path / "out"), "--params", params[1]]
     subprocess.run(command, check=True, env=environment, stderr=subprocess.DEVNULL)
     expected = replayed(tmp_path / "out")

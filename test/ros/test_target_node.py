@@ -138,7 +138,7 @@ def test_live_equals_replay(
     bag = write_bag(
         tmp_path / "in", [("/target/points", START_NS + i, c) for i, c in enumerate(clouds)]
     )
-    command = [sys.executable, "-m", "horizon_sensor_ros.tools.replay", str(bag)]
+    command = [sys.executable, "-m", "horizon_sensor_ros.tools.bags.replay", str(bag)]
     command += [str(tmp_path / "out"), "--params", params[1]]
     subprocess.run(command, check=True, env=environment, stderr=subprocess.DEVNULL)
     expected = replayed(tmp_path / "out")

@@ -11,10 +11,10 @@ import pytest
 import yaml
 from matplotlib.figure import Figure
 
-from horizon_sensor_ros.tools.applicability import main
-from horizon_sensor_ros.tools.applicability_figures import AngleGrid, Panel, draw_panel
+from horizon_sensor_ros.tools.applicability.applicability import main
+from horizon_sensor_ros.tools.applicability.figure6 import diagonal_maximum_deg, paper_rig
+from horizon_sensor_ros.tools.applicability.figures import AngleGrid, Panel, draw_panel
 from horizon_sensor_ros.tools.camera_file import CameraFileError, read_camera_file
-from horizon_sensor_ros.tools.figure6 import diagonal_maximum_deg, paper_rig
 
 EXAMPLE = Path(__file__).parents[2] / "config" / "applicability_example.yaml"
 

@@ -22,9 +22,9 @@ from horizon_sensor_ros.core.fits.bound import (
 )
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.visibility import cone_rays, horizon_in_view, rot_base_from_down
-from horizon_sensor_ros.tools.applicability import main
-from horizon_sensor_ros.tools.mounting_angle import depression_deg, mountings, tilted
-from horizon_sensor_ros.tools.quality_map import ALL, quality_maps
+from horizon_sensor_ros.tools.applicability.applicability import main
+from horizon_sensor_ros.tools.applicability.mounting_angle import depression_deg, mountings, tilted
+from horizon_sensor_ros.tools.applicability.quality_map import ALL, quality_maps
 
 DOWN = np.array([0.0, 0.0, -1.0])
 FORWARD, LEFT = [-0.5, 0.5, -0.5, 0.5], [-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]

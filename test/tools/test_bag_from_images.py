@@ -29,7 +29,7 @@ from target_messages import scan
 
 from horizon_sensor_ros.ros.messages import gray_from_image
 from horizon_sensor_ros.ros.point_cloud import points_from_cloud
-from horizon_sensor_ros.tools import bag_from_images, bag_to_csv, replay
+from horizon_sensor_ros.tools.bags import bag_from_images, bag_to_csv, replay
 
 PAIRS = 3
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)

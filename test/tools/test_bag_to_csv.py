@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 
-from horizon_sensor_ros.tools.bag_to_csv import main
-from horizon_sensor_ros.tools.message_tables import TABLES
+from horizon_sensor_ros.tools.bags.bag_to_csv import main
+from horizon_sensor_ros.tools.bags.message_tables import TABLES
 
 
 def run(*arguments: Any) -> int:

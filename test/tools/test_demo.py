@@ -27,10 +27,11 @@ from horizon_sensor_ros.core.target.rigid import (
     vector_from_rotation,
 )
 from horizon_sensor_ros.ros.messages import pose_message, twist_message
-from horizon_sensor_ros.tools import demo_processes
-from horizon_sensor_ros.tools.demo_errors import Truth, error_table, flight_errors
-from horizon_sensor_ros.tools.demo_processes import NodeFailedError, running_nodes
-from horizon_sensor_ros.tools.demo_target_errors import (
+from horizon_sensor_ros.tools.bags.replay import main as replay
+from horizon_sensor_ros.tools.demo import processes as demo_processes
+from horizon_sensor_ros.tools.demo.errors import Truth, error_table, flight_errors
+from horizon_sensor_ros.tools.demo.processes import NodeFailedError, running_nodes
+from horizon_sensor_ros.tools.demo.target_errors import (
     DELTA_TOPIC,
     POSE_TOPIC,
     TWIST_TOPIC,
@@ -38,7 +39,6 @@ from horizon_sensor_ros.tools.demo_target_errors import (
     target_table,
 )
 from horizon_sensor_ros.tools.private_domain import private_domain
-from horizon_sensor_ros.tools.replay import main as replay
 from horizon_sensor_ros.tools.truth_topics import (
     TRUTH_TOPICS,
     true_attitude_message,
@@ -275,7 +275,7 @@ def left_over(token: str, patience_s: float = 10.0) -> list[str]:
 
 
 def command(output: Path, *arguments: str) -> list[str]:
-    script = "import sys; from horizon_sensor_ros.tools.demo import main; sys.exit(main())"
+    script = "import sys; from horizon_sensor_ros.tools.demo.demo import main; sys.exit(main())"
     return [sys.executable, "-c", script, "--output", str(output), *arguments]
 
 
@@ -369,7 +369,7 @@ def test_interrupt_leaves_no_process(tmp_path: Path) -> None:
 
 def test_node_that_refuses_its_parameters_fails_the_demo(tmp_path: Path) -> None:
     script = (
-        "import sys; from horizon_sensor_ros.tools import demo\n"
+        "import sys; from horizon_sensor_ros.tools.demo import demo\n"
         "demo._node_arguments = lambda params: []\n"
         "sys.exit(demo.main())"
     )

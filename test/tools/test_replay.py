@@ -38,7 +38,7 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import String
 
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.tools.replay import main
+from horizon_sensor_ros.tools.bags.replay import main
 
 KINDS = {
     "/local_vertical": Vector3Stamped,
@@ -415,7 +415,7 @@ def test_interrupted_it_leaves_nothing_behind(tmp_path: Path, params: Path, how:
     bag = write_bag(tmp_path / "in", recording(4) * 30)
     arguments = [str(bag), str(tmp_path / "out"), "--params", str(params)]
     process = subprocess.Popen(
-        [sys.executable, "-m", "horizon_sensor_ros.tools.replay", *arguments],
+        [sys.executable, "-m", "horizon_sensor_ros.tools.bags.replay", *arguments],
         stderr=subprocess.PIPE,
         text=True,
         env=dict(os.environ),

@@ -15,7 +15,7 @@ from target_messages import BAD_CLOUDS, BAD_MESSAGES, cloud_of, good_cloud, stam
 
 from horizon_sensor_ros.ros.parameters import target_settings
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS, TargetPipeline
-from horizon_sensor_ros.tools.replay import main
+from horizon_sensor_ros.tools.bags.replay import main
 
 KINDS = {f"/{topic}": kind for topic, kind in TARGET_TOPICS.items()}
 KINDS["/diagnostics"] = DiagnosticArray

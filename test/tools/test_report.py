@@ -26,8 +26,8 @@ from horizon_messages import (
 from sensor_msgs.msg import Imu
 from target_messages import FRAME_ID, cloud_of, scan, stamp_of, truth_at
 
-from horizon_sensor_ros.tools.replay import main as replay
-from horizon_sensor_ros.tools.report import main, write_report
+from horizon_sensor_ros.tools.bags.replay import main as replay
+from horizon_sensor_ros.tools.report.report import main, write_report
 from horizon_sensor_ros.tools.truth_topics import (
     true_attitude_message,
     true_pose_message,

@@ -25,7 +25,7 @@ from horizon_messages import (
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation, rotation_from_quaternion
 from horizon_sensor_ros.core.target.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.ros.parameters import horizon_settings, read_parameter_file
-from horizon_sensor_ros.tools.self_calibration import main
+from horizon_sensor_ros.tools.calibration.self_calibration import main
 
 SETS = 16
 MISALIGNMENT_DEG = np.array([0.3, -0.2, 0.25])

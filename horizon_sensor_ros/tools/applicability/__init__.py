@@ -1,0 +1,1 @@
+"""Where a horizon sensor works for given cameras: the command `horizon_applicability`."""

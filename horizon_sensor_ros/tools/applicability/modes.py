@@ -1,0 +1,205 @@
+"""Pictures, tables and answers of `horizon_applicability --quality` and `--mounting`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.colors import LogNorm
+
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.horizon_config import HorizonConfig
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.tools.applicability.figures import (
+    CIRCLE_COLOUR,
+    EXACT_COLOUR,
+    NOT_SEEN,
+    AngleGrid,
+    Panel,
+    draw_maps,
+)
+from horizon_sensor_ros.tools.applicability.mounting_angle import Mountings, depression_deg
+from horizon_sensor_ros.tools.applicability.quality_map import Quality
+from horizon_sensor_ros.tools.applicability.table import angle_columns, write_csv
+
+USABLE_DEG = float(np.degrees(HorizonConfig.max_nadir_sigma_rad))
+
+
+def draw_quality(
+    files: tuple[Path, Path],
+    grid: AngleGrid,
+    maps: Mapping[str, Quality],
+    altitude_m: float,
+    sigma_px: float,
+) -> str:
+    """Write the maps and their table; return the answer."""
+    png, table = files
+    columns = angle_columns(grid)
+    sigmas = {name: np.degrees(quality.sigma_rad) for name, quality in maps.items()}
+    usable = {name: np.where(s <= USABLE_DEG, s, np.nan) for name, s in sigmas.items()}
+    known = np.concatenate([s[np.isfinite(s)] for s in usable.values()])
+    limits = (known.min(), max(known.max(), 1.01 * known.min())) if known.size else (1e-3, 1.0)
+    panels = []
+    most = max(100.0 * quality.share.max() for quality in maps.values()) or 1.0
+    for name, quality in maps.items():
+        seen = np.where(quality.share > 0, 100.0 * quality.share, np.nan)
+        panels.append(
+            Panel(f"{name}: horizon seen", seen, "share of the horizon (%)", limits=(0.0, most))
+        )
+        panels.append(
+            Panel(
+                f"{name}: expected sigma",
+                usable[name],
+                "nadir, one sigma (deg)",
+                logarithmic=True,
+                limits=limits,
+            )
+        )
+        key = name.replace(" ", "_")
+        columns |= {f"{key}_share": quality.share, f"{key}_sigma_deg": sigmas[name]}
+    draw_maps(
+        png,
+        grid,
+        panels,
+        f"At {altitude_m / 1e3:g} km, {sigma_px:g} px of error in each pixel of limb.\n"
+        f"Grey: no horizon, or sigma above {USABLE_DEG:g} deg",
+        columns=2,
+        panel_inches=(3.7, 3.1),
+    )
+    write_csv(table, columns)
+    said = "; ".join(
+        f"{name} {100 * np.isfinite(s).mean():.0f} %"
+        + (f" (median sigma {np.nanmedian(s):.2g} deg)" if np.isfinite(s).any() else "")
+        for name, s in usable.items()
+    )
+    return (
+        f"sigma below {USABLE_DEG:g} deg at these shares of {len(columns[next(iter(columns))])} "
+        f"attitudes: {said}; wrote {png} and {table}"
+    )
+
+
+def draw_mounting(
+    files: tuple[Path, Path],
+    found: Mountings,
+    views: Sequence[CameraView],
+    nadir_at_zero: np.ndarray,
+    planet: Planet,
+    tilt_deg: float,
+    sigma_px: float,
+) -> str:
+    """Write the map over angle and altitude and its table; return the answer."""
+    png, table = files
+    sigma_deg = np.degrees(found.sigma_rad)
+    angles, heights_km = np.meshgrid(found.depression_deg, found.altitudes_m / 1e3, indexing="ij")
+    write_csv(
+        table,
+        {
+            "below_horizontal_deg": angles.ravel(),
+            "altitude_km": heights_km.ravel(),
+            "sigma_deg": sigma_deg.ravel(),
+        },
+    )
+    now = [depression_deg(view, nadir_at_zero) for view in views]
+    _draw_mounting_figure(png, found, sigma_deg, now, planet, tilt_deg, sigma_px)
+    return f"{_mounting_answer(found, sigma_deg, views, now, tilt_deg)}; wrote {png} and {table}"
+
+
+def _mounting_answer(
+    found: Mountings,
+    sigma_deg: np.ndarray,
+    views: Sequence[CameraView],
+    now: Sequence[float],
+    tilt_deg: float,
+) -> str:
+    best = found.best
+    low, high = found.altitudes_m[[0, -1]] / 1e3
+    where = f"{low:g} to {high:g} km" + (f", craft within {tilt_deg:g} deg" if tilt_deg else "")
+    names = ", ".join(f"{v.name} now {angle:.1f}" for v, angle in zip(views, now, strict=True))
+    angle = found.depression_deg[best]
+    works = np.isfinite(sigma_deg[best])
+    if not works.any():
+        return f"no angle shows enough of the horizon at {where} ({names})"
+    if not works.all():
+        heights = found.altitudes_m[works] / 1e3
+        return (
+            f"no angle works at all of {where}; {angle:g} deg below the horizontal does at "
+            f"{heights[0]:.0f} to {heights[-1]:.0f} km ({names})"
+        )
+    worst = int(np.argmax(sigma_deg[best]))
+    good = found.depression_deg[found.good]
+    return (
+        f"best {angle:g} deg below the horizontal ({names}): sigma {sigma_deg[best, worst]:.2g} "
+        f"deg at worst ({found.altitudes_m[worst] / 1e3:.0f} km) over {where}; "
+        f"nearly the same from {good[0]:g} to {good[-1]:g} deg"
+    )
+
+
+def _draw_mounting_figure(
+    png: Path,
+    found: Mountings,
+    sigma_deg: np.ndarray,
+    now: Sequence[float],
+    planet: Planet,
+    tilt_deg: float,
+    sigma_px: float,
+) -> None:
+    several = found.altitudes_m.size > 1
+    figure, (upper, lower) = plt.subplots(
+        2, 1, figsize=(7.0, 8.0), layout="constrained", sharex=True, height_ratios=(3, 2)
+    )
+    values = np.ma.masked_where(~(sigma_deg <= USABLE_DEG), sigma_deg)
+    heights_km = found.altitudes_m / 1e3
+    upper.set_facecolor(NOT_SEEN)
+    if several:
+        low = float(values.min()) if values.count() else 1e-3
+        top = (
+            max(float(np.percentile(values.compressed(), 98)), 1.01 * low) if values.count() else 1
+        )
+        image = upper.pcolormesh(
+            found.depression_deg, heights_km, values.T, norm=LogNorm(low, top), cmap="viridis",
+            shading="nearest", rasterized=True,
+        )  # fmt: skip
+        figure.colorbar(image, ax=upper, extend="max").set_label("nadir, one sigma (deg)")
+        dips = [90.0 - np.degrees(planet.rho_from_altitude(h)) for h in found.altitudes_m]
+        upper.plot(dips, heights_km, "--", color="white", linewidth=3.5)
+        upper.plot(dips, heights_km, "--", color=CIRCLE_COLOUR, linewidth=1.8, label="the horizon")
+        upper.legend(loc="upper right")
+        upper.set(yscale="log", ylabel="altitude (km)")
+        ticks = heights_km[:: max(1, len(heights_km) // 5)]
+        upper.set_yticks(ticks, [f"{tick:.0f}" for tick in ticks])
+        upper.minorticks_off()
+    else:
+        upper.set_visible(False)
+    worst = np.where(np.isfinite(sigma_deg.max(axis=1)), sigma_deg.max(axis=1), np.nan)
+    lower.semilogy(found.depression_deg, worst, color=EXACT_COLOUR, label="worst altitude")
+    lower.semilogy(
+        found.depression_deg, sigma_deg.min(axis=1), ":", color=EXACT_COLOUR, label="best altitude"
+    )
+    best = found.depression_deg[found.best]
+    good = found.depression_deg[found.good]
+    lower.axvspan(good[0], good[-1], color="0.93", label="nearly the same")
+    lower.axvline(best, color=CIRCLE_COLOUR, linewidth=1.8, label=f"best angle, {best:g} deg")
+    for i, angle in enumerate(sorted({round(angle, 1) for angle in now})):
+        lower.axvline(
+            angle, color="0.4", linestyle="--", label="as in the file" if i == 0 else None
+        )
+    lower.grid(visible=True, which="major", color="0.9")
+    lower.set(
+        xlabel="optical axes below the horizontal (deg)",
+        ylabel="nadir, one sigma (deg)",
+        xlim=(-1, 90),
+    )
+    lower.legend(loc="best", fontsize=9)
+    tilt = f", craft within {tilt_deg:g} deg" if tilt_deg else ", level craft"
+    figure.suptitle(
+        f"Expected sigma, all cameras, {sigma_px:g} px a pixel of limb{tilt}.\n"
+        f"Grey: none below {USABLE_DEG:g} deg",
+        fontsize=11,
+    )
+    figure.savefig(png, dpi=110)
+    plt.close(figure)

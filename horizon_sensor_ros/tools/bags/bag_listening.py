@@ -1,0 +1,77 @@
+"""A bag's messages handed to whoever listens to their topics."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+from tqdm import tqdm
+
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag
+
+
+@dataclass(frozen=True)
+class Listener:
+    """What becomes of a topic's messages.
+
+    types : that will do. take : called with message and type. needed : without it there is nothing
+    to be done.
+    """
+
+    topic: str
+    types: tuple[str, ...]
+    take: Callable[[Any, str], None]
+    needed: bool = True
+
+
+def listen(path: Path, listeners: Sequence[Listener], stopped: Callable[[], bool]) -> None:
+    """Read a bag with a progress bar; messages that cannot be read are passed over.
+
+    Raises BagError for a bag that cannot be read or has not what is needed, and KeyboardInterrupt
+    soon after `stopped` says so.
+    """
+    typestore = get_typestore(Stores.ROS2_JAZZY)
+    reader = open_bag(path)
+    try:
+        takers = {c.id: _takers(c.topic, c.msgtype, listeners) for c in reader.connections}
+        wanted = [c for c in reader.connections if takers[c.id]]
+        there = {connection.topic for connection in wanted}
+        missing = [each for each in listeners if each.needed and each.topic not in there]
+        if missing:
+            raise BagError(
+                _complaint(path, missing, [(c.topic, c.msgtype) for c in reader.connections])
+            )
+        if not wanted:
+            return
+        total = sum(connection.msgcount for connection in wanted)
+        messages = bag_messages(reader, wanted)
+        with tqdm(messages, total=total, unit="msg", file=sys.stderr) as progress:
+            for connection, _, raw in progress:
+                if stopped():
+                    raise KeyboardInterrupt
+                try:
+                    msg = typestore.deserialize_cdr(raw, connection.msgtype)
+                except SerdeError:
+                    continue
+                for take in takers[connection.id]:
+                    take(msg, connection.msgtype)
+    finally:
+        reader.close()
+
+
+def _takers(
+    topic: str, msgtype: str, listeners: Sequence[Listener]
+) -> list[Callable[[Any, str], None]]:
+    return [each.take for each in listeners if each.topic == topic and msgtype in each.types]
+
+
+def _complaint(path: Path, missing: Sequence[Listener], present: Sequence[tuple[str, str]]) -> str:
+    looked_for = "\n".join(f"  {each.topic} ({' or '.join(each.types)})" for each in missing)
+    has = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(present)) or "  nothing"
+    return f"{path} lacks:\n{looked_for}\nIt has:\n{has}\nOther names: --remap FROM:=TO."

@@ -1,0 +1,264 @@
+"""A bag in, the nodes' topics in a bag out, with the nodes' own pipeline."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rosbags.rosbag2 import Reader
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+from tqdm import tqdm
+
+from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
+from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
+from horizon_sensor_ros.ros.parameters import (
+    HorizonSettings,
+    ParameterError,
+    PipelineSettings,
+    TargetSettings,
+    cameras_of,
+    horizon_settings,
+    read_parameter_file,
+    target_settings,
+    unknown_parameters,
+)
+from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TargetPipeline
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.input_bag import STORAGE, bag_messages, open_bag, storage_of
+from horizon_sensor_ros.tools.bags.output_bag import OutputBag, check_replaceable
+from horizon_sensor_ros.tools.bags.replayed_node import (
+    HORIZON_NODES,
+    ReplayedHorizonNode,
+    ReplayedNode,
+    ReplayedTargetNode,
+    TopicNames,
+)
+
+_IMAGE = "sensor_msgs/msg/Image"
+_CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+_POSE = "geometry_msgs/msg/PoseStamped"
+_IMU = "sensor_msgs/msg/Imu"
+_POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+_TARGET_NODE = "target_pose_node"
+_NODES = (*HORIZON_NODES, _TARGET_NODE)
+# A topic and its type.
+_Input = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """Settings of the nodes that take part."""
+
+    horizon: dict[str, HorizonSettings]
+    target: TargetSettings | None
+
+
+class _Replay:
+    """The nodes' pipelines, each distinct one once, and where their messages come from."""
+
+    def __init__(self, plan: _Plan, names: TopicNames, bag: OutputBag) -> None:
+        self._names = names
+        self._bag = bag
+        self._nodes: list[ReplayedNode] = []
+        self._handlers: dict[_Input, list[Callable[[Any], None]]] = {}
+        self._pipelines: list[tuple[str, HorizonPipeline | TargetPipeline]] = []
+        self._unreadable: Counter[str] = Counter()
+        together: dict[PipelineSettings, list[str]] = {}
+        for name, settings in plan.horizon.items():
+            together.setdefault(settings.pipeline, []).append(name)
+        for members in together.values():
+            self._add_horizon({name: plan.horizon[name] for name in members})
+        if plan.target is not None:
+            self._add_target(plan.target)
+
+    def _add_horizon(self, members: dict[str, HorizonSettings]) -> None:
+        """Let nodes take part that have a pipeline in common."""
+        settings = next(iter(members.values())).pipeline
+        pipeline = HorizonPipeline(settings)
+        nodes = [
+            ReplayedHorizonNode(name, s, pipeline, self._names, self._bag)
+            for name, s in members.items()
+        ]
+        for camera in settings.cameras:
+            image, camera_info = (
+                self._handlers.setdefault(source, [])
+                for source in _camera_inputs(camera, self._names)
+            )
+            image.append(partial(_hand_on, partial(pipeline.on_image, camera), nodes))
+            camera_info.append(partial(pipeline.on_camera_info, camera))
+        aiding = pipeline.aiding
+        for source, handle in zip(
+            _aiding_inputs(self._names), (aiding.on_coarse_pose, aiding.on_imu), strict=True
+        ):
+            self._handlers.setdefault(source, []).append(handle)
+        self._nodes += nodes
+        self._pipelines.append((", ".join(members), pipeline))
+
+    def _add_target(self, settings: TargetSettings) -> None:
+        pipeline = TargetPipeline(settings.pipeline)
+        node = ReplayedTargetNode(_TARGET_NODE, settings, pipeline, self._names, self._bag)
+        self._handlers[_cloud_input(self._names)] = [partial(_hand_on, pipeline.on_cloud, [node])]
+        self._nodes.append(node)
+        self._pipelines.append((_TARGET_NODE, pipeline))
+
+    def run(self, reader: Reader, stopped: Callable[[], bool]) -> None:
+        """Read all, write all; KeyboardInterrupt between two messages when asked to stop."""
+        typestore = get_typestore(Stores.ROS2_JAZZY)
+        wanted = [c for c in reader.connections if (c.topic, c.msgtype) in self._handlers]
+        total = sum(c.msgcount for c in wanted)
+        messages = bag_messages(reader, wanted)
+        with tqdm(messages, total=total, unit="msg", file=sys.stderr) as progress:
+            for connection, time, raw in progress:
+                if stopped():
+                    raise KeyboardInterrupt
+                for node in self._nodes:
+                    node.advance(time)
+                try:
+                    msg = typestore.deserialize_cdr(raw, connection.msgtype)
+                except SerdeError:
+                    self._unreadable[connection.topic] += 1
+                    continue
+                for handle in self._handlers[connection.topic, connection.msgtype]:
+                    handle(msg)
+
+    def summary(self) -> str:
+        """Return what was processed, for a person."""
+        lines = []
+        for names, pipeline in self._pipelines:
+            counts = pipeline.counts
+            what = ("clouds",) if isinstance(pipeline, TargetPipeline) else ("frames", "sets")
+            figures = ", ".join(f"{counts[name]} {name}" for name in (*what, "fixes"))
+            lines.append(f"{names}: {figures}")
+            lines += [
+                f"  rejected, {cause}: {count}"
+                for cause, count in sorted(pipeline.rejected.items())
+            ]
+        lines += [
+            f"unreadable messages skipped on {topic}: {count}"
+            for topic, count in sorted(self._unreadable.items())
+        ]
+        return "\n".join(lines)
+
+
+def _hand_on(process: Callable[[Any], Any], nodes: Sequence[ReplayedNode], msg: Any) -> None:
+    step = process(msg)
+    for node in nodes:
+        node.on_step(step)
+
+
+def _camera_inputs(camera: str, names: TopicNames) -> tuple[_Input, _Input]:
+    return (names(f"{camera}/image_raw"), _IMAGE), (names(f"{camera}/camera_info"), _CAMERA_INFO)
+
+
+def _aiding_inputs(names: TopicNames) -> tuple[_Input, _Input]:
+    """Optional ones: nobody misses them."""
+    return (names(COARSE_POSE_TOPIC), _POSE), (names(IMU_TOPIC), _IMU)
+
+
+def _cloud_input(names: TopicNames) -> _Input:
+    return names(CLOUD_TOPIC), _POINT_CLOUD
+
+
+def _inputs_of(
+    values: dict[str, dict[str, Any]], names: TopicNames
+) -> dict[str, frozenset[_Input]]:
+    """What each node listens to."""
+    inputs = {}
+    for node, given in values.items():
+        if node == _TARGET_NODE:
+            inputs[node] = frozenset([_cloud_input(names)])
+            continue
+        with _blamed_on(node):
+            cameras = cameras_of(given)
+        inputs[node] = frozenset(i for camera in cameras for i in _camera_inputs(camera, names))
+    return inputs
+
+
+def _taking_part(inputs: dict[str, frozenset[_Input]], reader: Reader) -> list[str]:
+    """Nodes that the bag has a topic for; what it has not is said."""
+    present = {(c.topic, c.msgtype) for c in reader.connections}
+    wanted = frozenset[_Input]().union(*inputs.values())
+    if not present & wanted:
+        looked_for = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(wanted))
+        there = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(present)) or "  nothing"
+        raise BagError(
+            f"{reader.path} has none of the topics looked for:\n{looked_for}\nIt has:\n{there}"
+        )
+    for topic, kind in sorted(wanted - present):
+        print(f"{reader.path} has no {topic} ({kind})", file=sys.stderr)
+    return [node for node, listened_to in inputs.items() if listened_to & present]
+
+
+def _read_values(params: Path | None, namespace: str) -> dict[str, dict[str, Any]]:
+    """Parameters that the file has for each node."""
+    if params is None:
+        return {node: {} for node in _NODES}
+    values = {node: read_parameter_file(params, node, namespace) for node in _NODES}
+    unknown = [name for given in values.values() for name in unknown_parameters(given)]
+    for name in dict.fromkeys(unknown):
+        print(f"unknown parameter {name} is ignored ({params})", file=sys.stderr)
+    return values
+
+
+def _plan(values: dict[str, dict[str, Any]]) -> _Plan:
+    horizon = {}
+    target = None
+    for node, given in values.items():
+        with _blamed_on(node):
+            if node == _TARGET_NODE:
+                target = target_settings(given)
+                continue
+            horizon[node] = horizon_settings(given)
+        if None in horizon[node].pipeline.rotations:
+            raise BagError(
+                f"{node}: extrinsics_source is tf, and a replay has no TF; set the rotations as "
+                "parameters"
+            )
+    return _Plan(horizon, target)
+
+
+@contextmanager
+def _blamed_on(node: str) -> Iterator[None]:
+    try:
+        yield
+    except ParameterError as error:
+        raise BagError(f"{node}: {error}") from None
+
+
+def replay(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) -> str:
+    """Do what the command line asks for and return the summary.
+
+    Raises BagError, saying why there is no replay, and KeyboardInterrupt soon after `stopped`
+    says so; nothing is then left behind.
+    """
+    names = TopicNames(arguments.namespace, arguments.remap)
+    try:
+        values = _read_values(arguments.params, arguments.namespace)
+    except ParameterError as error:
+        raise BagError(str(error)) from None
+    reader = open_bag(arguments.in_bag)
+    try:
+        nodes = _taking_part(_inputs_of(values, names), reader)
+        plan = _plan({node: values[node] for node in nodes})
+        check_replaceable(arguments.out_bag, arguments.in_bag, force=arguments.force)
+        bag = OutputBag(
+            arguments.out_bag, STORAGE[arguments.storage or storage_of(arguments.in_bag)]
+        )
+        try:
+            run = _Replay(plan, names, bag)
+            run.run(reader, stopped)
+            bag.finish()
+        except BaseException:
+            bag.discard()
+            raise
+    finally:
+        reader.close()
+    return run.summary()

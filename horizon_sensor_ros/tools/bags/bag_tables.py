@@ -1,0 +1,155 @@
+"""Topics of a bag into CSV files: what `horizon_bag_to_csv` does."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import shutil
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+from tqdm import tqdm
+
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag
+from horizon_sensor_ros.tools.bags.message_tables import (
+    DIAGNOSTICS,
+    TABLES,
+    MessageTable,
+    diagnostics_table,
+)
+
+
+def write_tables(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) -> str:
+    """Do what the command line asks for and return what was written.
+
+    Raises BagError, saying why there are no tables, and KeyboardInterrupt soon after `stopped` says
+    so; nothing is then left behind.
+    """
+    out: Path = arguments.out_dir
+    reader = open_bag(arguments.bag)
+    try:
+        chosen = _chosen(reader, arguments.topics)
+        files = {topic: _file_name(topic) for topic in chosen}
+        for name in files.values():
+            if (out / name).exists() and not arguments.force:
+                raise BagError(f"{out / name} exists; choose another OUT_DIR, or --force")
+        tables = {topic: _table(reader, kind, topic, stopped) for topic, kind in chosen.items()}
+        with _writing(out), _directory_beside(out) as work:
+            rows, unreadable = _write(
+                reader, tables, {t: work / f for t, f in files.items()}, stopped
+            )
+            out.mkdir(parents=True, exist_ok=True)
+            for name in files.values():
+                (work / name).replace(out / name)
+    finally:
+        reader.close()
+    lines = [f"{out / files[topic]}: {rows[topic]} rows of {topic}" for topic in tables]
+    lines += [f"unreadable messages skipped on {t}: {n}" for t, n in sorted(unreadable.items())]
+    return "\n".join(lines)
+
+
+def _chosen(reader: Reader, wanted: list[str] | None) -> dict[str, str]:
+    """Topics and their types that become tables."""
+    present = {c.topic: c.msgtype for c in reader.connections}
+    able = {t: kind for t, kind in sorted(present.items()) if kind in TABLES or kind == DIAGNOSTICS}
+    there = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(present.items()))
+    if wanted is not None:
+        names = [topic if topic.startswith("/") else f"/{topic}" for topic in wanted]
+        for topic in names:
+            if topic not in able:
+                kind = present.get(topic)
+                why = f"is a {kind}, of which there is no table" if kind else "is not there"
+                raise BagError(
+                    f"--topics: {topic} {why}. {reader.path} has:\n{there or '  nothing'}"
+                )
+        return {topic: able[topic] for topic in names}
+    if not able:
+        raise BagError(
+            f"{reader.path} has no topic that can be a table. It has:\n{there or '  nothing'}\n"
+            "Estimates come from horizon_replay, or from recording the nodes' topics."
+        )
+    return able
+
+
+def _file_name(topic: str) -> str:
+    return topic.strip("/").replace("/", "__") + ".csv"
+
+
+def _table(reader: Reader, kind: str, topic: str, stopped: Callable[[], bool]) -> MessageTable:
+    if kind != DIAGNOSTICS:
+        return TABLES[kind]
+    # Its columns are what its messages have: a first pass, over this topic alone.
+    keys: dict[str, None] = {}
+    for _, _, message in _decoded(reader, {topic}, stopped, Counter()):
+        for status in message.status:
+            keys.update((pair.key, None) for pair in status.values)
+    return diagnostics_table(tuple(keys))
+
+
+def _decoded(
+    reader: Reader, topics: set[str], stopped: Callable[[], bool], unreadable: Counter[str]
+) -> Iterator[tuple[Connection, int, Any]]:
+    typestore = get_typestore(Stores.ROS2_JAZZY)
+    connections = [c for c in reader.connections if c.topic in topics]
+    if not connections:
+        return
+    for connection, time, raw in bag_messages(reader, connections):
+        if stopped():
+            raise KeyboardInterrupt
+        try:
+            yield connection, time, typestore.deserialize_cdr(raw, connection.msgtype)
+        except SerdeError:
+            unreadable[connection.topic] += 1
+
+
+def _write(
+    reader: Reader,
+    tables: dict[str, MessageTable],
+    files: dict[str, Path],
+    stopped: Callable[[], bool],
+) -> tuple[Counter[str], Counter[str]]:
+    """Write all tables; rows written and messages that cannot be read, by topic."""
+    rows: Counter[str] = Counter()
+    unreadable: Counter[str] = Counter()
+    with ExitStack() as stack:
+        writers = {}
+        for topic, table in tables.items():
+            file = stack.enter_context(files[topic].open("w", newline="", encoding="utf-8"))
+            writers[topic] = csv.writer(file)
+            writers[topic].writerow(table.columns)
+        total = sum(c.msgcount for c in reader.connections if c.topic in tables)
+        messages = _decoded(reader, set(tables), stopped, unreadable)
+        for connection, _, message in tqdm(messages, total=total, unit="msg", file=sys.stderr):
+            found = tables[connection.topic].rows(message)
+            writers[connection.topic].writerows(found)
+            rows[connection.topic] += len(found)
+    return rows, unreadable
+
+
+@contextmanager
+def _directory_beside(path: Path) -> Iterator[Path]:
+    """A directory on the same file system, removed in the end."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    directory = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+    try:
+        yield directory
+    finally:
+        shutil.rmtree(directory, ignore_errors=True)
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise BagError(f"cannot write {path}: {error.strerror}") from None

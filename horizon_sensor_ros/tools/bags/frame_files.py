@@ -1,0 +1,146 @@
+"""Files of a folder as the frames of a recording: their order and their stamps."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from itertools import pairwise
+from pathlib import Path
+
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
+
+UNITS_NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+# The seconds of a ROS stamp have 31 bits.
+_LAST_NS = 2**31 * 10**9
+_MOST_STAMP_BYTES = 50_000_000
+
+
+@dataclass(frozen=True)
+class FrameFile:
+    """One frame: where it is, and when it was taken (ns)."""
+
+    path: Path
+    stamp: int
+
+
+@dataclass(frozen=True)
+class StampRule:
+    """Where stamps come from: a file (stamp first, then perhaps the frame's name, in each line),
+    the last number in the frames' names, or else a rate from a start on.
+
+    unit : of written stamps, a key of `UNITS_NS`.
+    """
+
+    file: Path | None = None
+    in_names: bool = False
+    unit: str = "s"
+    rate_hz: float = 10.0
+    start_ns: int = 10**9
+
+
+def frame_files(folder: Path, suffixes: Collection[str], rule: StampRule) -> list[FrameFile]:
+    """Frames of a folder, by time. Numbers in names count as numbers: 9.png comes before 10.png.
+
+    Raises BagError where there is none, a stamp is missing, or two frames have the same.
+    """
+    try:
+        names = [p for p in folder.iterdir() if p.suffix.lower() in suffixes and p.is_file()]
+    except OSError as error:
+        raise BagError(f"{folder}: cannot be read: {error.strerror}; give a folder") from None
+    if not names:
+        raise BagError(f"{folder}: has no file that ends in {', '.join(sorted(suffixes))}")
+    paths = sorted(names, key=lambda path: _natural(path.name))
+    if rule.file is not None:
+        frames = _from_file(rule.file, paths, rule.unit)
+    elif rule.in_names:
+        frames = [FrameFile(path, _stamp_in_name(path, rule.unit)) for path in paths]
+    else:
+        period = 1e9 / rule.rate_hz
+        frames = [
+            FrameFile(path, rule.start_ns + round(i * period)) for i, path in enumerate(paths)
+        ]
+    frames.sort(key=lambda frame: frame.stamp)
+    for one, other in pairwise(frames):
+        if one.stamp == other.stamp:
+            raise BagError(
+                f"{one.path} and {other.path.name} have the same stamp, "
+                f"{stamp_text(one.stamp)} s; no two frames of a folder may"
+            )
+    return frames
+
+
+def stamp_text(stamp: int) -> str:
+    """Seconds with nine decimals, exactly."""
+    return f"{stamp // 10**9}.{stamp % 10**9:09d}"
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Key that sorts digits as numbers."""
+    parts = re.split(r"(\d+)", name)
+    return [(int(part), "") if i % 2 else (0, part) for i, part in enumerate(parts)]
+
+
+def _stamp_in_name(path: Path, unit: str) -> int:
+    numbers = re.findall(r"\d+(?:\.\d+)?", path.stem)
+    if not numbers:
+        raise BagError(f"{path}: has no number in its name to take as its stamp")
+    return _stamp(numbers[-1], unit, str(path))
+
+
+def _from_file(file: Path, paths: Sequence[Path], unit: str) -> list[FrameFile]:
+    rows = _rows(file)
+    named = [row for row in rows if len(row[1]) > 1]
+    if named and len(named) < len(rows):
+        line = next(number for number, words in rows if len(words) == 1)
+        raise BagError(f"{file}, line {line}: has no frame's name, as others have")
+    if named:
+        known = {Path(words[1]).name: (number, words[0]) for number, words in rows}
+        for path in paths:
+            if path.name not in known:
+                raise BagError(f"{file}: has no line for {path}; add one, or remove the frame")
+        found = [known[path.name] for path in paths]
+    else:
+        if len(rows) != len(paths):
+            raise BagError(
+                f"{file}: has {len(rows)} stamps, and {paths[0].parent} {len(paths)} frames; "
+                "give one a frame, or add the frames' names"
+            )
+        found = [(number, words[0]) for number, words in rows]
+    return [
+        FrameFile(path, _stamp(text, unit, f"{file}, line {number}"))
+        for path, (number, text) in zip(paths, found, strict=True)
+    ]
+
+
+def _rows(file: Path) -> list[tuple[int, list[str]]]:
+    """Number and words of each line that is neither empty nor a comment."""
+    try:
+        if file.stat().st_size > _MOST_STAMP_BYTES:
+            raise BagError(f"{file}: is larger than {_MOST_STAMP_BYTES} bytes; no list of stamps")
+        text = file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise BagError(f"{file}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise BagError(f"{file}: is not a text file in UTF-8") from None
+    lines = (line.split("#", 1)[0].replace(",", " ").replace(";", " ") for line in text.split("\n"))
+    rows = [(number, words) for number, line in enumerate(lines, 1) if (words := line.split())]
+    if not rows:
+        raise BagError(f"{file}: has no stamps")
+    return rows
+
+
+def _stamp(text: str, unit: str, where: str) -> int:
+    try:
+        number = Decimal(text) * UNITS_NS[unit]
+    except ArithmeticError:
+        number = Decimal("nan")
+    if not number.is_finite():
+        raise BagError(f"{where}: {text[:40]!r} is not a stamp; a number of {unit} is")
+    if not 0 <= number < _LAST_NS:
+        raise BagError(
+            f"{where}: {text[:40]} {unit} is not a time that a ROS stamp can hold (0 to 2^31 s); "
+            f"--stamp-unit says what the numbers are: {', '.join(UNITS_NS)}"
+        )
+    return int(number.to_integral_value())

@@ -1,0 +1,70 @@
+"""Bags to be read: opened, and read to the end, with errors for a person."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader, StoragePlugin
+
+from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
+
+STORAGE = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
+
+# A few kilobytes of compressed bag can say that they are terabytes; no sensor's message comes near.
+_MAX_BYTES = 4_000_000_000
+
+
+def open_bag(path: Path) -> Reader:
+    """Return an open reader of a directory, an .mcap or a .db3; BagError says why there is none."""
+    if not path.exists():
+        raise BagError(f"there is no bag {path}")
+    try:
+        with _bounded_memory():
+            reader = Reader(path)
+            reader.open()
+    except Exception as error:
+        # Whatever the storage libraries raise; rosbags says in its own words what it misses.
+        raise BagError(f"{path} cannot be read as a rosbag2: {in_one_line(error)}") from None
+    return reader
+
+
+def bag_messages(
+    reader: Reader, connections: Sequence[Connection]
+) -> Iterator[tuple[Connection, int, bytes]]:
+    """Connection, record time (ns) and bytes of each message; BagError where the file is broken."""
+    messages = reader.messages(connections)
+    while True:
+        try:
+            with _bounded_memory():
+                message = next(messages)
+        except StopIteration:
+            return
+        except Exception as error:
+            # As above, of a damaged file.
+            raise BagError(f"{reader.path} is truncated or damaged: {in_one_line(error)}") from None
+        yield message
+
+
+@contextmanager
+def _bounded_memory() -> Iterator[None]:
+    """Let an allocation fail that would take this process far beyond what it uses now."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    bound = pages * resource.getpagesize() + _MAX_BYTES
+    if soft != resource.RLIM_INFINITY:
+        bound = min(bound, soft)
+    resource.setrlimit(resource.RLIMIT_AS, (bound, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+def storage_of(path: Path) -> str:
+    """Name of the storage that a bag is in, "mcap" or "sqlite3"."""
+    files = list(path.iterdir()) if path.is_dir() else [path]
+    return "sqlite3" if any(".db3" in file.suffixes for file in files) else "mcap"

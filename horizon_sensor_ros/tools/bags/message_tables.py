@@ -1,0 +1,144 @@
+"""Messages as rows of a table: columns with their units, by type of message."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from horizon_sensor_ros.tools.bags.frame_files import stamp_text
+
+_STAMP = ("stamp_s", "frame_id")
+_LEVELS = ("ok", "warn", "error", "stale")
+
+
+@dataclass(frozen=True)
+class MessageTable:
+    """columns : names, each with its unit as a suffix. rows : a message's, one value a column."""
+
+    columns: tuple[str, ...]
+    rows: Callable[[Any], list[Sequence[Any]]]
+
+
+def _vector(prefix: str, unit: str) -> tuple[str, ...]:
+    return tuple(f"{prefix}{axis}{unit}" for axis in "xyz")
+
+
+def _covariance(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
+    """Names of the upper triangle's elements: cov_x_z_m2, cov_z_rot_x_m_rad."""
+    found = []
+    for i, (one, unit) in enumerate(zip(names, units, strict=True)):
+        for other, other_unit in zip(names[i:], units[i:], strict=True):
+            product = f"{unit}2" if unit == other_unit else f"{unit}_{other_unit}"
+            found.append(f"cov_{one}_{other}_{product}")
+    return tuple(found)
+
+
+_POSE = (
+    *_vector("", "_m"), "qx", "qy", "qz", "qw", "roll_deg", "pitch_deg", "yaw_deg",
+)  # fmt: skip
+_TWIST = (*_vector("v", "_m_s"), *_vector("w", "_rad_s"))
+_ROTATIONS = tuple(f"rot_{axis}" for axis in "xyz")
+_POSE_COVARIANCE = _covariance((*"xyz", *_ROTATIONS), ("m",) * 3 + ("rad",) * 3)
+_TWIST_COVARIANCE = _covariance(("vx", "vy", "vz", "wx", "wy", "wz"), ("m_s",) * 3 + ("rad_s",) * 3)
+
+
+def _xyz(vector: Any) -> tuple[float, float, float]:
+    return vector.x, vector.y, vector.z
+
+
+def _orientation(q: Any) -> tuple[float, ...]:
+    """Quaternion, and the angles (deg) of Rz(yaw) Ry(pitch) Rx(roll); NaN where it is none."""
+    values = (q.x, q.y, q.z, q.w)
+    norm = float(np.linalg.norm(values))
+    if not 0.99 < norm < 1.01:
+        return (*values, np.nan, np.nan, np.nan)
+    x, y, z, w = (value / norm for value in values)
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return (*values, *(float(angle) for angle in np.degrees([roll, pitch, yaw])))
+
+
+def _pose(pose: Any) -> tuple[float, ...]:
+    return (*_xyz(pose.position), *_orientation(pose.orientation))
+
+
+def _twist(twist: Any) -> tuple[float, ...]:
+    return (*_xyz(twist.linear), *_xyz(twist.angular))
+
+
+def _upper(covariance: Any) -> list[float]:
+    matrix = np.asarray(covariance, dtype=float)
+    size = round(matrix.size**0.5)
+    return [float(v) for v in matrix.reshape(size, size)[np.triu_indices(size)]]
+
+
+def _stamped(columns: Sequence[str], values: Callable[[Any], Sequence[Any]]) -> MessageTable:
+    def rows(msg: Any) -> list[Sequence[Any]]:
+        stamp = msg.header.stamp
+        start = (stamp_text(stamp.sec * 10**9 + stamp.nanosec), msg.header.frame_id)
+        return [(*start, *values(msg))]
+
+    return MessageTable((*_STAMP, *columns), rows)
+
+
+_IMU_ROTATION = _covariance(("rot_x", "rot_y", "rot_z"), ("rad",) * 3)
+_IMU_RATE = _covariance(("wx", "wy", "wz"), ("rad_s",) * 3)
+_IMU_ACCELERATION = _covariance(("ax", "ay", "az"), ("m_s2",) * 3)
+
+# Of the types that the nodes publish, and of references that are compared with them.
+TABLES = {
+    "geometry_msgs/msg/Vector3Stamped": _stamped("xyz", lambda m: _xyz(m.vector)),
+    "geometry_msgs/msg/PoseStamped": _stamped(_POSE, lambda m: _pose(m.pose)),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": _stamped(
+        (*_POSE, *_POSE_COVARIANCE),
+        lambda m: (*_pose(m.pose.pose), *_upper(m.pose.covariance)),
+    ),
+    "geometry_msgs/msg/QuaternionStamped": _stamped(
+        _POSE[3:], lambda m: _orientation(m.quaternion)
+    ),
+    "geometry_msgs/msg/TwistStamped": _stamped(_TWIST, lambda m: _twist(m.twist)),
+    "geometry_msgs/msg/TwistWithCovarianceStamped": _stamped(
+        (*_TWIST, *_TWIST_COVARIANCE),
+        lambda m: (*_twist(m.twist.twist), *_upper(m.twist.covariance)),
+    ),
+    "sensor_msgs/msg/Imu": _stamped(
+        (
+            *_POSE[3:],
+            *_vector("w", "_rad_s"),
+            *_vector("a", "_m_s2"),
+            *(*_IMU_ROTATION, *_IMU_RATE, *_IMU_ACCELERATION),
+        ),
+        lambda m: (
+            *_orientation(m.orientation),
+            *(*_xyz(m.angular_velocity), *_xyz(m.linear_acceleration)),
+            *_upper(m.orientation_covariance),
+            *_upper(m.angular_velocity_covariance),
+            *_upper(m.linear_acceleration_covariance),
+        ),
+    ),
+}
+
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+
+
+def diagnostics_table(keys: Sequence[str]) -> MessageTable:
+    """Table of diagnostics: a row a status, a column a key."""
+
+    def rows(msg: Any) -> list[Sequence[Any]]:
+        stamp = stamp_text(msg.header.stamp.sec * 10**9 + msg.header.stamp.nanosec)
+        found: list[Sequence[Any]] = []
+        for status in msg.status:
+            # rclpy has a byte here, rosbags a number.
+            level = ord(status.level) if isinstance(status.level, bytes) else int(status.level)
+            values = {pair.key: pair.value for pair in status.values}
+            word = _LEVELS[level] if level < len(_LEVELS) else str(level)
+            found.append(
+                (stamp, status.name, word, status.message, *(values.get(key, "") for key in keys))
+            )
+        return found
+
+    return MessageTable(("stamp_s", "name", "level", "message", *keys), rows)

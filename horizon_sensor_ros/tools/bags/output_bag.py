@@ -1,0 +1,118 @@
+"""A bag that is there only when it is whole, with the same bytes for the same messages."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from rclpy.serialization import serialize_message
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
+
+# The bag's own name is in its bytes; with a fixed one they do not depend on where it is written.
+_BAG_NAME = "horizon"
+_FOREVER = QosTime(9223372036, 854775807)
+_OUTPUT_QOS = Qos(
+    QosHistory.KEEP_LAST,
+    10,
+    QosReliability.RELIABLE,
+    QosDurability.VOLATILE,
+    _FOREVER,
+    _FOREVER,
+    QosLiveliness.AUTOMATIC,
+    _FOREVER,
+    False,
+)
+
+
+class OutputBag:
+    """A bag being written in a directory of its own; it appears in its place only when whole."""
+
+    def __init__(self, path: Path, storage: StoragePlugin) -> None:
+        self._path = path
+        self._typestore = get_typestore(Stores.ROS2_JAZZY)
+        self._connections: dict[tuple[str, type], Connection] = {}
+        with self._writing():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._directory = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+        self._writer = Writer(self._directory / _BAG_NAME, version=9, storage_plugin=storage)
+        try:
+            with self._writing():
+                self._writer.open()
+        except BaseException:
+            self.discard()
+            raise
+
+    def add_topic(self, topic: str, message: type) -> None:
+        """Declare a topic, so that it is in the bag even when nothing is written to it."""
+        if (topic, message) in self._connections:
+            return
+        with self._writing():
+            self._connections[topic, message] = self._writer.add_connection(
+                topic,
+                _type_name(message),
+                typestore=self._typestore,
+                offered_qos_profiles=[_OUTPUT_QOS],
+            )
+
+    def write(self, topic: str, time: int, msg: Any) -> None:
+        """Write a message; time in nanoseconds."""
+        kind = _type_name(type(msg))
+        # A second pass through CDR: in the first the bytes of padding are whatever memory held.
+        plain = self._typestore.deserialize_cdr(serialize_message(msg), kind)
+        raw = self._typestore.serialize_cdr(plain, kind, little_endian=True)
+        with self._writing():
+            self._writer.write(self._connections[topic, type(msg)], time, raw)
+
+    def finish(self) -> None:
+        """Put the bag in its place; an older one there makes room."""
+        with self._writing():
+            self._writer.close()
+            if self._path.exists():
+                shutil.rmtree(self._path)
+            (self._directory / _BAG_NAME).rename(self._path)
+            self._directory.rmdir()
+
+    def discard(self) -> None:
+        """Remove what was written."""
+        with suppress(Exception):
+            self._writer.abort()
+        shutil.rmtree(self._directory, ignore_errors=True)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:
+            # Of the system or of a storage library: a full disk, most likely.
+            raise BagError(f"cannot write {self._path}: {in_one_line(error)}") from None
+
+
+def _type_name(message: type) -> str:
+    return f"{message.__module__.split('.')[0]}/msg/{message.__name__}"
+
+
+def check_replaceable(path: Path, *sources: Path, force: bool) -> None:
+    """BagError where a bag must not be written to `path`: something is there, or the input is."""
+    if not path.exists():
+        return
+    if not force:
+        raise BagError(f"{path} exists; choose another, or --force to replace it")
+    inside = any(path.resolve() in (s.resolve(), *s.resolve().parents) for s in sources)
+    if inside or not (path / "metadata.yaml").is_file():
+        raise BagError(f"{path} is not replaced: only another bag is")

@@ -1,0 +1,176 @@
+"""The nodes' part in a replay: their pipelines' steps in bag time, their topics in a bag."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.ros.diagnostics import HorizonMonitor
+from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
+from horizon_sensor_ros.ros.messages import attitude_message, local_vertical_message
+from horizon_sensor_ros.ros.parameters import HorizonSettings, TargetSettings
+from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
+from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS, TargetPipeline, TargetStep
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.output_bag import OutputBag
+
+
+class HorizonOutput(NamedTuple):
+    """What a horizon node publishes: topic, message type, and how to make the message."""
+
+    topic: str
+    message: type
+    encode: Callable[[HorizonResult, HorizonSettings], Any]
+
+
+HORIZON_NODES = {
+    "local_vertical_node": HorizonOutput(
+        "local_vertical",
+        Vector3Stamped,
+        lambda result, settings: local_vertical_message(
+            result.fix.fit, result.stamp, settings.pipeline.base_frame
+        ),
+    ),
+    "attitude_node": HorizonOutput(
+        "attitude",
+        PoseWithCovarianceStamped,
+        lambda result, settings: attitude_message(result.fix.fit, result.stamp, settings.level_z),
+    ),
+}
+
+
+class TopicNames:
+    """Relative names to full ones, as the nodes' namespace and remappings make them."""
+
+    def __init__(self, namespace: str, remappings: Sequence[str]) -> None:
+        self._namespace = "/" + namespace.strip("/")
+        self._remapped: dict[str, str] = {}
+        for rule in remappings:
+            source, found, target = rule.partition(":=")
+            if not (found and source and target):
+                raise BagError(f"--remap must be FROM:=TO, got {rule!r}")
+            self._remapped[self._full(source)] = self._full(target)
+
+    def __call__(self, name: str) -> str:
+        """Full name of a topic."""
+        full = self._full(name)
+        return self._remapped.get(full, full)
+
+    def _full(self, name: str) -> str:
+        return name if name.startswith("/") else f"{self._namespace.rstrip('/')}/{name}"
+
+
+class ReplayedNode:
+    """What a node would publish; a subclass says what becomes of its input.
+
+    settings, monitor : the node's. pipeline : what the monitor follows.
+    """
+
+    def __init__(
+        self,
+        settings: HorizonSettings | TargetSettings,
+        monitor: HorizonMonitor | TargetMonitor,
+        pipeline: Any,
+        names: TopicNames,
+        bag: OutputBag,
+    ) -> None:
+        self._pipeline = pipeline
+        self._stale_after = settings.stale_after_ns
+        self._bag = bag
+        self._diagnostics = names("/diagnostics")
+        self._monitor: Any = monitor
+        self._period = round(settings.diagnostics_period_s * 1e9)
+        self._due: int | None = None
+        self._now = 0
+        bag.add_topic(self._diagnostics, DiagnosticArray)
+
+    def advance(self, time: int) -> None:
+        """Let bag time go on to `time`; diagnostics that were due meanwhile are written."""
+        if self._due is None:
+            self._now = self._due = time
+            self._diagnose()
+        # Nothing changes in a long pause once every sensor has been reported silent.
+        silent = self._now + self._stale_after + 2 * self._period
+        while self._due <= time:
+            if self._due > silent:
+                self._due += (time - self._due) // self._period * self._period
+            self._now = self._due
+            self._diagnose()
+        self._now = max(self._now, time)
+
+    def on_step(self, step: Any) -> None:
+        """Write what an input gave, and a change of state at once."""
+        self._monitor.on_step(step, self._now)
+        self.write_estimates(step)
+        if self._monitor.changed(self._now):
+            self._write_diagnostics()
+
+    def write_estimates(self, step: Any) -> None:
+        """Write the estimates of a pipeline's step."""
+        raise NotImplementedError
+
+    def write(self, topic: str, message: Any) -> None:
+        """Write a message at the present bag time."""
+        self._bag.write(topic, self._now, message)
+
+    def _diagnose(self) -> None:
+        assert self._due is not None
+        self._due += self._period
+        self._write_diagnostics()
+
+    def _write_diagnostics(self) -> None:
+        self.write(self._diagnostics, self._monitor.message(self._now, self._pipeline))
+
+
+class ReplayedHorizonNode(ReplayedNode):
+    """A node of the horizon."""
+
+    def __init__(
+        self,
+        name: str,
+        settings: HorizonSettings,
+        pipeline: HorizonPipeline,
+        names: TopicNames,
+        bag: OutputBag,
+    ) -> None:
+        self._output = HORIZON_NODES[name]
+        self._settings = settings
+        self._topic = names(self._output.topic)
+        monitor = HorizonMonitor(
+            f"{name}: horizon", settings.pipeline.cameras, settings.stale_after_ns, live=False
+        )
+        bag.add_topic(self._topic, self._output.message)
+        super().__init__(settings, monitor, pipeline, names, bag)
+
+    def write_estimates(self, step: Step) -> None:
+        """Write what an image completed."""
+        for result in step.results:
+            if result.fix.status is Status.OK:
+                self.write(self._topic, self._output.encode(result, self._settings))
+
+
+class ReplayedTargetNode(ReplayedNode):
+    """The target's node."""
+
+    def __init__(
+        self,
+        name: str,
+        settings: TargetSettings,
+        pipeline: TargetPipeline,
+        names: TopicNames,
+        bag: OutputBag,
+    ) -> None:
+        self._topics = {topic: names(topic) for topic in TARGET_TOPICS}
+        for topic, kind in TARGET_TOPICS.items():
+            bag.add_topic(self._topics[topic], kind)
+        monitor = TargetMonitor(f"{name}: target", settings.stale_after_ns, live=False)
+        super().__init__(settings, monitor, pipeline, names, bag)
+
+    def write_estimates(self, step: TargetStep) -> None:
+        """Write what a cloud gave."""
+        for topic, message in step.outputs:
+            self.write(self._topics[topic], message)

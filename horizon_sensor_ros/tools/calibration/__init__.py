@@ -1,0 +1,1 @@
+"""How the cameras sit, from a bag: the command `horizon_self_calibration`."""

@@ -1,0 +1,60 @@
+"""What `horizon_self_calibration` does: a bag to frame sets, to a calibration, to files."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+from horizon_sensor_ros.core.self_calibration.adjustment import CalibrationConfig, calibrate
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.calibration.recording import read_recording
+from horizon_sensor_ros.tools.calibration.text import calibration_text, corrected_parameters
+
+_HINTS = {
+    Status.TOO_FEW_POINTS: "; record longer, with the limb in both frames",
+    Status.POOR_FIT: "; over a flattened planet set planet: wgs84 and have coarse_pose in the bag, "
+    "for a misalignment that grows give --drift",
+    Status.ILL_CONDITIONED: "; let the craft roll and pitch while recording",
+}
+
+
+def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) -> str:
+    """Do what the command line asks for and return what was written.
+
+    Prints the table. Raises BagError, saying why there is no calibration, and KeyboardInterrupt
+    soon after `stopped` says so; nothing is then written.
+    """
+    for name in ("out", "picture"):
+        path: Path | None = getattr(arguments, name)
+        if path is not None and path.exists() and not arguments.force:
+            raise BagError(f"--{name}: {path} exists; choose another, or --force to replace it")
+    if not arguments.interval >= 0.0:
+        raise BagError(f"--interval must not be negative, got {arguments.interval}")
+    try:
+        config = CalibrationConfig(
+            arguments.drift, arguments.focal, arguments.max_sigma, arguments.correlation
+        )
+    except ValueError as error:
+        raise BagError(f"--max-sigma, --correlation: {error}") from None
+    recording = read_recording(arguments, stopped)
+    calibration = calibrate(recording.sets, recording.rot_base_from_cam, recording.sphere, config)
+    if not calibration.ok:
+        hint = _HINTS.get(calibration.status, "")
+        raise BagError(f"no calibration: {calibration.reason}{hint}. {recording.summary}")
+    print(calibration_text(calibration, recording.rot_base_from_cam, recording.summary))
+    written = []
+    if arguments.picture is not None:
+        from horizon_sensor_ros.tools.calibration.figure import draw_calibration  # noqa: PLC0415
+
+        draw_calibration(arguments.picture, calibration, recording.rot_base_from_cam)
+        written.append(arguments.picture)
+    if arguments.out is not None:
+        text = corrected_parameters(arguments.params, calibration, recording.sphere)
+        try:
+            arguments.out.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise BagError(f"cannot write {arguments.out}: {error.strerror}") from None
+        written.append(arguments.out)
+    return "\n".join(f"written: {path}" for path in written)

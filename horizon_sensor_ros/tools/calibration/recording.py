@@ -1,0 +1,267 @@
+"""The frame sets of a bag, each camera's horizon found in its own frame alone.
+
+Alone, because a common fit would take the second camera's limb for a wrong one as soon as the
+cameras do not sit as the parameters say.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from horizon_sensor_ros.core.aiding import AltitudeMeasurement
+from horizon_sensor_ros.core.attitude import rotation_from_quaternion
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.self_calibration.measurement import (
+    CameraHorizon,
+    FrameSet,
+    NadirReference,
+    camera_horizon,
+)
+from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC
+from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
+from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
+from horizon_sensor_ros.ros.pairing import Pairing
+from horizon_sensor_ros.ros.parameters import (
+    HorizonSettings,
+    ParameterError,
+    PipelineSettings,
+    horizon_settings,
+    read_parameter_file,
+)
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
+from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
+from horizon_sensor_ros.tools.reference_topics import (
+    NADIR_TYPES,
+    POSE_TYPES,
+    Series,
+    altitude_of,
+    nadir_of,
+)
+
+_IMAGE = ("sensor_msgs/msg/Image",)
+_CAMERA_INFO = ("sensor_msgs/msg/CameraInfo",)
+# Any horizon node's parameters will do: the rotations are the same in both.
+_NODE = "attitude_node"
+# Between two messages of another instrument farther apart nothing is known.
+_MAX_GAP_NS = 2_000_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What a bag holds for self-calibration; summary says what was read, for a person."""
+
+    sets: tuple[FrameSet, ...]
+    rot_base_from_cam: Mapping[str, np.ndarray]
+    sphere: Planet
+    summary: str
+
+
+class Horizons:
+    """Pairs images first, then finds the horizon in each image of a set alone."""
+
+    def __init__(self, settings: PipelineSettings, interval_ns: int, *, focal: bool) -> None:
+        self._focal = focal
+        self._interval = interval_ns
+        self._next: int | None = None
+        planet = settings.sensor.planet
+        self.sphere = Planet(planet.mean_radius_m, planet.limb_height_m)
+        # An altitude that is known goes into the calibration, not into each camera's fit.
+        unaided = replace(settings.aiding, pose_altitude_sigma_m=0.0, altitude_sigma_m=0.0)
+        self._pairing: Pairing[Any] = Pairing(settings.cameras, settings.slop_ns)
+        self._alone = {
+            camera: HorizonPipeline(
+                replace(
+                    settings,
+                    cameras=(camera,),
+                    rotations=(rotation,),
+                    masks=(mask,),
+                    aiding=unaided,
+                )
+            )
+            for camera, rotation, mask in zip(
+                settings.cameras, settings.rotations, settings.masks, strict=True
+            )
+        }
+        self.sets: list[tuple[int, tuple[CameraHorizon, ...]]] = []
+
+    def on_coarse_pose(self, msg: Any) -> None:
+        """Take a coarse pose, which an ellipsoid's limb needs."""
+        for alone in self._alone.values():
+            alone.aiding.on_coarse_pose(msg)
+
+    def on_camera_info(self, camera: str, msg: Any) -> None:
+        """Take a camera's calibration."""
+        self._alone[camera].on_camera_info(camera, msg)
+
+    def on_image(self, camera: str, msg: Any) -> None:
+        """Take an image."""
+        stamp = stamp_ns(msg)
+        if isinstance(stamp, Refusal):
+            return
+        for members in self._pairing.push(camera, stamp, msg).sets:
+            first = members[0][0]
+            if self._next is not None and 0 <= self._next - first < self._interval:
+                continue
+            self._next = first + self._interval
+            images = zip(self._alone.items(), members, strict=True)
+            found = [self._horizon(name, alone, image) for (name, alone), (_, image) in images]
+            self.sets.append((first, tuple(h for h in found if h is not None)))
+
+    def _horizon(self, camera: str, alone: HorizonPipeline, msg: Any) -> CameraHorizon | None:
+        for result in alone.on_image(camera, msg).results:
+            view = result.frames[0].view
+            return camera_horizon(view, result.fix, self.sphere, focal=self._focal)
+        return None
+
+    def summary(self) -> str:
+        """Return what was read, for a person."""
+        lines = [f"{len(self.sets)} frame sets"]
+        for camera, alone in self._alone.items():
+            causes = "".join(f", {cause}: {n}" for cause, n in sorted(alone.rejected.items()))
+            lines.append(f"{camera}: {alone.counts['fixes']} horizons{causes}")
+        return "; ".join(lines)
+
+
+class _OtherInstruments:
+    """Altitude and nadir from elsewhere, as the command line names them."""
+
+    def __init__(
+        self,
+        arguments: argparse.Namespace,
+        settings: HorizonSettings,
+        sphere: Planet,
+        names: TopicNames,
+    ) -> None:
+        self.listeners: list[Listener] = []
+        self._altitudes, self._nadirs = Series(_MAX_GAP_NS), Series(_MAX_GAP_NS)
+        self._altitude_m = _number(arguments.altitude)
+        self._altitude_sigma_m = arguments.altitude_sigma
+        self._nadir_sigma_rad = float(np.radians(arguments.reference_sigma))
+        prior = settings.pipeline.aiding
+        if arguments.altitude is None and prior.altitude_sigma_m > 0.0:
+            self._altitude_m, self._altitude_sigma_m = prior.altitude_m, prior.altitude_sigma_m
+        if arguments.altitude is not None and self._altitude_m is None:
+            topic = names(arguments.altitude)
+            find = partial(altitude_of, planet=sphere)
+            take = _into(self._altitudes, topic, lambda msg, _: find(msg))
+            self.listeners.append(Listener(topic, POSE_TYPES, take))
+        if arguments.reference is not None:
+            topic = names(arguments.reference)
+            take = _into(self._nadirs, topic, partial(nadir_of, level_z=settings.level_z))
+            self.listeners.append(Listener(topic, NADIR_TYPES, take))
+
+    def altitude_at(self, stamp: int) -> AltitudeMeasurement | None:
+        """Altitude at a stamp (ns)."""
+        if self._altitude_m is not None:
+            return AltitudeMeasurement(self._altitude_m, self._altitude_sigma_m)
+        known = self._altitudes.at(stamp)
+        return None if known is None else AltitudeMeasurement(known[0], self._altitude_sigma_m)
+
+    def reference_at(self, stamp: int) -> NadirReference | None:
+        """Nadir at a stamp (ns)."""
+        nadir = self._nadirs.at(stamp)
+        if nadir is None:
+            return None
+        return NadirReference(nadir / np.linalg.norm(nadir), self._nadir_sigma_rad)
+
+
+def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -> Recording:
+    """Read the bag that the command line names; BagError says why it cannot be used."""
+    settings = _settings(arguments)
+    pipeline = settings.pipeline
+    names = TopicNames(arguments.namespace, arguments.remap)
+    horizons = Horizons(pipeline, round(arguments.interval * 1e9), focal=arguments.focal)
+    others = _OtherInstruments(arguments, settings, horizons.sphere, names)
+    coarse_pose = _plain(horizons.on_coarse_pose)
+    listeners = [
+        Listener(names(COARSE_POSE_TOPIC), POSE_TYPES[:1], coarse_pose, needed=False),
+        *others.listeners,
+    ]
+    for camera in pipeline.cameras:
+        image = _plain(partial(horizons.on_image, camera))
+        camera_info = _plain(partial(horizons.on_camera_info, camera))
+        listeners += [
+            Listener(names(f"{camera}/image_raw"), _IMAGE, image),
+            Listener(names(f"{camera}/camera_info"), _CAMERA_INFO, camera_info),
+        ]
+    listen(arguments.in_bag, listeners, stopped)
+    found = sorted(horizons.sets, key=lambda each: each[0])
+    start = found[0][0] if found else 0
+    return Recording(
+        tuple(
+            FrameSet(
+                (stamp - start) * 1e-9, seen, others.altitude_at(stamp), others.reference_at(stamp)
+            )
+            for stamp, seen in found
+        ),
+        {
+            camera: rotation_from_quaternion(np.array(quaternion))
+            for camera, quaternion in zip(pipeline.cameras, pipeline.rotations, strict=True)
+        },
+        horizons.sphere,
+        horizons.summary(),
+    )
+
+
+def _settings(arguments: argparse.Namespace) -> HorizonSettings:
+    for name in ("altitude_sigma", "reference_sigma"):
+        if not 0.0 < getattr(arguments, name) < np.inf:
+            option = name.replace("_", "-")
+            raise BagError(f"--{option} must be positive, got {getattr(arguments, name)}")
+    try:
+        values = (
+            {}
+            if arguments.params is None
+            else read_parameter_file(arguments.params, _NODE, arguments.namespace)
+        )
+        settings = horizon_settings(values)
+    except ParameterError as error:
+        hint = "" if arguments.params else "; give the rotations to be corrected with --params FILE"
+        raise BagError(f"{error}{hint}") from None
+    cameras = settings.pipeline.cameras
+    if None in settings.pipeline.rotations:
+        raise BagError("extrinsics_source is tf; set the rotations to be corrected as parameters")
+    if len(cameras) < 2 and arguments.reference is None:
+        raise BagError(
+            f"{cameras[0]} is the only camera and has nothing to be compared with; give "
+            "--reference TOPIC with the attitude from elsewhere"
+        )
+    known = arguments.altitude is not None or settings.pipeline.aiding.altitude_sigma_m > 0.0
+    if known and settings.pipeline.sensor.planet.flattening > 0.0:
+        raise BagError("limb height is told on a sphere only: no altitude with planet: wgs84")
+    return settings
+
+
+def _number(text: str | None) -> float | None:
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return None
+
+
+def _plain(take: Callable[[Any], None]) -> Callable[[Any, str], None]:
+    return lambda msg, _msgtype: take(msg)
+
+
+def _into(
+    series: Series, topic: str, find: Callable[[Any, str], np.ndarray | float | None]
+) -> Callable[[Any, str], None]:
+    """Put what is found in a topic's messages into a series, by their stamps."""
+
+    def take(msg: Any, msgtype: str) -> None:
+        stamp = stamp_ns(msg)
+        try:
+            value = find(msg, msgtype)
+        except BagError as error:
+            raise BagError(f"{topic}: {error}") from None
+        if value is not None and not isinstance(stamp, Refusal):
+            series.add(stamp, value)
+
+    return take

@@ -1,0 +1,76 @@
+"""`horizon_self_calibration`: how the cameras are mounted, from what they saw of the horizon."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from horizon_sensor_ros.tools.command import run_command
+
+EPILOG = """\
+examples:
+  horizon_self_calibration flight.mcap --params my_cameras.yaml --out corrected.yaml
+  horizon_self_calibration flight --params my_cameras.yaml --altitude coarse_pose --drift
+  horizon_self_calibration flight --params my_cameras.yaml --reference imu/data --picture fit.png
+
+The misalignment printed is a rotation vector in the base frame: corrected rotation = exp(vector)
+times the rotation in FILE. What the recording cannot tell is named and left as it is. A good
+recording turns the craft by 10 deg or more about two axes; see doc/self_calibration.md."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="horizon_self_calibration",
+        description="Find how the cameras are mounted from a recording of the horizon.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("in_bag", metavar="IN_BAG", type=Path, help="directory, .mcap or .db3")
+    add("--params", metavar="FILE", type=Path, help="ROS parameter file with the rotations")
+    add("--out", metavar="FILE", type=Path, help="write FILE again with corrected rotations")
+    add("--picture", metavar="FILE", type=Path, help="the cameras' nadirs before and after (png)")
+    add("--force", action="store_true", help="replace these files if they exist")
+    add("--altitude", metavar="M|TOPIC", help="known altitude, or a topic of poses that tell it")
+    add("--altitude-sigma", metavar="M", type=float, default=100.0, help="default 100")
+    add("--reference", metavar="TOPIC", help="nadir or attitude from elsewhere: frees all cameras")
+    add("--reference-sigma", metavar="DEG", type=float, default=0.05, help="default 0.05")
+    add("--drift", action="store_true", help="misalignments may grow linearly in time")
+    add("--focal", action="store_true", help="focal lengths may be wrong too")
+    add(
+        "--max-sigma",
+        metavar="DEG",
+        type=float,
+        default=0.1,
+        help="a turn less certain than this stays as it is (default 0.1)",
+    )
+    add(
+        "--correlation",
+        metavar="S",
+        type=float,
+        default=20.0,
+        help="time over which clouds and air at the limb stay alike (default 20)",
+    )
+    add("--interval", metavar="S", type=float, default=0.0, help="use one frame set in so long")
+    add("--namespace", default="/", help="the nodes' namespace")
+    add("--remap", metavar="FROM:=TO", action="append", default=[], help="other name for a topic")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `horizon_self_calibration`; return the exit code."""
+    arguments = parser().parse_args(argv)
+
+    def work(stopped: Callable[[], bool]) -> str:
+        from horizon_sensor_ros.tools.calibration.bag_calibration import calibrate_bag  # noqa: PLC0415
+
+        return calibrate_bag(arguments, stopped)
+
+    return run_command("horizon_self_calibration", work)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

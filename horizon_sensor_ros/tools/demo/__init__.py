@@ -1,0 +1,1 @@
+"""A simulated flight past the real nodes: the command `horizon_demo`."""

@@ -1,0 +1,149 @@
+"""What target_pose_node said, held against the tumbling target's truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from horizon_sensor_ros.core.attitude import rotation_from_quaternion
+from horizon_sensor_ros.core.target.rigid import inverse_pose, pose_matrix, vector_from_rotation
+from horizon_sensor_ros.ros.messages import NANOSECONDS
+from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
+from horizon_sensor_ros.tools.demo.errors import error_lines
+from horizon_sensor_ros.tools.truth_topics import pose_in_target_frame
+
+POSE_TOPIC, DELTA_TOPIC, TWIST_TOPIC = TARGET_TOPICS
+# Of chi-squared with six degrees of freedom: median, 95 %.
+_NEES_MEDIAN, _NEES_95 = 5.35, 12.59
+
+
+@dataclass(frozen=True, eq=False)
+class MotionErrors:
+    """Sizes of the errors of one topic, and the sigmas stated with them; (N,), NaN: no answer.
+
+    rotation in rad (of a twist rad/s), shift in m (m/s); sigmas are of the size, over all three
+    axes. nees : six degrees of freedom.
+    """
+
+    rotation: np.ndarray
+    rotation_sigma: np.ndarray
+    shift: np.ndarray
+    shift_sigma: np.ndarray
+    nees: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class TargetErrors:
+    """Errors of the three topics, one row a cloud; and how often the target frame was set."""
+
+    time_s: np.ndarray
+    pose: MotionErrors
+    delta: MotionErrors
+    twist: MotionErrors
+    frames: int
+
+
+def pose_of(message: Any) -> np.ndarray:
+    """Pose (4, 4) of a `PoseWithCovarianceStamped`."""
+    p, q = message.pose.pose.position, message.pose.pose.orientation
+    rotation = rotation_from_quaternion(np.array([q.x, q.y, q.z, q.w]))
+    return pose_matrix(rotation, np.array([p.x, p.y, p.z]))
+
+
+def target_errors(
+    time_s: Sequence[float],
+    truths: Mapping[int, np.ndarray],
+    messages: Mapping[str, Mapping[int, Any]],
+) -> TargetErrors:
+    """Errors of the answers against the truths.
+
+    truths : by the clouds' stamps (ns) in order, the target's own axes in the sensor frame (4, 4).
+    messages : by topic and stamp.
+    """
+    rows = {topic: np.full((len(truths), 5), np.nan) for topic in TARGET_TOPICS}
+    frames = 0
+    set_at: tuple[np.ndarray, np.ndarray] | None = None
+    before: tuple[int, np.ndarray] | None = None
+    for k, (stamp, body) in enumerate(truths.items()):
+        pose = messages[POSE_TOPIC].get(stamp)
+        if pose is None:
+            continue
+        delta, twist = (messages[topic].get(stamp) for topic in (DELTA_TOPIC, TWIST_TOPIC))
+        if delta is None or set_at is None:
+            set_at, frames = (body, pose_of(pose)), frames + 1
+        truth = pose_in_target_frame(body, *set_at)
+        rows[POSE_TOPIC][k] = _pose_error(pose, truth)
+        if delta is not None and before is not None:
+            step = inverse_pose(before[1]) @ truth
+            rows[DELTA_TOPIC][k] = _pose_error(delta, step)
+            if twist is not None:
+                duration_s = (stamp - before[0]) / NANOSECONDS
+                rows[TWIST_TOPIC][k] = _twist_error(twist, step, duration_s)
+        before = stamp, truth
+    pose_errors, delta_errors, twist_errors = (MotionErrors(*rows[t].T) for t in TARGET_TOPICS)
+    return TargetErrors(np.asarray(time_s, float), pose_errors, delta_errors, twist_errors, frames)
+
+
+def _pose_error(message: Any, truth: np.ndarray) -> np.ndarray:
+    found = pose_of(message)
+    # Covariances have the position first, then rotations about the header frame's fixed axes.
+    turn = vector_from_rotation(found[:3, :3] @ truth[:3, :3].T)
+    return _sizes(found[:3, 3] - truth[:3, 3], turn, message.pose.covariance)
+
+
+def _twist_error(message: Any, step: np.ndarray, duration_s: float) -> np.ndarray:
+    v, w = message.twist.twist.linear, message.twist.twist.angular
+    linear = np.array([v.x, v.y, v.z]) - step[:3, 3] / duration_s
+    angular = np.array([w.x, w.y, w.z]) - vector_from_rotation(step[:3, :3]) / duration_s
+    return _sizes(linear, angular, message.twist.covariance)
+
+
+def _sizes(shift: np.ndarray, turn: np.ndarray, covariance: Any) -> np.ndarray:
+    matrix = np.asarray(covariance, float).reshape(6, 6)
+    error = np.concatenate([shift, turn])
+    variances = np.diag(matrix)
+    return np.array([
+        np.linalg.norm(turn), np.sqrt(variances[3:].sum()),
+        np.linalg.norm(shift), np.sqrt(variances[:3].sum()),
+        error @ np.linalg.solve(matrix, error),
+    ])  # fmt: skip
+
+
+def target_table(errors: TargetErrors, latency_s: np.ndarray) -> str:
+    """Return the target's part of the table that the demo prints."""
+    rows = []
+    for name, motion, units in (
+        ("target/pose", errors.pose, ("deg", "cm")),
+        ("target/pose_delta", errors.delta, ("deg", "cm")),
+        ("target/twist", errors.twist, ("deg/s", "cm/s")),
+    ):
+        turn, turn_sigma = np.degrees(motion.rotation), np.degrees(motion.rotation_sigma)
+        rows.append((f"{name}: turn", units[0], turn, turn_sigma))
+        rows.append((f"{name}: shift", units[1], 100 * motion.shift, 100 * motion.shift_sigma))
+    lines = error_lines(rows)
+    clouds = len(errors.time_s)
+    poses = int(np.isfinite(errors.pose.nees).sum())
+    lines += [
+        "",
+        f"availability   target/pose {poses} of {clouds} ({poses / clouds:.0%}), "
+        f"target frames set: {errors.frames}",
+    ]
+    # The pose that sets the frame is right by definition.
+    later = errors.pose.nees[np.isfinite(errors.delta.nees)]
+    for name, nees in (
+        ("pose", later), ("delta", errors.delta.nees[np.isfinite(errors.delta.nees)]),
+    ):  # fmt: skip
+        if nees.size:
+            lines.append(
+                f"NEES, {name:9}median {np.median(nees):.2f} ({_NEES_MEDIAN} is exact); "
+                f"{np.mean(nees < _NEES_95):.0%} of the errors within the 95 % ellipsoid"
+            )
+    if latency_s.size:
+        lines.append(
+            f"latency        cloud published to pose heard: median "
+            f"{1e3 * np.median(latency_s):.0f} ms, 95 % {1e3 * np.percentile(latency_s, 95):.0f} ms"
+        )
+    return "\n".join(lines)

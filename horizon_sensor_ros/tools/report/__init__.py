@@ -1,0 +1,1 @@
+"""A bag as one page to look at: the command `horizon_report`."""

@@ -1,0 +1,169 @@
+"""The report's part on the horizon's answers: attitude, altitude, nadir, and how sure they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from horizon_sensor_ros.core.attitude import roll_pitch_from_nadir
+from horizon_sensor_ros.tools.demo.errors import nadir_and_altitude
+from horizon_sensor_ros.tools.report.bags import Recorded
+from horizon_sensor_ros.tools.report.blocks import (
+    BLUE,
+    COLOURS,
+    GREEN,
+    VERMILION,
+    Block,
+    Section,
+    Table,
+    band,
+    chart,
+    figures,
+    legend,
+    with_gaps,
+)
+
+_Z, _ROT_X, _ROT_Y = 2, 3, 4
+# A scale that spans less than this is linear.
+_LEAST_LOGARITHMIC = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Attitudes:
+    """All of `attitude`, (N,) each; level_z as the altitudes' sign tells."""
+
+    stamps: tuple[int, ...]
+    time_s: np.ndarray
+    level_z: str
+    nadir_base: np.ndarray
+    roll_rad: np.ndarray
+    pitch_rad: np.ndarray
+    altitude_m: np.ndarray
+    roll_sigma_rad: np.ndarray
+    pitch_sigma_rad: np.ndarray
+    altitude_sigma_m: np.ndarray
+
+
+def attitudes(recorded: Recorded) -> Attitudes | None:
+    """Return the answers on `attitude`; None where there are none."""
+    messages = dict(sorted(recorded.answers.get("attitude", {}).items()))
+    if not messages:
+        return None
+    heights = [m.pose.pose.position.z for m in messages.values()]
+    level_z = "up" if np.median(heights) >= 0 else "down"
+    told = [nadir_and_altitude(m, level_z) for m in messages.values()]
+    nadir = np.array([n for n, _ in told])
+    angles = np.array([roll_pitch_from_nadir(n, level_z) for n in nadir])
+    cov = np.array([np.reshape(m.pose.covariance, (6, 6)) for m in messages.values()])
+    sigma = np.sqrt(np.maximum(np.einsum("kii->ki", cov), 0.0))
+    return Attitudes(
+        tuple(messages),
+        recorded.seconds(list(messages)),
+        level_z,
+        nadir,
+        angles[:, 0],
+        angles[:, 1],
+        np.array([a for _, a in told]),
+        sigma[:, _ROT_X] / np.maximum(np.cos(angles[:, 1]), 1e-3),
+        sigma[:, _ROT_Y],
+        sigma[:, _Z],
+    )
+
+
+def attitude_section(recorded: Recorded) -> Section | None:
+    """Return roll, pitch, altitude and nadir over time; None where neither is answered."""
+    found = attitudes(recorded)
+    blocks: list[Block] = []
+    if found is not None:
+        blocks += [
+            _summary(found),
+            chart(
+                "Roll, pitch and altitude over time, each with a band of three sigma.",
+                f"Base frame in local_level (z {found.level_z}). Band: three sigma of the "
+                "covariance in the message; often thinner than the line.",
+                lambda axes: _draw_attitude(axes, found),
+                panels=3,
+            ),
+            chart(
+                "One sigma of roll, pitch and altitude over time.",
+                "How sure each answer says it is.",
+                lambda axes: _draw_sigmas(axes, found),
+                panels=2,
+            ),
+        ]
+    verticals = dict(sorted(recorded.answers.get("local_vertical", {}).items()))
+    if verticals:
+        nadir = np.array([[m.vector.x, m.vector.y, m.vector.z] for m in verticals.values()])
+        time_s = recorded.seconds(list(verticals))
+        blocks.append(
+            chart(
+                "The three components of nadir in the base frame over time.",
+                "local_vertical: unit vector towards the planet.",
+                lambda axes: _draw_nadir(axes[0], time_s, nadir),
+                panel_height=2.0,
+            )
+        )
+    if not blocks:
+        return None
+    return Section("attitude", "Nadir, roll, pitch and altitude", tuple(blocks))
+
+
+def _summary(found: Attitudes) -> Table:
+    def row(name: str, unit: str, values: np.ndarray, sigma: np.ndarray) -> tuple[str, ...]:
+        spread = (values.min(), np.median(values), values.max())
+        return (f"{name} ({unit})", *(f"{v:.4g}" for v in spread), *figures(np.median(sigma)))
+
+    degrees = np.degrees
+    return Table(
+        ("", "least", "median", "most", "median sigma"),
+        (
+            row("roll", "deg", degrees(found.roll_rad), degrees(found.roll_sigma_rad)),
+            row("pitch", "deg", degrees(found.pitch_rad), degrees(found.pitch_sigma_rad)),
+            row("altitude", "km", found.altitude_m / 1e3, found.altitude_sigma_m / 1e3),
+        ),
+    )
+
+
+def _draw_attitude(axes: Sequence[Axes], found: Attitudes) -> None:
+    degrees = np.degrees
+    panels = (
+        ("roll (deg)", degrees(found.roll_rad), degrees(found.roll_sigma_rad), BLUE),
+        ("pitch (deg)", degrees(found.pitch_rad), degrees(found.pitch_sigma_rad), VERMILION),
+        ("altitude (km)", found.altitude_m / 1e3, found.altitude_sigma_m / 1e3, GREEN),
+    )
+    for panel, (name, values, sigma, colour) in zip(axes, panels, strict=True):
+        band(panel, found.time_s, values, sigma, colour, name)
+        panel.set_ylabel(name)
+    axes[-1].set_xlabel("time (s)")
+
+
+def _draw_sigmas(axes: Sequence[Axes], found: Attitudes) -> None:
+    time_s, roll, pitch, altitude = with_gaps(
+        found.time_s,
+        np.degrees(found.roll_sigma_rad),
+        np.degrees(found.pitch_sigma_rad),
+        found.altitude_sigma_m / 1e3,
+    )
+    axes[0].semilogy(time_s, roll, color=BLUE, label="roll")
+    axes[0].semilogy(time_s, pitch, color=VERMILION, linestyle="--", label="pitch")
+    axes[0].set_ylabel("one sigma (deg)")
+    legend(axes[0])
+    axes[1].semilogy(time_s, altitude, color=GREEN)
+    axes[1].set_ylabel("one sigma (km)")
+    axes[1].set_xlabel("time (s)")
+    for panel in axes:
+        low, high = panel.get_ylim()
+        if high < _LEAST_LOGARITHMIC * low:
+            panel.set_yscale("linear")
+
+
+def _draw_nadir(axes: Axes, time_s: np.ndarray, nadir: np.ndarray) -> None:
+    styles = ("-", "--", ":")
+    for axis, colour, style in zip(range(3), COLOURS, styles, strict=False):
+        t, values = with_gaps(time_s, nadir[:, axis])
+        axes.plot(t, values, color=colour, linestyle=style, label="xyz"[axis])
+    axes.set(xlabel="time (s)", ylabel="nadir, base frame", ylim=(-1.05, 1.05))
+    legend(axes)

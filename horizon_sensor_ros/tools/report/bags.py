@@ -1,0 +1,226 @@
+"""What a report is made from: the answers, diagnostics, inputs and truth in one or more bags."""
+
+from __future__ import annotations
+
+import struct
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+from tqdm import tqdm
+
+from horizon_sensor_ros.ros.aiding_sources import IMU_TOPIC
+from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
+from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag
+from horizon_sensor_ros.tools.bags.message_tables import DIAGNOSTICS
+from horizon_sensor_ros.tools.bags.replayed_node import HORIZON_NODES, TopicNames
+from horizon_sensor_ros.tools.truth_topics import TRUTH_TOPICS
+
+ANSWER_TOPICS = (*(output.topic for output in HORIZON_NODES.values()), *TARGET_TOPICS)
+_IMAGE, _CLOUD = "sensor_msgs/msg/Image", "sensor_msgs/msg/PointCloud2"
+_IMU = "sensor_msgs/msg/Imu"
+_IMAGE_SUFFIX = "/image_raw"
+
+
+@dataclass(frozen=True)
+class TopicFacts:
+    """A topic and where it is."""
+
+    bag: str
+    topic: str
+    msgtype: str
+    count: int
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """A status on /diagnostics at a time (ns): level 0 ok to 3 stale, its message and values."""
+
+    time_ns: int
+    level: int
+    message: str
+    values: dict[str, str]
+
+
+@dataclass
+class Recorded:
+    """Messages by stamp (ns); times of recording are in the bag's own clock.
+
+    answers : by topic without namespace, as truths, and received_ns, when they were recorded;
+    frames_received_ns, clouds_received_ns : when a stamp's last image or cloud was. frames : stamps
+    of the images by camera; clouds : of the clouds. diagnostics : by name of the status. imu : in
+    order.
+    """
+
+    bags: tuple[Path, ...]
+    topics: list[TopicFacts] = field(default_factory=list)
+    answers: dict[str, dict[int, Any]] = field(default_factory=dict)
+    received_ns: dict[str, dict[int, int]] = field(default_factory=dict)
+    frames_received_ns: dict[int, int] = field(default_factory=dict)
+    clouds_received_ns: dict[int, int] = field(default_factory=dict)
+    truths: dict[str, dict[int, Any]] = field(default_factory=dict)
+    frames: dict[str, list[int]] = field(default_factory=dict)
+    clouds: list[int] = field(default_factory=list)
+    imu: list[tuple[int, Any]] = field(default_factory=list)
+    diagnostics: dict[str, list[Diagnosis]] = field(default_factory=dict)
+    unreadable: int = 0
+
+    @property
+    def start_ns(self) -> int:
+        """The earliest stamp; times in the report count from it."""
+        stamps = [stamp for each in self.answers.values() for stamp in each]
+        stamps += [stamp for each in self.frames.values() for stamp in each] + self.clouds
+        stamps += [stamp for stamp, _ in self.imu]
+        return min(stamps, default=0)
+
+    def seconds(self, stamps_ns: Sequence[int]) -> np.ndarray:
+        """Stamps as seconds since the start."""
+        start = self.start_ns
+        return np.array([stamp - start for stamp in stamps_ns], dtype=float) * 1e-9
+
+    def camera_sets(self) -> list[int]:
+        """Stamps of the camera with the most frames: when there could have been an answer."""
+        longest: list[int] = []
+        for stamps in self.frames.values():
+            longest = max(longest, stamps, key=len)
+        return sorted(longest)
+
+
+def read_bags(
+    bags: Sequence[Path],
+    names: TopicNames,
+    imu_topic: str = IMU_TOPIC,
+    stopped: Callable[[], bool] = bool,
+) -> Recorded:
+    """Read all but the pixels; where two bags have the same topic the first one's counts.
+
+    Raises BagError for a bag that cannot be read, or where none has an answer or a diagnosis.
+    """
+    found = Recorded(tuple(bags))
+    wanted = _Wanted(found, names, imu_topic)
+    taken: set[str] = set()
+    for path in bags:
+        reader = open_bag(path)
+        try:
+            _read(reader, path.name, wanted, taken, stopped)
+        finally:
+            reader.close()
+    if not any(found.answers.values()) and not found.diagnostics:
+        there = "\n".join(f"  {t.topic} ({t.msgtype}) in {t.bag}" for t in found.topics)
+        looked_for = ", ".join(names(topic) for topic in ANSWER_TOPICS)
+        raise BagError(
+            f"no answers in {', '.join(str(p) for p in bags)}: none of {looked_for}. "
+            f"There is:\n{there or '  nothing'}\n"
+            "Make them with horizon_replay IN_BAG OUT_BAG, then: horizon_report OUT_BAG --input "
+            "IN_BAG"
+        )
+    return found
+
+
+class _Wanted:
+    """What becomes of which topic."""
+
+    def __init__(self, found: Recorded, names: TopicNames, imu_topic: str) -> None:
+        self.found = found
+        self._answers = {names(topic): topic for topic in ANSWER_TOPICS}
+        self._truths = {names(topic): topic for topic in TRUTH_TOPICS}
+        self._cloud, self._imu = names(CLOUD_TOPIC), names(imu_topic)
+        self._diagnostics = names("/diagnostics")
+
+    def is_wanted(self, connection: Connection) -> bool:
+        topic, kind = connection.topic, connection.msgtype
+        return (
+            topic in self._answers
+            or topic in self._truths
+            or (topic == self._diagnostics and kind == DIAGNOSTICS)
+            or (topic == self._imu and kind == _IMU)
+            or self.is_big(connection)
+        )
+
+    def is_big(self, connection: Connection) -> bool:
+        """Whether only the stamps of its messages count."""
+        topic, kind = connection.topic, connection.msgtype
+        return (kind == _IMAGE and topic.endswith(_IMAGE_SUFFIX)) or (
+            kind == _CLOUD and topic == self._cloud
+        )
+
+    def take_stamp(self, connection: Connection, time: int, raw: bytes) -> None:
+        """Take note of an image or a cloud."""
+        stamp = _stamp_in(raw)
+        if connection.msgtype == _CLOUD:
+            self.found.clouds.append(stamp)
+            self.found.clouds_received_ns[stamp] = time
+        else:
+            camera = connection.topic.removesuffix(_IMAGE_SUFFIX).strip("/").rpartition("/")[2]
+            self.found.frames.setdefault(camera, []).append(stamp)
+            self.found.frames_received_ns[stamp] = time
+
+    def take(self, topic: str, time: int, msg: Any) -> None:
+        """Take a message."""
+        found = self.found
+        if topic == self._diagnostics:
+            for status in msg.status:
+                values = {pair.key: pair.value for pair in status.values}
+                found.diagnostics.setdefault(status.name, []).append(
+                    Diagnosis(_time_of(msg, time), int(status.level), status.message, values)
+                )
+            return
+        stamp = stamp_ns(msg)
+        if isinstance(stamp, Refusal):
+            found.unreadable += 1
+        elif topic in self._answers:
+            name = self._answers[topic]
+            found.answers.setdefault(name, {})[stamp] = msg
+            found.received_ns.setdefault(name, {})[stamp] = time
+        elif topic in self._truths:
+            found.truths.setdefault(self._truths[topic], {})[stamp] = msg
+        else:
+            found.imu.append((stamp, msg))
+
+
+def _read(
+    reader: Reader, name: str, wanted: _Wanted, taken: set[str], stopped: Callable[[], bool]
+) -> None:
+    typestore = get_typestore(Stores.ROS2_JAZZY)
+    found = wanted.found
+    found.topics += [
+        TopicFacts(name, c.topic, c.msgtype, c.msgcount)
+        for c in sorted(reader.connections, key=lambda c: c.topic)
+    ]
+    connections = [c for c in reader.connections if wanted.is_wanted(c) and c.topic not in taken]
+    taken.update(c.topic for c in connections)
+    if not connections:
+        return
+    total = sum(c.msgcount for c in connections)
+    messages = bag_messages(reader, connections)
+    for connection, time, raw in tqdm(messages, total=total, unit="msg", file=sys.stderr):
+        if stopped():
+            raise KeyboardInterrupt
+        try:
+            if wanted.is_big(connection):
+                wanted.take_stamp(connection, time, raw)
+            else:
+                msg = typestore.deserialize_cdr(raw, connection.msgtype)
+                wanted.take(connection.topic, time, msg)
+        except (SerdeError, struct.error):
+            found.unreadable += 1
+
+
+def _stamp_in(raw: bytes) -> int:
+    """Header stamp (ns) of a message in CDR, without reading the rest of it."""
+    seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+
+def _time_of(msg: Any, time: int) -> int:
+    stamp = stamp_ns(msg)
+    return time if isinstance(stamp, Refusal) or stamp == 0 else stamp

@@ -1,0 +1,105 @@
+"""The report put together: sections in order, one HTML file with everything inside it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import jinja2
+import numpy as np
+
+from horizon_sensor_ros.ros.aiding_sources import IMU_TOPIC
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
+from horizon_sensor_ros.tools.report.attitude import attitude_section, attitudes
+from horizon_sensor_ros.tools.report.bags import Recorded, read_bags
+from horizon_sensor_ros.tools.report.blocks import Section
+from horizon_sensor_ros.tools.report.errors import horizon_errors_section, target_errors_section
+from horizon_sensor_ros.tools.report.frames import look_again, pipeline_settings
+from horizon_sensor_ros.tools.report.imu import imu_section
+from horizon_sensor_ros.tools.report.overview import availability, contents, latency
+from horizon_sensor_ros.tools.report.residuals import refusal_blocks, residuals_section
+from horizon_sensor_ros.tools.report.target import target_section
+
+_NUMBER = re.compile(r"[-+]?[\d.,]+(e[-+]?\d+)?( %)?|-|nan")
+
+
+def write_page(
+    bags: Sequence[Path],
+    path: Path,
+    *,
+    params: Path | None = None,
+    namespace: str = "/",
+    remappings: Sequence[str] = (),
+    imu_topic: str = IMU_TOPIC,
+    title: str | None = None,
+    stopped: Callable[[], bool] = bool,
+) -> None:
+    """Write the report of what is in one or more bags; see `report.write_report`."""
+    names = TopicNames(namespace, remappings)
+    settings = pipeline_settings(params, namespace)
+    recorded = read_bags(bags, names, imu_topic, stopped)
+    again = look_again(recorded, settings, names, stopped)
+    blocks = (*refusal_blocks(recorded), *again.refused)
+    refused = Section("refused", "Why there was no answer", blocks)
+    sections = (
+        availability(recorded),
+        horizon_errors_section(recorded),
+        again.answered,
+        attitude_section(recorded),
+        imu_section(recorded),
+        residuals_section(recorded, again.residuals),
+        again.agreement,
+        refused,
+        target_section(recorded, names, bags),
+        target_errors_section(recorded),
+        latency(recorded),
+        contents(recorded),
+    )
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("horizon_sensor_ros.tools.report"), autoescape=True
+    )
+    environment.tests["a_number"] = lambda cell: _NUMBER.fullmatch(cell) is not None
+    page = environment.get_template("report.html.j2").render(
+        title=title or f"Horizon sensor: {bags[0].name}",
+        lead=_lead(recorded),
+        facts=_facts(recorded),
+        sections=[section for section in sections if section is not None],
+    )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise BagError(f"cannot write {path}: {error.strerror}") from None
+
+
+def _lead(recorded: Recorded) -> str:
+    bags = " and ".join(path.name for path in recorded.bags)
+    return f"From {bags}. Times count from stamp {recorded.start_ns * 1e-9:.3f} s."
+
+
+def _facts(recorded: Recorded) -> list[tuple[str, str]]:
+    """Return the figures that stand on top."""
+    facts = []
+    stamps = [s for each in (*recorded.answers.values(), *recorded.frames.values()) for s in each]
+    stamps += recorded.clouds
+    if stamps:
+        facts.append(("length", f"{(max(stamps) - min(stamps)) * 1e-9:.1f} s"))
+    sets = len(recorded.camera_sets())
+    found = attitudes(recorded)
+    if sets:
+        answers = len(
+            recorded.answers.get("attitude") or recorded.answers.get("local_vertical", {})
+        )
+        facts.append(("frame sets answered", f"{answers} of {sets}"))
+    if found is not None:
+        sigma = np.hypot(found.roll_sigma_rad, found.pitch_sigma_rad)
+        facts.append(("nadir, median sigma", f"{np.degrees(np.median(sigma)):.3g} deg"))
+        low, high = found.altitude_m.min() / 1e3, found.altitude_m.max() / 1e3
+        facts.append(("altitude", f"{low:.0f} to {high:.0f} km"))
+    poses = len(recorded.answers.get("target/pose", {}))
+    if poses:
+        of = f" of {len(recorded.clouds)}" if recorded.clouds else ""
+        facts.append(("target poses", f"{poses}{of}"))
+    return facts
