@@ -193,7 +193,7 @@ def test_each_cameras_points_and_residual() -> None:
             monitor.on_step(pipeline.on_image(camera, msg), S)
     values = values_of(monitor, S)
     residuals = [float(values[f"{camera}.residual_px"]) for camera in CAMERAS]
-    assert all(int(values[f"{camera}.points"]) > 50 for camera in CAMERAS)
+    assert all(int(values[f"{camera}.points"]) > 20 for camera in CAMERAS)
     assert sum(int(values[f"{camera}.points"]) for camera in CAMERAS) >= int(values["points"])
     # The common residual lies between the cameras'.
     assert min(residuals) <= float(values["residual_px"]) * 1.05
