@@ -50,7 +50,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     clone = tmp_path_factory.mktemp("clone")
     bin_directory = clone / ".venv" / "bin"
     bin_directory.mkdir(parents=True)
-    for name in re.findall(r'"(horizon_\w+)": "tools\.(\w+)"', (ROOT / "setup.py").read_text()):
+    for name in re.findall(r'"(horizon_\w+)": "tools\.([\w.]+)"', (ROOT / "setup.py").read_text()):
         script = bin_directory / name[0]
         script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m {PACKAGE}.tools.{name[1]} "$@"\n')
         script.chmod(0o755)
