@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "horizon_sensor_ros"
-COMMANDS = dict(re.findall(r'"(\w+)": "((?:ros|tools)\.\w+)"', (ROOT / "setup.py").read_text()))
+COMMANDS = dict(re.findall(r'"(\w+)": "((?:ros|tools)\.[\w.]+)"', (ROOT / "setup.py").read_text()))
 TOOLS = sorted(name for name, module in COMMANDS.items() if module.startswith("tools."))
 
 

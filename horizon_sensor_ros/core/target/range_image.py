@@ -72,7 +72,8 @@ def range_image(
     flat = points.reshape(-1, 3)
     # Depth first: of an organised cloud most points have none.
     place = np.flatnonzero(np.isfinite(flat[:, 2]))
-    used = flat[place].astype(np.float64)
+    with np.errstate(invalid="ignore"):  # signalling NaN, of garbled messages
+        used = flat[place].astype(np.float64)
     size = _largest(used)
     # Sensors that fill missing returns with zeros do so exactly; NaN fails both.
     keep = (size > 1e-3) & (size < _MAX_COORDINATE_M)
