@@ -154,7 +154,7 @@ def texture_covariance(x_px: np.ndarray, psf_px: float, rough: bool) -> np.ndarr
     return blur @ covariance @ blur.T
 
 
-@lru_cache(maxsize=128)
+@lru_cache(maxsize=16)
 def _differences(psf_px: float, grid: ProfileGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All differences (K,) of sample and edge that occur in a grid, and the covariances of unit
     texture there, smooth and rough.
@@ -198,7 +198,7 @@ def edge_table(
     )
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=128)
 def _tables(look: EdgeLook, level: float, grid: ProfileGrid) -> EdgeTable:
     """Return the tables of all the look's textures and glows, one after the other (K, E, ...)."""
     tables = [
