@@ -52,6 +52,10 @@ class Craft(Listener):
         inputs = [p for t, p in self._publishers.items() if t.split("/")[1] in cameras]
         count = subscribers or len(nodes)
         self.wait(lambda: all(p.get_subscription_count() == count for p in inputs), "subscriptions")
+        self.reach(nodes, cameras)
+
+    def reach(self, nodes: tuple[str, ...], cameras: tuple[str, ...] = CAMERAS) -> None:
+        """Send what is refused until each node has complained of each camera."""
         for camera in cameras:
             for node in nodes:
 
@@ -104,6 +108,10 @@ class Chaser(Listener):
     def match(self, node: str = "target_pose_node") -> None:
         """Wait until the node hears and is heard: the first messages after a match may be lost."""
         self.wait(lambda: self.clouds.get_subscription_count() == 1, "subscription")
+        self.reach(node)
+
+    def reach(self, node: str = "target_pose_node") -> None:
+        """Send what is refused until the node complains."""
         fields, _, words = BAD_MESSAGES["truncated"]
         self.insist(lambda: self.clouds.publish(good_cloud(0, **fields)), node, words)
         self.heard.clear()
