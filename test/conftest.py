@@ -42,9 +42,12 @@ def shared_data() -> Path:
     return directory
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def ros_domain() -> Iterator[int]:
-    """ROS_DOMAIN_ID that no other test run on this machine uses; set for this process as well."""
+    """ROS_DOMAIN_ID that no other tests on this machine use; set for this process as well.
+
+    Its own for each module: nodes that one has killed stay in the graph for some 20 s.
+    """
     with private_domain() as domain, pytest.MonkeyPatch.context() as patch:
         environment = isolated_environment(domain)
         for name in set(os.environ) - set(environment):
