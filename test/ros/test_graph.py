@@ -16,6 +16,7 @@ import yaml
 from craft import ESTIMATES
 from horizon_messages import write_parameters
 from node_processes import Listener, Program
+from rclpy.node import NodeNameNonExistentError
 
 CONFIG = Path(__file__).parents[2] / "config"
 INTEGRATION = CONFIG / "integration"
@@ -57,7 +58,10 @@ def graph(
         listener.wait(lambda: len({s.name for s in listener.statuses()}) == len(NODES), "nodes")
 
         def complete() -> Graph | None:
-            found = _graph(listener)
+            try:
+                found = _graph(listener)
+            except NodeNameNonExistentError:
+                return None  # heard, but not yet in this process's graph
             # The clock and a service of each lifecycle come late in a node's start.
             there = all(
                 "/clock" in found.heard[node] and f"/{node}/get_type_description" in services
