@@ -13,9 +13,9 @@ from target_peers import PEERS, centroid_start
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target.config import RegistrationConfig
 from horizon_sensor_ros.core.target.registration import (
     Registration,
-    RegistrationConfig,
     register,
     target_view,
 )

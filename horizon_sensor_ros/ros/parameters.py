@@ -22,8 +22,7 @@ from horizon_sensor_ros.core.figure import VERTICALS
 from horizon_sensor_ros.core.fits import METHODS
 from horizon_sensor_ros.core.horizon_config import LIMB_SOURCES, HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.target.registration import RegistrationConfig
-from horizon_sensor_ros.core.target.tracker import TrackerConfig
+from horizon_sensor_ros.core.target.config import RegistrationConfig, TrackerConfig
 from horizon_sensor_ros.ros.resources import read_mask, resource_path
 
 _MAX_FILE_BYTES = 1_000_000

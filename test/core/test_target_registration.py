@@ -6,10 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.alternatives import face_axes, right_turns
+from horizon_sensor_ros.core.target.config import RegistrationConfig
 from horizon_sensor_ros.core.target.consistency import view_consistency
 from horizon_sensor_ros.core.target.registration import (
     Registration,
-    RegistrationConfig,
     register,
     target_view,
 )

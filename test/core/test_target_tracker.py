@@ -5,13 +5,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target.config import TrackerConfig
 from horizon_sensor_ros.core.target.rigid import (
     inverse_pose,
     pose_matrix,
     rotation_from_vector,
     vector_from_rotation,
 )
-from horizon_sensor_ros.core.target.tracker import TargetTracker, TrackerConfig
+from horizon_sensor_ros.core.target.tracker import TargetTracker
 from horizon_sensor_ros.sim.shapes import TARGETS
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 

@@ -3,7 +3,7 @@
 The default: ``range_image`` (any cloud as an image of inverse depth), ``surfels`` (planes and
 edges in it), ``search`` and ``refinement`` (motion between two views), ``consistency``,
 ``alternatives`` and ``judgement`` (whether to believe it), ``registration`` (all of it),
-``tracker`` (clouds in order of time).
+``tracker`` (clouds in order of time), ``config`` (parameters of both).
 
 Paper D: ``inertia_frame``, ``section_pattern``, ``direct_search``.
 """

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..status import Status
 from .alternatives import rivals
+from .config import RegistrationConfig
 from .consistency import view_consistency
 from .judgement import Uncertainty, uncertainty, weak_directions
 from .range_image import RangeImage, range_image
@@ -39,41 +40,6 @@ _SINGLE_GATES = np.array([0.3, 0.3, 0.22, 0.22, 0.15, 0.15, 0.1, 0.08])
 _FIRST_GATES = np.array([0.16, 0.16, 0.12, 0.1])
 _WIDE_GATES = np.array([0.3, 0.3, 0.25, 0.2, 0.15])
 _SECOND_GATES = np.array([0.16, 0.12, 0.1, 0.08])
-
-
-@dataclass(frozen=True)
-class RegistrationConfig:
-    """Parameters of the registration; ValueError where one makes no sense.
-
-    focal_px : the sensor's focal length in pixels; None: from the cloud.  range_noise_m : None:
-        from the cloud.
-    min_points : fewest points of a cloud.  min_score, min_overlap : least view consistency (see
-        Consistency).
-    max_rotation_std_rad, max_shift_std_m : a motion known worse than this in any direction is
-        refused.
-    search_rad : largest turn that the search starts cover.
-    """
-
-    focal_px: float | None = None
-    range_noise_m: float | None = None
-    min_points: int = 100
-    min_score: float = 0.85
-    min_overlap: float = 0.3
-    max_rotation_std_rad: float = np.radians(0.43)
-    max_shift_std_m: float = 0.0076
-    search_rad: float = np.radians(33.0)
-
-    def __post_init__(self) -> None:
-        for name in ("focal_px", "range_noise_m"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be positive or None; got {value}")
-        for name in ("min_points", "max_rotation_std_rad", "max_shift_std_m", "search_rad"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive; got {getattr(self, name)}")
-        for name in ("min_score", "min_overlap"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"{name} must be in [0, 1]; got {getattr(self, name)}")
 
 
 @dataclass(frozen=True, eq=False)

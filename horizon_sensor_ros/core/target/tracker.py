@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..status import Status
-from .registration import Registration, RegistrationConfig, TargetView, register, target_view
+from .config import TrackerConfig
+from .registration import Registration, TargetView, register, target_view
 from .rigid import inverse_pose, pose_matrix, rotation_from_vector, skew, vector_from_rotation
 
 # The first cloud defines the target frame; its pose has this variance (rad^2, m^2) rather than
@@ -16,33 +17,6 @@ _DEFINITION_VARIANCE = 1e-8
 _MAX_KEYFRAMES = 40
 # So many refused clouds in a row that agree outvote a first one that nothing agrees with.
 _OUTVOTE = 3
-
-
-@dataclass(frozen=True)
-class TrackerConfig:
-    """Parameters of the tracker; ValueError where one makes no sense.
-
-    max_gap_s : without an accepted cloud for longer, a new target frame starts.
-    max_refused : so many refused clouds in a row are a lost track, and the last of them starts a
-        new target frame. A first cloud that nothing has agreed with yet is given up sooner: as
-        soon as three others in a row agree with each other.
-    keyframe_turn_rad : the target may turn so far from a keyframe before the cloud before becomes
-        a new one.
-    keyframe_overlap : and so much of the points must still overlap.
-    """
-
-    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
-    max_gap_s: float = 2.0
-    max_refused: int = 10
-    keyframe_turn_rad: float = np.radians(20.0)
-    keyframe_overlap: float = 0.6
-
-    def __post_init__(self) -> None:
-        for name in ("max_gap_s", "max_refused", "keyframe_turn_rad"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive; got {getattr(self, name)}")
-        if not 0 <= self.keyframe_overlap <= 1:
-            raise ValueError(f"keyframe_overlap must be in [0, 1]; got {self.keyframe_overlap}")
 
 
 @dataclass(frozen=True, eq=False)

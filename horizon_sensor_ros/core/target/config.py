@@ -1,0 +1,72 @@
+"""Parameters of the registration and of the tracker.
+
+Apart from what they steer, so that reading parameters does not load it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class RegistrationConfig:
+    """Parameters of the registration; ValueError where one makes no sense.
+
+    focal_px : the sensor's focal length in pixels; None: from the cloud.  range_noise_m : None:
+        from the cloud.
+    min_points : fewest points of a cloud.  min_score, min_overlap : least view consistency (see
+        Consistency).
+    max_rotation_std_rad, max_shift_std_m : a motion known worse than this in any direction is
+        refused.
+    search_rad : largest turn that the search starts cover.
+    """
+
+    focal_px: float | None = None
+    range_noise_m: float | None = None
+    min_points: int = 100
+    min_score: float = 0.85
+    min_overlap: float = 0.3
+    max_rotation_std_rad: float = np.radians(0.43)
+    max_shift_std_m: float = 0.0076
+    search_rad: float = np.radians(33.0)
+
+    def __post_init__(self) -> None:
+        for name in ("focal_px", "range_noise_m"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be positive or None; got {value}")
+        for name in ("min_points", "max_rotation_std_rad", "max_shift_std_m", "search_rad"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive; got {getattr(self, name)}")
+        for name in ("min_score", "min_overlap"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must be in [0, 1]; got {getattr(self, name)}")
+
+
+@dataclass(frozen=True)
+class TrackerConfig:
+    """Parameters of the tracker; ValueError where one makes no sense.
+
+    max_gap_s : without an accepted cloud for longer, a new target frame starts.
+    max_refused : so many refused clouds in a row are a lost track, and the last of them starts a
+        new target frame. A first cloud that nothing has agreed with yet is given up sooner: as
+        soon as three others in a row agree with each other.
+    keyframe_turn_rad : the target may turn so far from a keyframe before the cloud before becomes
+        a new one.
+    keyframe_overlap : and so much of the points must still overlap.
+    """
+
+    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+    max_gap_s: float = 2.0
+    max_refused: int = 10
+    keyframe_turn_rad: float = np.radians(20.0)
+    keyframe_overlap: float = 0.6
+
+    def __post_init__(self) -> None:
+        for name in ("max_gap_s", "max_refused", "keyframe_turn_rad"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive; got {getattr(self, name)}")
+        if not 0 <= self.keyframe_overlap <= 1:
+            raise ValueError(f"keyframe_overlap must be in [0, 1]; got {self.keyframe_overlap}")
