@@ -6,101 +6,97 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera import Camera, CameraView
 
 _COARSE = 384
 _CONCENTRATION = 5.0  # how much denser the coarse azimuths lie near the optical axis
+
+
+def _circle(azimuth_rad: np.ndarray) -> np.ndarray:
+    """Rows (N, 3) of one, cosine and sine: once round a cone, in axes of its own."""
+    out = np.empty((len(azimuth_rad), 3))
+    out[:, 0] = 1.0
+    np.cos(azimuth_rad, out=out[:, 1])
+    np.sin(azimuth_rad, out=out[:, 2])
+    return out
+
+
+_COARSE_RAD = (
+    np.pi * np.sinh(_CONCENTRATION * np.linspace(-1.0, 1.0, _COARSE)) / np.sinh(_CONCENTRATION)
+)
+_COARSE_CIRCLE = _circle(_COARSE_RAD)
 
 
 @dataclass(frozen=True)
 class LimbCurve:
     """Points of the predicted limb inside the frame, evenly spaced along it.
 
-    px : (N, 2) raw pixels. normal_px : (N, 2) unit, across the curve, towards space. rad_per_px :
-    (N,) angle at the limb, away from nadir, of one pixel along the normal. azimuth_rad : (N,)
-    angle about nadir, increasing.
+    px : (N, 2) raw pixels. normal_px : (N, 2) unit, across the curve, towards space.
     """
 
     px: np.ndarray
     normal_px: np.ndarray
-    rad_per_px: np.ndarray
-    azimuth_rad: np.ndarray
 
     def __len__(self) -> int:
         return len(self.px)
 
 
 def limb_curve(
-    view: CameraView,
-    nadir_base: np.ndarray,
-    rho_rad: float,
-    *,
-    spacing_px: float = 1.0,
-    margin_px: float = 0.0,
+    view: CameraView, nadir_base: np.ndarray, rho_rad: float, *, spacing_px: float = 1.0
 ) -> LimbCurve:
     """Draw the limb of the cone ``u . nadir = cos rho`` in the image of one camera.
 
-    margin_px : points nearer to the frame's border than this are left out. No point in the frame:
-    an empty curve.
+    Arc by arc in the order of the azimuth about nadir. No point in the frame: an empty curve.
     """
-    nadir = view.rot_base_from_cam.T @ nadir_base
-    cos_rho, sin_rho = np.cos(rho_rad), np.sin(rho_rad)
-    # Azimuth zero is where the limb comes nearest to the optical axis.
-    axis = np.array([0.0, 0.0, 1.0])
-    first = axis - nadir[2] * nadir
-    if np.linalg.norm(first) < 1e-9:
-        first = np.array([1.0, 0.0, 0.0]) - nadir[0] * nadir
-    first /= np.linalg.norm(first)
-    second = np.cross(nadir, first)
-
-    def rays_at(azimuth: np.ndarray) -> np.ndarray:
-        return (
-            cos_rho * nadir
-            + (sin_rho * np.cos(azimuth))[:, None] * first
-            + (sin_rho * np.sin(azimuth))[:, None] * second
-        )
-
-    t = np.linspace(-1.0, 1.0, _COARSE)
-    coarse = np.pi * np.sinh(_CONCENTRATION * t) / np.sinh(_CONCENTRATION)
-    px = view.camera.pixels(rays_at(coarse))
-    inside = _within(view, px, margin_px)
-    # A cell counts when either end is inside; its length comes from the chord of its two ends.
-    cell = inside[:-1] | inside[1:]
-    length = np.where(cell, np.linalg.norm(np.diff(px, axis=0), axis=1), 0.0)
-    length[~np.isfinite(length)] = 0.0
-    total = np.concatenate([[0.0], np.cumsum(length)])
-    if total[-1] < spacing_px:
-        empty = np.empty((0, 2))
-        return LimbCurve(empty, empty, np.empty(0), np.empty(0))
-    at = np.arange(0.5 * spacing_px, total[-1], spacing_px)
-    # Cells outside have no length: the strictly increasing part of `total` is what can be inverted.
-    rising = np.concatenate([[True], np.diff(total) > 0])
-    starts = np.flatnonzero(rising[1:])
-    index = starts[np.searchsorted(total[starts + 1], at, side="right").clip(0, len(starts) - 1)]
-    share = (at - total[index]) / (total[index + 1] - total[index])
-    azimuth = coarse[index] + share * (coarse[index + 1] - coarse[index])
-    rays = rays_at(azimuth)
-    px, jacobian = view.camera.project(rays)
-    keep = _within(view, px, margin_px)
-    px, jacobian, rays, azimuth = px[keep], jacobian[keep], rays[keep], azimuth[keep]
-    along = np.outer(np.cos(azimuth), second) - np.outer(np.sin(azimuth), first)
-    tangent = np.einsum("nij,nj->ni", jacobian, along)
-    # Outwards on the sphere of directions: away from nadir.
-    outward = (cos_rho * rays - nadir) / sin_rho
-    away = np.einsum("nij,nj->ni", jacobian, outward)
-    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    across = np.sum(normal * away, axis=1)
-    normal *= np.sign(across)[:, None]
-    return LimbCurve(px, normal, 1.0 / np.abs(across), azimuth)
-
-
-def _within(view: CameraView, px: np.ndarray, margin_px: float) -> np.ndarray:
     camera = view.camera
+    cone = _cone(view.rot_base_from_cam.T @ nadir_base, rho_rad)
+    px = camera.pixels(_COARSE_CIRCLE @ cone)
+    inside = _within(camera, px)
+    # A cell counts when either end is inside; its length comes from the chord of its two ends.
+    chord = px[1:] - px[:-1]
+    length = np.hypot(chord[:, 0], chord[:, 1])
+    length[~((inside[:-1] | inside[1:]) & (length < np.inf))] = 0.0
+    total = np.zeros(_COARSE)
+    np.cumsum(length, out=total[1:])
+    if total[-1] < spacing_px:
+        return LimbCurve(np.empty((0, 2)), np.empty((0, 2)))
+    azimuth = np.interp(np.arange(0.5 * spacing_px, total[-1], spacing_px), total, _COARSE_RAD)
+    circle = _circle(azimuth)
+    px, jacobian = camera.project(circle @ cone)
+    # Along the limb, by azimuth: minus the sine, and the cosine.
+    along = circle[:, 2:0:-1] @ (cone[1:] * _TURNED)
+    tangent = np.einsum("nij,nj->ni", jacobian, along)
+    keep = _within(camera, px)
+    if not keep.all():
+        px, tangent = px[keep], tangent[keep]
+    # A camera does not mirror: out of the limb is to the same side of it in every image.
+    normal = tangent[:, ::-1] * _TURNED.T[:, ::-1]
+    normal /= np.hypot(tangent[:, 0], tangent[:, 1])[:, None]
+    return LimbCurve(px, normal)
+
+
+_TURNED = np.array([[-1.0], [1.0]])
+
+
+def _cone(nadir: np.ndarray, rho_rad: float) -> np.ndarray:
+    """Rows (3, 3): a cone's axis and the two vectors that turn about it, so long that together they
+    are its rays.
+
+    Azimuth zero is where the limb comes nearest to the optical axis.
+    """
+    x, y, z = nadir.tolist()
+    first = np.array([-z * x, -z * y, 1.0 - z * z])
+    if np.linalg.norm(first) < 1e-9:
+        first = np.array([1.0 - x * x, -x * y, -x * z])
+    a, b, c = (first / np.linalg.norm(first)).tolist()
+    cone = np.array([[x, y, z], [a, b, c], [y * c - z * b, z * a - x * c, x * b - y * a]])
+    cone[0] *= np.cos(rho_rad)
+    cone[1:] *= np.sin(rho_rad)
+    return cone
+
+
+def _within(camera: Camera, px: np.ndarray) -> np.ndarray:
+    """Whether pixels (N, 2) lie between the centres of the frame's outermost; not where NaN."""
+    x, y = px.T
     with np.errstate(invalid="ignore"):
-        return (
-            (px[:, 0] >= margin_px)
-            & (px[:, 0] <= camera.width - 1 - margin_px)
-            & (px[:, 1] >= margin_px)
-            & (px[:, 1] <= camera.height - 1 - margin_px)
-        )
+        return (x >= 0) & (x <= camera.width - 1) & (y >= 0) & (y <= camera.height - 1)

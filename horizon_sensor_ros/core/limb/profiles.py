@@ -78,28 +78,36 @@ def sample_profiles(
 
     gray : (H, W), already reduced by `factor`; d_px : (J,) in its pixels.
     """
-    centre = (curve.px + 0.5) / factor - 0.5
-    ends = centre[:, None, :] + d_px[[0, -1]][None, :, None] * curve.normal_px[:, None, :]
+    centre = curve.px if factor == 1 else (curve.px + 0.5) / factor - 0.5
+    x, y = (
+        np.add(at[:, None], np.multiply.outer(normal, d_px), dtype=np.float32)
+        for at, normal in zip(centre.T, curve.normal_px.T, strict=True)
+    )
     height, width = gray.shape
-    low, high = ends.min(axis=1), ends.max(axis=1)
-    valid = (low >= 1.0).all(axis=1) & (high[:, 0] <= width - 2) & (high[:, 1] <= height - 2)
-    x = (centre[:, :1] + d_px * curve.normal_px[:, :1]).astype(np.float32)
-    y = (centre[:, 1:] + d_px * curve.normal_px[:, 1:]).astype(np.float32)
+    low_x, high_x = _span(x)
+    low_y, high_y = _span(y)
+    valid = (low_x >= 1.0) & (low_y >= 1.0) & (high_x <= width - 2) & (high_y <= height - 2)
     profiles = np.empty(x.shape, dtype=np.float32)
-    for piece in np.array_split(np.arange(len(x)), 1 + len(x) // _PIECE):
-        # Only the part of the image that is looked at is turned into floats (8-bit interpolation
-        # would round), a stretch of limb at a time: the box around all of it is most of the image.
-        near, far = low[piece].min(axis=0), high[piece].max(axis=0)
-        left, top = max(0, int(near[0]) - 4), max(0, int(near[1]) - 4)
-        part = gray[top : int(far[1]) + 6, left : int(far[0]) + 6].astype(np.float32)
+    # Only the part of the image that is looked at is turned into floats (8-bit interpolation would
+    # round), a stretch of limb at a time: the box around all of it is most of the image.
+    for first in range(0, len(x), _PIECE):
+        piece = slice(first, first + _PIECE)
+        left, top = (max(0, int(low[piece].min()) - 4) for low in (low_x, low_y))
+        right, bottom = (int(high[piece].max()) + 6 for high in (high_x, high_y))
         profiles[piece] = cv2.remap(
-            part,
-            x[piece] - left,
-            y[piece] - top,
+            gray[top:bottom, left:right].astype(np.float32),
+            x[piece] - np.float32(left),
+            y[piece] - np.float32(top),
             cv2.INTER_LANCZOS4,
             borderMode=cv2.BORDER_REPLICATE,
         )
     return profiles, valid
+
+
+def _span(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the largest (N,) along straight lines of values (N, J)."""
+    ends = values[:, 0], values[:, -1]
+    return np.minimum(*ends), np.maximum(*ends)
 
 
 def bundle_profiles(
