@@ -45,7 +45,7 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
             name, automatically_declare_parameters_from_overrides=True, **node_arguments
         )
         self._failure = ""
-        self._parameter_names: list[str] = []
+        self._parameter_names: set[str] = set()
         try:
             self.settings = self._declare_parameters()
         except BaseException:
@@ -168,7 +168,7 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
             self.get_logger().warning(f"unknown parameter {name} is ignored")
         settings = self.settings_of(given)
         for parameter in self.parameters_of(given):
-            self._parameter_names.append(parameter.name)
+            self._parameter_names.add(parameter.name)
             value = given.get(parameter.name, parameter.default)
             descriptor = _descriptor(parameter)
             if value is None:
@@ -179,18 +179,25 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
         return settings
 
     def _values(self, changes: list[RosParameter]) -> dict[str, Any]:
-        values = {p.name: p.value for p in self.get_parameters(self._parameter_names)}
+        values = {p.name: p.value for p in self.get_parameters(list(self._parameter_names))}
         values.update({p.name: p.value for p in changes if p.name in values})
         return values
 
+    def _concerned(self, changes: list[RosParameter]) -> bool:
+        """Whether any is in the table; each topic's QoS overrides are parameters too."""
+        return not self._parameter_names.isdisjoint(change.name for change in changes)
+
     def _check_parameters(self, changes: list[RosParameter]) -> SetParametersResult:
-        try:
-            self.settings_of(self._values(changes))
-        except ParameterError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+        if self._concerned(changes):
+            try:
+                self.settings_of(self._values(changes))
+            except ParameterError as error:
+                return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _take_parameters(self, _changes: list[RosParameter]) -> None:
+    def _take_parameters(self, changes: list[RosParameter]) -> None:
+        if not self._concerned(changes):
+            return
         settings = self.settings_of(self._values([]))
         if settings != self.settings:
             self.settings = settings
