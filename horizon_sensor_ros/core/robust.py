@@ -19,6 +19,16 @@ def median(values: np.ndarray) -> float:
     return 0.5 * float(parted[half - 1] + parted[half])
 
 
+def quantile(values: np.ndarray, share: float) -> float:
+    """Value of N >= 1, without NaN, that a share of them lies below; linear between neighbours."""
+    rank = share * (len(values) - 1)
+    low = int(rank)
+    high = min(low + 1, len(values) - 1)
+    parted = np.partition(values, (low, high))
+    below, above = float(parted[low]), float(parted[high])
+    return below + (rank - low) * (above - below)
+
+
 def robust_sigma(values: np.ndarray) -> float:
     """Scale of residuals about zero from their median size."""
     return MAD_TO_SIGMA * median(np.abs(values))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from itertools import pairwise
+
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
@@ -46,11 +49,12 @@ def correlation_factor(values: np.ndarray, camera: np.ndarray) -> float:
         return 1.0
     power = 0.0
     count = 0
-    for index in range(int(camera[-1]) + 1):
-        arc = values[camera == index]
-        if len(arc) <= window:
+    ends = np.searchsorted(camera, np.arange(int(camera[-1]) + 2)).tolist()
+    for first, last in pairwise(ends):
+        if last - first <= window:
             continue
-        total = np.concatenate(([0.0], np.cumsum(arc)))
+        total = np.zeros(last - first + 1)
+        np.cumsum(values[first:last], out=total[1:])
         sums = total[window:] - total[:-window]
         power += float(sums @ sums)
         count += len(sums)
@@ -96,11 +100,17 @@ def too_uncertain(cov: np.ndarray, rho_rad: float) -> tuple[Status, str] | None:
     reason = "the limb points do not determine nadir"
     if not np.all(np.isfinite(cov)):
         return Status.ILL_CONDITIONED, reason
-    sigma = float(np.sqrt(max(np.linalg.eigvalsh(cov[:2, :2])[-1], 0.0)))
-    curvature = 1.0 / np.tan(rho_rad) - 4.0 * sigma / np.sin(rho_rad) ** 2
-    if np.arctan2(1.0, curvature) - rho_rad <= 4.0 * MAX_NADIR_SIGMA_RAD:
+    sigma = math.sqrt(max(_larger_eigenvalue(cov), 0.0))
+    curvature = 1.0 / math.tan(rho_rad) - 4.0 * sigma / math.sin(rho_rad) ** 2
+    if math.atan2(1.0, curvature) - rho_rad <= 4.0 * MAX_NADIR_SIGMA_RAD:
         return None
     return Status.ILL_CONDITIONED, f"{reason}: its sigma is {np.degrees(sigma):.2g} deg or more"
+
+
+def _larger_eigenvalue(cov: np.ndarray) -> float:
+    """Variance along the longer axis of the first two components."""
+    (a, b), (_, c) = cov[:2, :2].tolist()
+    return 0.5 * (a + c + math.hypot(a - c, 2.0 * b))
 
 
 def inliers(residual: np.ndarray) -> np.ndarray:
@@ -113,7 +123,7 @@ def inliers(residual: np.ndarray) -> np.ndarray:
 
 def root_mean_square(residual: np.ndarray) -> float:
     """Root mean square; infinite of nothing."""
-    return float(np.sqrt(np.mean(residual**2))) if residual.size else np.inf
+    return math.sqrt(float(residual @ residual) / residual.size) if residual.size else np.inf
 
 
 def assess_least_squares(

@@ -46,7 +46,7 @@ class LimbRays:
         return self.sigma_px * np.sqrt(np.einsum("ij,ij->i", self.outward_base, self.outward_base))
 
     @cached_property
-    def _least_growth(self) -> np.ndarray:
+    def least_growth(self) -> np.ndarray:
         """(N,) rad per pixel below which a distance along the normal means nothing."""
         return _LEAST_NORMAL_COSINE * self.sigma_rad / self.sigma_px
 
@@ -75,7 +75,7 @@ class LimbRays:
         """`residuals_px` (N,), and the angles' growth per pixel (N,) as `angles` has it."""
         theta, growth = self.angles(nadir_base)
         distance = np.full(len(self), np.inf)
-        np.divide(theta - rho_rad, growth, out=distance, where=growth > self._least_growth)
+        np.divide(theta - rho_rad, growth, out=distance, where=growth > self.least_growth)
         return distance, growth
 
     def design(self, nadir_base: np.ndarray, basis: np.ndarray) -> np.ndarray:
@@ -95,8 +95,9 @@ class LimbRays:
         across = self.rays_base @ tangent_basis(nadir_base)
         # Measured from the mean direction, so that the cut at +-pi falls into a gap if there is
         # one.
-        middle = across.mean(axis=0)
-        azimuth = np.arctan2(across[:, 1] * middle[0] - across[:, 0] * middle[1], across @ middle)
+        x, y = across.sum(axis=0).tolist()
+        turned = across @ np.array([[x, -y], [y, x]])
+        azimuth = np.arctan2(turned[:, 1], turned[:, 0])
         return np.lexsort((azimuth, self.camera))
 
 

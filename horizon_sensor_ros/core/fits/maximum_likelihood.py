@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ from horizon_sensor_ros.core.fits.assessment import (
     correlation_factor,
     covariance_nadir_altitude,
     refusal,
+    root_mean_square,
     too_few,
     too_uncertain,
 )
@@ -34,6 +36,9 @@ _MAX_HALVINGS = 8
 _MAX_STEP_RAD = 0.3
 _PATIENCE = 8  # steps after which a step is stretched
 _SCALE_STEPS = 4  # then the residuals' scale is kept
+# Residual, in sigmas, of a point that says nothing about a cone; finite, so that nothing times it
+# is nothing.
+_NOWHERE = 1e30
 # A step of this many (sigma)^2 is the last; one of `_NEAR_ENOUGH` will do when the steps run out.
 _CONVERGED = 1e-5
 _NEAR_ENOUGH = 1e-3
@@ -66,34 +71,32 @@ def refine(
     if not (np.all(np.isfinite(nadir)) and np.isfinite(rho) and np.any(nadir)):
         reason = "the limb points do not determine a cone"
         return HorizonFit.none(Status.ILL_CONDITIONED, reason, METHOD, rays.num_points)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        start = _Cone.seen_by(rays, nadir / np.linalg.norm(nadir), float(rho))
-        return _assess(rays, planet, *_iterate(rays, start))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        found = _iterate(rays, nadir / np.linalg.norm(nadir), float(rho))
+        return _assess(rays, planet, *found)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Cone:
     """A cone and how the rays lie to it.
 
-    chi : (N,) residuals in sigmas, infinite where the limb normal contradicts the cone. growth :
-    (N,) of the rays' angles, rad per sigma.
+    chi : (N,) residuals in sigmas, `_NOWHERE` where the limb normal contradicts the cone. sine :
+    (N,) of the rays' angles; growth : (N,) of those angles, rad per sigma, infinite likewise.
     """
 
     nadir: np.ndarray
     rho: float
     chi: np.ndarray
+    sine: np.ndarray
     growth: np.ndarray
 
-    @classmethod
-    def seen_by(cls, rays: LimbRays, nadir: np.ndarray, rho: float) -> _Cone:
-        """Return the cone with the residuals of rays."""
-        residual, growth = rays.residuals_and_growth(nadir, rho)
-        return cls(nadir, rho, residual / rays.sigma_px, growth * rays.sigma_px)
-
-    def moved(self, rays: LimbRays, basis: np.ndarray, step: np.ndarray) -> _Cone:
-        """Return the cone moved by (3,): nadir's components along a basis (3, 2), and rho."""
-        nadir = self.nadir + basis @ step[:2]
-        return _Cone.seen_by(rays, nadir / np.linalg.norm(nadir), self.rho + float(step[2]))
+    def rows(self, rays: LimbRays, basis: np.ndarray) -> np.ndarray:
+        """(N, 3): how chi moves with nadir's components along a basis (3, 2), and with rho."""
+        out = np.empty((len(rays), 3))
+        per_sigma = -1.0 / self.growth
+        np.multiply(rays.rays_base @ basis, (per_sigma / self.sine)[:, None], out=out[:, :2])
+        out[:, 2] = per_sigma
+        return out
 
     @property
     def state(self) -> np.ndarray:
@@ -101,46 +104,80 @@ class _Cone:
         return np.append(self.nadir, self.rho)
 
 
+class _Sight:
+    """Limb rays as the iteration looks at cones from them, again and again."""
+
+    def __init__(self, rays: LimbRays) -> None:
+        self._rays = rays.rays_base
+        self._inward = rays.outward_base * -rays.sigma_px[:, None]
+        self._least = rays.least_growth * rays.sigma_px
+
+    def of(self, nadir: np.ndarray, rho: float) -> _Cone:
+        """Return a cone as the rays see it."""
+        cosine = np.minimum(np.maximum(self._rays @ nadir, -1.0), 1.0)
+        sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 1e-300))
+        growth = (self._inward @ nadir) / sine
+        chi = (np.arccos(cosine) - rho) / growth
+        along = growth > self._least
+        if not along.all():
+            chi = np.where(along, chi, _NOWHERE)
+            growth = np.where(along, growth, np.inf)
+        return _Cone(nadir, rho, chi, sine, growth)
+
+    def moved(self, cone: _Cone, basis: np.ndarray, step: np.ndarray) -> _Cone:
+        """Return a cone moved by (3,): nadir's components along a basis (3, 2), and rho."""
+        nadir = cone.nadir + basis @ step[:2]
+        return self.of(nadir / math.sqrt(nadir @ nadir), cone.rho + float(step[2]))
+
+
 def _scale(chi: np.ndarray) -> float:
     scale = robust_sigma(chi)
-    return max(scale, _LEAST_SCALE) if np.isfinite(scale) else np.inf
+    return max(scale, _LEAST_SCALE) if scale < _NOWHERE else np.inf
 
 
-def _tukey_cost(chi: np.ndarray, scale: float) -> float:
-    rest = np.maximum(1.0 - (chi / (_TUKEY * scale)) ** 2, 0.0)
-    return float((1.0 - rest * rest * rest).sum()) * (_TUKEY * scale) ** 2 / 6.0
+def _rest(chi: np.ndarray, scale: float) -> np.ndarray:
+    """What Tukey's biweight leaves of each residual (N,): its square is the weight."""
+    ratio = chi * (1.0 / (_TUKEY * scale))
+    ratio *= ratio
+    return np.maximum(1.0 - ratio, 0.0)
 
 
-def _iterate(rays: LimbRays, start: _Cone) -> tuple[_Cone, bool, np.ndarray]:
+def _agreement(rest: np.ndarray) -> float:
+    """Number of points less Tukey's cost, in units of what it makes of a point that is far off."""
+    return float((rest * rest) @ rest)
+
+
+def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool, np.ndarray]:
     """Gauss-Newton on two tangent components and rho, reweighted, with step halving.
 
     Returns the cone, whether it is the minimum, and the states (K, 4) on the way.
     """
-    cone = start
+    sight = _Sight(rays)
+    cone = sight.of(nadir, rho)
     history = [cone.state]
     scale = length2 = np.inf
     for count in range(_MAX_STEPS):
         # A scale that kept following the residuals would make every step chase the last one.
         scale = _scale(cone.chi) if count < _SCALE_STEPS else scale
-        if not np.isfinite(scale):
+        if not scale < np.inf:
             break
         basis = tangent_basis(cone.nadir)
-        weight = np.maximum(1.0 - (cone.chi / (_TUKEY * scale)) ** 2, 0.0)
-        weight *= weight
-        rows = rays.design(cone.nadir, basis)
-        rows /= np.where(weight > 0, cone.growth, np.inf)[:, None]
-        weighted = rows * weight[:, None]
-        information = weighted.T @ rows
-        step = _solve(information, -(weighted.T @ np.where(weight > 0, cone.chi, 0.0)))
-        if not np.all(np.isfinite(step)):
+        rest = _rest(cone.chi, scale)
+        agreement = _agreement(rest)
+        rows = cone.rows(rays, basis)
+        weighted = rows * (rest * rest)[:, None]
+        downhill = -(cone.chi @ weighted)
+        step = _solve(weighted.T @ rows, downhill)
+        largest = float(np.abs(step).max())
+        if not largest < np.inf:
             break
-        step *= min(1.0, _MAX_STEP_RAD / max(float(np.abs(step).max()), 1e-300))
-        length2 = float(step @ information @ step)
-        cost = _tukey_cost(cone.chi, scale)
+        if largest > _MAX_STEP_RAD:
+            step *= _MAX_STEP_RAD / largest
+        length2 = float(step @ downhill)
         for _ in range(_MAX_HALVINGS):
-            new = cone.moved(rays, basis, step)
-            new_cost = _tukey_cost(new.chi, scale)
-            if 0 < new.rho < np.pi and new_cost <= cost + 1e-9 * (1.0 + cost):
+            new = sight.moved(cone, basis, step)
+            new_agreement = _agreement(_rest(new.chi, scale))
+            if 0 < new.rho < np.pi and new_agreement >= agreement - 1e-9 * len(rays):
                 break
             step *= 0.5
         else:
@@ -149,29 +186,38 @@ def _iterate(rays: LimbRays, start: _Cone) -> tuple[_Cone, bool, np.ndarray]:
         if count >= _PATIENCE:
             # Along a valley reweighted steps creep: the same way on, while it leads downwards.
             while np.abs(step).max() < 0.5 * _MAX_STEP_RAD:
-                far = new.moved(rays, basis, step)
-                far_cost = _tukey_cost(far.chi, scale)
-                if not (0 < far.rho < np.pi and far_cost < new_cost):
+                far = sight.moved(new, basis, step)
+                far_agreement = _agreement(_rest(far.chi, scale))
+                if not (0 < far.rho < np.pi and far_agreement > new_agreement):
                     break
-                new, new_cost = far, far_cost
+                new, new_agreement = far, far_agreement
                 step *= 2.0
         cone = new
         history.append(cone.state)
         if length2 < _CONVERGED * max(1.0, scale * scale):
             return cone, True, np.array(history)
-    near = np.isfinite(scale) and length2 < _NEAR_ENOUGH * max(1.0, scale * scale)
-    return cone, bool(near), np.array(history)
+    near = scale < np.inf and length2 < _NEAR_ENOUGH * max(1.0, scale * scale)
+    return cone, near, np.array(history)
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve a symmetric 3 x 3 system, scaled to a unit diagonal; NaN when it is singular."""
-    diagonal = np.sqrt(np.diag(matrix))
-    if not np.all(diagonal > 0):
+    """Solve a symmetric 3 x 3 system by its Cholesky factors; NaN when it is not positive."""
+    (a, b, c), (_, d, e), (_, _, f) = matrix.tolist()
+    x, y, z = right.tolist()
+    if not a > 0.0:
         return np.full(3, np.nan)
-    try:
-        return np.linalg.solve(matrix / np.outer(diagonal, diagonal), right / diagonal) / diagonal
-    except np.linalg.LinAlgError:
+    ba, ca = b / a, c / a
+    d, e, f = d - b * ba, e - c * ba, f - c * ca
+    if not d > 0.0:
         return np.full(3, np.nan)
+    ed = e / d
+    f -= e * ed
+    if not f > 0.0:
+        return np.full(3, np.nan)
+    y -= ba * x
+    z = (z - ca * x - ed * y) / f
+    y = y / d - ed * z
+    return np.array([x / a - ba * y - ca * z, y, z])
 
 
 def _assess(
@@ -189,8 +235,7 @@ def _assess(
 
     nadir, rho, chi = cone.nadir, cone.rho, cone.chi
     basis = tangent_basis(nadir)
-    design = rays.design(nadir, basis)
-    refused = refusal(rays, nadir, rho, design)
+    refused = refusal(rays, nadir, rho, rays.design(nadir, basis))
     if refused:
         return refuse(*refused)
     if not converged:
@@ -198,27 +243,28 @@ def _assess(
     scale = _scale(chi)
     inlying = np.abs(chi) < _TUKEY * scale
     num_inliers = int(np.count_nonzero(inlying))
-    rms = float(np.sqrt(np.mean((chi[inlying] * rays.sigma_px[inlying]) ** 2)))
+    rms = root_mean_square((chi * rays.sigma_px)[inlying])
     if not rms <= MAX_RMS_PX:
         return refuse(Status.POOR_FIT, f"residual {rms:.1f} px rms")
     if num_inliers < max(MIN_INLIER_FRACTION * len(rays), 3):
         return refuse(Status.POOR_FIT, f"only {num_inliers} of {len(rays)} points on one limb")
-    rows = design[inlying] / cone.growth[inlying, None]
     order = rays.along_limb(nadir)
     order = order[inlying[order]]
-    along = chi[order]
-    ratio2 = (along / (_TUKEY * scale)) ** 2
-    psi = along * (1.0 - ratio2) ** 2
-    slope = float(np.mean((1.0 - ratio2) * (1.0 - 5.0 * ratio2)))
+    rows, along = cone.rows(rays, basis)[order], chi[order]
+    ratio2 = np.square(along / (_TUKEY * scale))
+    rest = 1.0 - ratio2
+    psi = along * (rest * rest)
+    slope = float(rest @ (1.0 - 5.0 * ratio2)) / num_inliers
     variance = float(psi @ psi) / max(num_inliers - 3, 1) / slope**2
     factor = max(1.0, variance * correlation_factor(psi, rays.camera[order]))
-    information = rows.T @ rows / factor
-    diagonal = np.sqrt(np.diag(information))
+    information = rows.T @ rows
+    unit = 1.0 / np.sqrt(np.diag(information))
+    scaling = unit[:, None] * unit
     try:
-        cov = np.linalg.inv(information / np.outer(diagonal, diagonal))
+        cov = np.linalg.inv(information * scaling)
     except np.linalg.LinAlgError:
         return refuse(Status.ILL_CONDITIONED, "the limb points do not determine a cone")
-    cov /= np.outer(diagonal, diagonal)
+    cov *= scaling * factor
     refused = too_uncertain(cov, rho)
     if refused:
         return refuse(*refused)

@@ -24,7 +24,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid
+from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid, space_level
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,14 @@ class EdgeTable:
     residual: np.ndarray
     log_det: np.ndarray
     step: np.ndarray
+
+    def looked_up(self, profiles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Squares of residuals, and steps, of profiles (N, J), for every place: (N, ..., E)."""
+        num = profiles.shape[1]
+        shape = len(profiles), *self.log_det.shape
+        stacked = (profiles @ self.residual.reshape(-1, num).T).reshape(-1, num)
+        squares = np.einsum("ij,ij->i", stacked, stacked).reshape(shape)
+        return squares, (profiles @ self.step.reshape(-1, num).T).reshape(shape)
 
 
 def normal_cdf(x: np.ndarray) -> np.ndarray:
@@ -226,73 +234,95 @@ def place_edges(
     glow is differs from profile to profile, and is averaged over in each.
     """
     scaled = (profiles * (1.0 / noise)).astype(np.float32)
-    height = scaled.max(axis=1) - np.median(scaled[:, -3:], axis=1)
+    height = scaled.max(axis=1) - space_level(scaled)
     # Where noise is next to nothing the model's own error takes its place.
     excess = np.maximum(height / MAX_LEVEL, 1.0)
     scaled /= excess[:, None]
-    octave = np.rint(np.log2(np.clip(height / excess, 4.0, MAX_LEVEL)))
-    places = np.empty((6, len(look.textures) * len(look.glows), len(profiles)))
-    for value in np.unique(octave):
+    octave = np.rint(np.log2(np.minimum(np.maximum(height / excess, 4.0), MAX_LEVEL)))
+    count = len(profiles)
+    shape = count, len(look.textures) * len(look.glows), len(grid.e_px)
+    chi2, cost, steps = (np.empty(shape, dtype=np.float32) for _ in range(3))
+    for value in set(octave.tolist()):
         rows = np.flatnonzero(octave == value)
-        places[..., rows] = _place(scaled[rows], _tables(look, float(2.0**value), grid))
-    shape = (6, len(look.textures), len(look.glows), len(profiles))
-    offset, sigma, step, chi2, cost, at_border = places.reshape(shape)
-    log_evidence = np.log(sigma) - 0.5 * cost
-    best = log_evidence.max(axis=1)
-    weight = np.exp(log_evidence - best[:, None])
-    total = weight.sum(axis=1)
-    weight /= total[:, None]
+        table = _tables(look, float(2.0**value), grid)
+        chi2[rows], steps[rows] = table.looked_up(scaled[rows])
+        cost[rows] = chi2[rows] + table.log_det
+    # The planet is the bright side: an edge that rises outwards is no limb.
+    cost[steps <= 0] = _RULED_OUT
+    lowest = _lowest(cost.reshape(-1, shape[-1]), grid)
+    shape = count, len(look.textures), len(look.glows)
+    log_evidence = (np.log(lowest.sigma_px) - 0.5 * lowest.cost).reshape(shape)
+    best = log_evidence.max(axis=2)
+    weight = np.exp(log_evidence - best[..., None])
+    total = weight.sum(axis=2)
     by_texture = best + np.log(total)
-    likeliest = by_texture.max(axis=0)
-    merit = np.maximum(by_texture - likeliest, -_MOST_EVIDENCE).sum(axis=1)
+    likeliest = by_texture.max(axis=1, keepdims=True)
+    merit = np.maximum(by_texture - likeliest, -_MOST_EVIDENCE).sum(axis=0)
     share = np.exp(merit - merit.max())
-    share /= share.sum()
-    weight *= share[:, None, None]
+    weight *= (share / (share.sum() * total))[..., None]
+    weight = weight.reshape(count, -1)
 
     def mean(values: np.ndarray) -> np.ndarray:
-        return np.asarray((weight * values).sum(axis=(0, 1)))
+        return np.einsum("ij,ij->i", weight, values.reshape(count, -1))
 
+    offset = lowest.offset_px.reshape(count, -1)
     middle = mean(offset)
-    height = mean(step) * excess
+    spread = lowest.sigma_px.reshape(count, -1) ** 2 + (offset - middle[:, None]) ** 2
+    height = mean(steps.ravel()[lowest.index]) * excess
     return EdgePlaces(
         middle,
-        np.sqrt(mean(sigma**2 + (offset - middle) ** 2)),
+        np.sqrt(mean(spread)),
         height * noise,
         height,
-        mean(chi2) / (profiles.shape[1] - 3),
-        mean(at_border) > 0.5,
-        by_texture[np.argmax(merit)],
+        mean(chi2.ravel()[lowest.index] + lowest.drop) / (profiles.shape[1] - 3),
+        mean(lowest.at_border) > 0.5,
+        by_texture[:, np.argmax(merit)],
     )
 
 
-def _place(scaled: np.ndarray, tables: EdgeTable) -> np.ndarray:
-    """Place, sigma, step over noise, chi-square, cost and at-border (6, K, N) of each profile, for
-    each of K tables.
+@dataclass(frozen=True)
+class _Lowest:
+    """Minima of M curves of costs: place, sigma, cost, its depth below the grid's least value, and
+    whether that one is at an end; index : of the grid's value, or its neighbour, in the costs.
     """
-    num_tables, num_places, num_samples = tables.step.shape
-    stacked = scaled @ tables.residual.reshape(-1, num_samples).T
-    stacked = stacked.reshape(-1, num_samples)
-    shape = len(scaled), num_tables, num_places
-    chi2 = np.einsum("ij,ij->i", stacked, stacked).reshape(shape).astype(np.float64)
-    steps = (scaled @ tables.step.reshape(-1, num_samples).T).reshape(shape)
-    # The planet is the bright side: an edge that rises outwards is no limb.
-    cost = np.where(steps > 0, chi2 + tables.log_det, _RULED_OUT).reshape(-1, num_places)
-    best = np.argmin(cost, axis=1)
-    inner = np.clip(best, 2, num_places - 3)
-    rows = np.arange(len(cost))
-    shift, drop, curvature = _minimum(cost[rows[:, None], inner[:, None] + np.arange(-2, 3)])
-    grid = tables.e_px[1] - tables.e_px[0]
-    found = np.stack(
-        [
-            tables.e_px[inner] + shift * grid,
-            grid * np.sqrt(2.0 / curvature),
-            steps.reshape(-1, num_places)[rows, inner].astype(np.float64),
-            chi2.reshape(-1, num_places)[rows, inner] + drop,
-            cost[rows, inner] + drop,
-            (best == 0) | (best == num_places - 1),
-        ]
+
+    offset_px: np.ndarray
+    sigma_px: np.ndarray
+    cost: np.ndarray
+    drop: np.ndarray
+    at_border: np.ndarray
+    index: np.ndarray
+
+
+def _lowest(cost: np.ndarray, grid: ProfileGrid) -> _Lowest:
+    """Minima of costs (M, E) at the grid's places."""
+    last = cost.shape[1] - 1
+    best = cost.argmin(axis=1)
+    inner = np.minimum(np.maximum(best, 2), last - 2)
+    index = inner + np.arange(0, cost.size, last + 1)
+    near = cost.ravel()[index[:, None] + np.arange(-2, 3)].astype(np.float64)
+    shift, drop, curvature = _minimum(near)
+    return _Lowest(
+        grid.grid_px * (inner - last // 2 + shift),
+        grid.grid_px * np.sqrt(2.0 / curvature),
+        near[:, 2] + drop,
+        drop,
+        (best == 0) | (best == last),
+        index,
     )
-    return found.reshape(6, len(scaled), num_tables).transpose(0, 2, 1)
+
+
+# From five equidistant values to the polynomial through them, about the middle one: coefficients of
+# the first to the fourth power; to the slope and half the curvature of the parabola through three.
+_QUARTIC = np.array(
+    [
+        [2.0, -1.0, -2.0, 1.0, 0.0, 0.0],
+        [-16.0, 16.0, 4.0, -4.0, -12.0, 12.0],
+        [0.0, -30.0, 0.0, 6.0, 0.0, -24.0],
+        [16.0, 16.0, -4.0, -4.0, 12.0, 12.0],
+        [-2.0, -1.0, 2.0, 1.0, 0.0, 0.0],
+    ]
+) / (24.0, 24.0, 24.0, 24.0, 24.0, 24.0)
 
 
 def _minimum(cost: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -301,25 +331,31 @@ def _minimum(cost: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     Returns its distance from the middle, in steps, its depth below the middle, and the second
     derivative there. A parabola through three is off by a part of a step, whatever the noise.
     """
-    left2, left, middle, right, right2 = cost.T
-    # A ruled-out place says nothing: the values are mirrored there, about the middle or beyond.
-    out = 0.5 * _RULED_OUT
-    left, right = np.where(left > out, right, left), np.where(right > out, left, right)
-    far = (left2 > out) | (right2 > out)
-    slope = np.where(far, 0.5 * (right - left), (left2 - 8.0 * (left - right) - right2) / 12.0)
-    parabola = np.maximum(left - 2.0 * middle + right, 1e-9)
-    outer = 16.0 * (left + right) - 30.0 * middle - left2 - right2
-    second = np.where(far, parabola, outer / 12.0)
-    third = np.where(far, 0.0, 0.5 * (right2 - 2.0 * (right - left) - left2))
-    fourth = np.where(far, 0.0, left2 - 4.0 * (left + right) + 6.0 * middle + right2)
-    shift = np.clip(0.5 * (left - right) / parabola, -1.0, 1.0)
+    out = cost > 0.5 * _RULED_OUT
+    if out.any():
+        cost = _without(cost, out)
+    first, second, third, fourth, slope, bend = (cost @ _QUARTIC).T
+    bend = np.maximum(bend, 0.5e-9)
+    shift = np.minimum(np.maximum(-0.5 * slope / bend, -1.0), 1.0)
     for _ in range(_NEWTON_STEPS):
-        first = slope + shift * (second + shift * (third / 2.0 + shift * fourth / 6.0))
-        curvature = second + shift * (third + shift * fourth / 2.0)
-        curvature = np.where(curvature > 0.2 * parabola, curvature, parabola)
-        shift = np.clip(shift - first / curvature, -1.0, 1.0)
-    drop = shift * (slope + shift * (second / 2.0 + shift * (third / 6.0 + shift * fourth / 24.0)))
+        falls = first + shift * (2.0 * second + shift * (3.0 * third + shift * (4.0 * fourth)))
+        curvature = 2.0 * second + shift * (6.0 * third + shift * (12.0 * fourth))
+        curvature = np.where(curvature > 0.4 * bend, curvature, 2.0 * bend)
+        shift = np.minimum(np.maximum(shift - falls / curvature, -1.0), 1.0)
+    drop = shift * (first + shift * (second + shift * (third + shift * fourth)))
     return shift, np.minimum(drop, 0.0), curvature
+
+
+def _without(cost: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """Values (N, 5) with those that are out, which say nothing, replaced: by the one mirrored about
+    the middle, or by those of the parabola through the three in the middle.
+    """
+    left2, left, middle, right, right2 = cost.T
+    left, right = np.where(out[:, 1], right, left), np.where(out[:, 3], left, right)
+    far = out[:, 0] | out[:, 4]
+    even, odd = 2.0 * (left + right) - 3.0 * middle, right - left
+    left2, right2 = np.where(far, even - odd, left2), np.where(far, even + odd, right2)
+    return np.stack([left2, left, middle, right, right2], axis=1)
 
 
 def likeliest_look(

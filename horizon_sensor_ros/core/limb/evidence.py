@@ -14,9 +14,11 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.limb.curve import limb_curve
+from horizon_sensor_ros.core.robust import quantile
 
 _SKY_STEPS_PX = np.array([5.0, 7.0, 10.0, 14.0])  # outwards from the limb, working pixels
 _GROUND_STEPS_PX = np.array([-2.0, -4.0, -7.0])
+_STEPS_PX = np.concatenate([_GROUND_STEPS_PX, _SKY_STEPS_PX])
 _GRID_STEP = 6  # working pixels
 _SKY_MARGIN_PX = 8.0  # air glow above the limb is left out
 # Sky that is as clear as this leaves nothing to explain by glare.
@@ -62,60 +64,71 @@ def sky_evidence(
     """
     spacing_px = 3.0 * factor
     curve = limb_curve(view, nadir_base, rho_rad, spacing_px=spacing_px)
-    shown = np.ones(len(curve), dtype=bool)
+    px, normal_px = curve.px, curve.normal_px
     if view.mask is not None:
-        shown = view.mask.clear(curve.px, _MASK_CLEARANCE_PX)
-    if not shown.any():
+        shown = view.mask.clear(px, _MASK_CLEARANCE_PX)
+        px, normal_px = px[shown], normal_px[shown]
+    if len(px) == 0:
         return SkyEvidence(0.0, 0.0, 0.0, np.nan, 0.0)
-    limb_px = spacing_px * int(np.count_nonzero(shown))
-    steps = np.concatenate([_GROUND_STEPS_PX, _SKY_STEPS_PX]) * factor
-    px = curve.px[shown, None, :] + steps[None, :, None] * curve.normal_px[shown, None, :]
-    sides = np.floor((px + 0.5) / factor).astype(np.intp)
+    sides = px.T[:, None] + (factor * _STEPS_PX)[:, None] * normal_px.T[:, None]
+    sides = np.floor((sides + 0.5) / factor).astype(np.intp)
     sky = _sky_pixels(small, factor, view, nadir_base, rho_rad)
-    above = small - np.float32(space_level)
     usable = None if view.mask is None else view.mask.reduced(factor)
-    told = _judged(above, usable, sides, sky, noise, limb_px)
+    limb_px = spacing_px * len(px)
+    told = _judged(small, space_level, usable, sides, sky, noise, limb_px)
     if told.bright_sky < _HARDLY_BRIGHT and not told.clear_sky < _SURELY_CLEAR:
         return told
+    above = small - np.float32(space_level)
     glare = _glare(above, sky, told.contrast * noise)
-    return told if glare is None else _judged(above - glare, usable, sides, sky, noise, limb_px)
+    return (
+        told if glare is None else _judged(above - glare, 0.0, usable, sides, sky, noise, limb_px)
+    )
 
 
 def _judged(
-    above: np.ndarray,
+    small: np.ndarray,
+    space_level: float,
     usable: np.ndarray | None,
     sides: np.ndarray,
     sky: np.ndarray,
     noise: float,
     limb_px: float,
 ) -> SkyEvidence:
-    """Evidence from gray levels above space (h, w).
+    """Evidence from an image (h, w) in which empty space has a level.
 
-    sides : (N, S, 2) pixels beside the limb, ground first. sky : (M, 2) pixels outside the disc.
+    sides : (2, S, N) x and y of pixels beside the limb, ground first. sky : (M, 2) pixels outside
+    the disc.
     """
-    height, width = above.shape
-    known = (sides >= 0).all(axis=2) & (sides[..., 0] < width) & (sides[..., 1] < height)
-    x, y = np.clip(sides[..., 0], 0, width - 1), np.clip(sides[..., 1], 0, height - 1)
+    height, width = small.shape
+    x, y = sides
+    known = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+    if not known.all():
+        x, y = np.where(known, sides, 0)
     if usable is not None:
         known &= usable[y, x]
-    level = above[y, x]
+    level = small[y, x] - np.float32(space_level)
     num_ground = len(_GROUND_STEPS_PX)
-    ground = np.where(known, level, -np.inf)[:, :num_ground].max(axis=1)
-    outer = np.where(known, level, np.inf)[:, num_ground:].min(axis=1)
-    ground, outer = ground[np.isfinite(ground)], outer[np.isfinite(outer)]
+    ground = np.where(known, level, -np.inf)[:num_ground].max(axis=0)
+    outer = np.where(known, level, np.inf)[num_ground:].min(axis=0)
+    ground, outer = ground[ground > -np.inf], outer[outer < np.inf]
     if len(ground) == 0 or len(outer) == 0:
         return SkyEvidence(limb_px, 0.0, 0.0, np.nan, 0.0)
-    contrast = float(np.percentile(ground, 75))
+    contrast = quantile(ground, 0.75)
     clear = np.nan
-    if len(sky) >= 0.01 * above.size / _GRID_STEP**2:
-        clear = float(np.mean(np.abs(above[sky[:, 1], sky[:, 0]]) < max(0.1 * contrast, 6 * noise)))
+    if len(sky) >= 0.01 * small.size / _GRID_STEP**2:
+        off = np.abs(small[sky[:, 1], sky[:, 0]] - np.float32(space_level))
+        clear = _share(off < max(0.1 * contrast, 6 * noise))
     return SkyEvidence(
         limb_px,
-        float(np.mean(outer > max(0.35 * contrast, 6.0 * noise))),
-        float(np.mean(ground > max(0.1 * contrast, 5.0 * noise))),
+        _share(outer > max(0.35 * contrast, 6.0 * noise)),
+        _share(ground > max(0.1 * contrast, 5.0 * noise)),
         clear,
         contrast / noise,
     )
+
+
+def _share(these: np.ndarray) -> float:
+    return int(np.count_nonzero(these)) / len(these)
 
 
 def _sky_pixels(

@@ -137,6 +137,12 @@ def pixel_noise(profiles: np.ndarray, size: int = 1) -> float:
     return max(_NOISE_FACTOR * spread / np.sqrt(6.0), _LEAST_NOISE / np.sqrt(size))
 
 
+def space_level(profiles: np.ndarray) -> np.ndarray:
+    """Median (N,) of the outermost three samples of each profile (N, J)."""
+    a, b, c = profiles[:, -3:].T
+    return np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))
+
+
 def mean_profile(
     profiles: np.ndarray, d_px: np.ndarray, places: EdgePlaces
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -148,7 +154,7 @@ def mean_profile(
     """
     bins = np.rint((d_px - places.offset_px[:, None]) * 4.0).astype(np.intp)
     low = int(bins.min())
-    background = np.median(profiles[:, -3:], axis=1, keepdims=True)
+    background = space_level(profiles)[:, None]
     step = np.maximum(places.step, 1e-6)[:, None]
     # A bright profile says more, up to a point: one mirror-bright cloud is not the limb.
     weight = np.broadcast_to(np.minimum(step, np.median(step)), bins.shape).ravel()

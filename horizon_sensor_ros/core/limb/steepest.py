@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid
+from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid, space_level
 
 _SMOOTH = np.array([0.25, 0.5, 0.25])
 # A fall of this share of the steepest one is an edge of its own, and the outermost counts.
@@ -52,8 +52,7 @@ def steepest_fall(profiles: np.ndarray, noise: float, grid: ProfileGrid) -> Edge
     # samples.
     sigma = np.abs(fall_noise / curvature)
     # From the top of the fall inwards to the level of space: the step.
-    background = np.sort(profiles[:, -3:], axis=1)[:, 1]
-    step = smooth[rows, np.maximum(last - 1, 0)] - background
+    step = smooth[rows, np.maximum(last - 1, 0)] - space_level(profiles)
     places = EdgePlaces(
         d_px[last + 1] + shift,
         sigma,
