@@ -189,13 +189,13 @@ class Camera:
             if self.model == "equidistant":
                 x, y, _, _ = self._project_equidistant(rays)
             else:
-                x, y = self._normalised(rays)
+                x, y, _ = self._normalised(rays)
                 if not self._undistorted:
                     x, y = self._tilt(*self._distort(x, y)[:2])
             out = np.empty((len(rays), 2))
             np.multiply(x, self.fx, out=out[:, 0])
             np.multiply(y, self.fy, out=out[:, 1])
-            out += (self.cx, self.cy)
+            out += self._centre_px
         return out
 
     def pixel_jacobian(self, rays_unit: np.ndarray) -> np.ndarray:
@@ -216,10 +216,9 @@ class Camera:
                 self._project_equidistant_into(rays, px, jacobian)
             else:
                 self._project_perspective_into(rays, px, jacobian)
-        px *= (self.fx, self.fy)
-        px += (self.cx, self.cy)
-        jacobian[:, 0] *= self.fx
-        jacobian[:, 1] *= self.fy
+        px *= self._focal_px
+        px += self._centre_px
+        jacobian *= self._focal_px[:, None]
         return px, jacobian
 
     def in_frame(self, px: np.ndarray) -> np.ndarray:
@@ -234,6 +233,14 @@ class Camera:
         if self.model == "equidistant":
             return self._max_theta
         return float(np.arctan(self._max_radius))
+
+    @cached_property
+    def _focal_px(self) -> np.ndarray:
+        return np.array([self.fx, self.fy])
+
+    @cached_property
+    def _centre_px(self) -> np.ndarray:
+        return np.array([self.cx, self.cy])
 
     # ------------------------------------------------------------------ perspective models
 
@@ -306,18 +313,15 @@ class Camera:
         radius = np.tan(np.linspace(0.0, steepest, _TABLE_SIZE))
         return radius * self._radial(radius * radius)[0], radius
 
-    def _normalised(self, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return x/z and y/z, NaN behind the camera and outside the one-to-one field."""
-        z = rays[:, 2]
+    def _normalised(self, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return x/z, y/z and 1/z, NaN behind the camera and outside the one-to-one field."""
+        x, y, z = rays.T
         inverse_z = 1.0 / np.where(z > 0, z, np.nan)
-        x = rays[:, 0] * inverse_z
-        y = rays[:, 1] * inverse_z
         limit = _FARTHEST if self._undistorted else min(self._max_radius, _FARTHEST)
-        outside = ~(x * x + y * y <= limit * limit)
-        if outside.any():
-            x[outside] = np.nan
-            y[outside] = np.nan
-        return x, y
+        inside = (x * x + y * y) * (inverse_z * inverse_z) <= limit * limit
+        if not inside.all():
+            inverse_z[~inside] = np.nan
+        return x * inverse_z, y * inverse_z, inverse_z
 
     def _radial(self, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Return the radial factor, and the denominator where there is one."""
@@ -449,18 +453,12 @@ class Camera:
     def _project_perspective_into(
         self, rays: np.ndarray, px: np.ndarray, jacobian: np.ndarray
     ) -> None:
-        x, y = self._normalised(rays)
-        inverse_z = 1.0 / rays[:, 2]
+        x, y, inverse_z = self._normalised(rays)
         if self._undistorted:
             px[:, 0], px[:, 1] = x, y
-            jacobian[...] = 0.0
-            valid_z = np.where(np.isnan(x), np.nan, inverse_z)
-            jacobian[:, 0, 0] = valid_z
-            jacobian[:, 1, 1] = valid_z
-            jacobian[:, 0, 2] = -x * inverse_z
-            jacobian[:, 1, 2] = -y * inverse_z
-            jacobian[:, 0, 1] *= valid_z
-            jacobian[:, 1, 0] *= valid_z
+            jacobian[:, 0, 0] = jacobian[:, 1, 1] = inverse_z
+            jacobian[:, 0, 1] = jacobian[:, 1, 0] = 0.0 * inverse_z
+            jacobian[:, :, 2] = px * -inverse_z[:, None]
             return
         x_raw, y_raw, r2, factor, bottom = self._distort(x, y)
         a, b, c, d = self._distortion_jacobian(x, y, r2, factor, bottom)

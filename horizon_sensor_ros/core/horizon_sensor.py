@@ -260,11 +260,12 @@ class HorizonSensor:
     ) -> tuple[HorizonFix, dict[int, LimbPoints]]:
         """Fit of a detection; with the frames whose own evidence speaks against it, and why."""
         views = [figure.view(frame.view) for frame in frames]
-        limbs = detection.limbs
+        observations = detection.seen_by(views)
         if self.config.limb == "canny" and np.isfinite(detection.rho_rad):
             images = [frame.gray for frame in frames]
             limbs = canny_limbs(views, images, detection.nadir_base, detection.rho_rad)
-        observations = [LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)]
+            observations = tuple(map(LimbObservation, views, limbs))
+        limbs = tuple(seen.limb for seen in observations)
         if not any(limb.status is Status.OK for limb in limbs):
             fit = HorizonFit.none(limbs[0].status, limbs[0].reason, self.config.method)
             return HorizonFix(fit.status, _reasons(views, limbs), fit, limbs, ()), {}

@@ -50,17 +50,29 @@ _CANNY_REACH_PX = 2.0
 class Detection:
     """The limb in each frame, and where the last pass of refinement looked for it.
 
-    limbs : one per frame, in order. nadir_base, rho_rad : the cone whose limb the last pass
+    observations : one per frame, in order. nadir_base, rho_rad : the cone whose limb the last pass
     refined; NaN where there is none. candidates : step one's, for drawing. consensus : step two's.
     looks : one per frame, what the limb's edge looks like; none where no model fits it.
     """
 
-    limbs: tuple[LimbPoints, ...]
+    observations: tuple[LimbObservation, ...]
     candidates: tuple[LimbCandidates, ...] = ()
     consensus: Consensus = field(default_factory=lambda: Consensus(Status.NO_LIMB))
     nadir_base: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     rho_rad: float = np.nan
     looks: tuple[tuple[EdgeLook, ...], ...] = ()
+
+    @property
+    def limbs(self) -> tuple[LimbPoints, ...]:
+        """Limb in each frame."""
+        return tuple(seen.limb for seen in self.observations)
+
+    def seen_by(self, views: Sequence[CameraView]) -> tuple[LimbObservation, ...]:
+        """Return the observations by cameras that may have been stretched anew since."""
+        return tuple(
+            seen if seen.view is view else LimbObservation(view, seen.limb)
+            for seen, view in zip(self.observations, views, strict=True)
+        )
 
     @property
     def modelled(self) -> bool:
@@ -93,7 +105,8 @@ def detect_limb(
     consensus = ground_under_airglow(views, candidates, found, consensus, planet)
     if consensus.status is not Status.OK:
         none = LimbPoints.none(consensus.status, consensus.reason)
-        return Detection((none,) * len(views), candidates, consensus)
+        observations = tuple(LimbObservation(view, none) for view in views)
+        return Detection(observations, candidates, consensus)
     factors = [max(1, int(found.pitch_px) // 2) for found in candidates]
     looked = _look(
         views,
@@ -104,9 +117,7 @@ def detect_limb(
         (_SEARCH, *_FRESH),
         factors,
     )
-    return Detection(
-        looked.limbs, candidates, consensus, looked.nadir_base, looked.rho_rad, looked.looks
-    )
+    return replace(looked, candidates=candidates, consensus=consensus)
 
 
 def follow_limb(
@@ -133,9 +144,9 @@ def follow_limb(
         if [limb.status is Status.OK for limb in found.limbs] != list(sees):
             continue
         if found.modelled and all(
-            _on_course(LimbObservation(view, limb), found.nadir_base, found.rho_rad)
-            for view, limb in zip(views, found.limbs, strict=True)
-            if limb.status is Status.OK
+            _on_course(seen, found.nadir_base, found.rho_rad)
+            for seen in found.observations
+            if seen.limb.status is Status.OK
         ):
             return found
     return None
@@ -158,29 +169,29 @@ def _look(
     nadir, rho = near
     looks = list(looks)
     held = list(looks)
-    limbs: list[LimbPoints] = []
+    seen: list[LimbObservation] = []
     for step in steps:
-        if step is _GLOW and not any(look.glow_px > 0 for seen in looks for look in seen):
+        if step is _GLOW and not any(look.glow_px > 0 for kinds in looks for look in kinds):
             continue
-        limbs = []
+        seen = []
         for i, (view, image) in enumerate(zip(views, images, strict=True)):
             here, part = step, image
             if step is _SEARCH and factors is not None:
                 here = replace(step, factor=factors[i])
                 part = image if factors[i] == 1 else block_average(image, factors[i])
             limb, held[i] = refine_limb(part, view, nadir, rho, here, looks[i])
-            limbs.append(limb)
+            seen.append(LimbObservation(view, limb))
             looks[i] = held[i] or looks[i]
         if step is _FINAL:
             break
-        rays = gather([LimbObservation(v, limb) for v, limb in zip(views, limbs, strict=True)])
+        rays = gather(seen)
         nearer = refine(rays, planet, (nadir, rho))
         if not nearer.ok:
             nearer = refine(rays, planet)
         if not nearer.ok:
             break
         nadir, rho = nearer.nadir_base, nearer.rho_rad
-    return Detection(tuple(limbs), nadir_base=nadir, rho_rad=rho, looks=tuple(held))
+    return Detection(tuple(seen), nadir_base=nadir, rho_rad=rho, looks=tuple(held))
 
 
 def _on_course(observation: LimbObservation, nadir_base: np.ndarray, rho_rad: float) -> bool:

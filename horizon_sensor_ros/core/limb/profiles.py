@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -59,15 +60,16 @@ class EdgePlaces:
     at_border: np.ndarray
     log_evidence: np.ndarray
 
-    def scatter_px(self) -> float:
-        """One sigma of the places from one profile to the next, robust; NaN for less than three."""
-        if len(self.offset_px) < 3:
-            return np.nan
-        return robust_sigma(np.diff(self.offset_px)) / np.sqrt(2.0)
-
     def take(self, keep: np.ndarray) -> EdgePlaces:
         """Those of the profiles that a mask (N,) keeps."""
         return EdgePlaces(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
+
+
+def scatter_px(offset_px: np.ndarray) -> float:
+    """One sigma of places (N,) from one profile to the next, robust; NaN for less than three."""
+    if len(offset_px) < 3:
+        return np.nan
+    return robust_sigma(offset_px[1:] - offset_px[:-1]) * math.sqrt(0.5)
 
 
 def sample_profiles(
@@ -123,8 +125,11 @@ def bundle_profiles(
         return profiles[valid], index
     num = max(1, round(len(index) / size))
     first = np.arange(num) * len(index) // num
-    counts = np.diff(np.append(first, len(index)))
-    sums = np.add.reduceat(profiles[valid], first, axis=0)
+    counts = np.empty_like(first)
+    np.subtract(first[1:], first[:-1], out=counts[:-1])
+    counts[-1] = len(index) - first[-1]
+    part = profiles if len(index) == len(profiles) else profiles[index]
+    sums = np.add.reduceat(part, first, axis=0)
     return sums / counts[:, None].astype(profiles.dtype), index[first + counts // 2]
 
 
@@ -132,9 +137,9 @@ def pixel_noise(profiles: np.ndarray, size: int = 1) -> float:
     """One-sigma noise in gray levels, from the outermost six samples (space) of each profile
     (N, J), each the mean of `size`.
     """
-    second = np.diff(profiles[:, -6:], n=2, axis=1)
-    spread = robust_sigma(second.ravel())
-    return max(_NOISE_FACTOR * spread / np.sqrt(6.0), _LEAST_NOISE / np.sqrt(size))
+    first = profiles[:, -5:] - profiles[:, -6:-1]
+    spread = robust_sigma((first[:, 1:] - first[:, :-1]).ravel())
+    return max(_NOISE_FACTOR * spread / math.sqrt(6.0), _LEAST_NOISE / math.sqrt(size))
 
 
 def space_level(profiles: np.ndarray) -> np.ndarray:

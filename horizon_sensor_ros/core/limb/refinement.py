@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -26,6 +27,7 @@ from horizon_sensor_ros.core.limb.profiles import (
     mean_profile,
     pixel_noise,
     sample_profiles,
+    scatter_px,
 )
 from horizon_sensor_ros.core.limb.steepest import steepest_fall
 from horizon_sensor_ros.core.robust import median
@@ -106,18 +108,19 @@ def refine_limb(
     num = round(2 * step.reach_px + _INNER_PX + _OUTER_PX) + 1
     grid = ProfileGrid(first, num, step.reach_px, step.grid_px)
     profiles, valid = sample_profiles(gray, curve, grid.d_px, step.factor)
-    if valid.sum() < _MIN_PROFILES:
+    num_valid = int(np.count_nonzero(valid))
+    if num_valid < _MIN_PROFILES:
         return LimbPoints.none(Status.NO_LIMB, "the limb runs along the frame's border"), ()
     if view.mask is not None:
         valid &= view.mask.clear(curve.px, (_TAPS_PX - first) * step.factor)
-        if valid.sum() < _MIN_PROFILES:
+        num_valid = int(np.count_nonzero(valid))
+        if num_valid < _MIN_PROFILES:
             return LimbPoints.none(Status.NO_LIMB, "the limb is behind the mask"), ()
     # Neighbours see the same edge: their mean says as much as they do, for a part of the work.
     size = len(curve) / _BUNDLES
     if looks:
-        stretch = min(_STRETCH_PX / spacing_px, valid.sum() / _LEAST_STRETCHES)
-        size = max(size, stretch)
-    size = max(1, min(round(size), int(valid.sum()) // _MIN_PROFILES))
+        size = max(size, min(_STRETCH_PX / spacing_px, num_valid / _LEAST_STRETCHES))
+    size = max(1, min(round(size), num_valid // _MIN_PROFILES))
     profiles, middle = bundle_profiles(profiles, valid, size)
     if len(middle) < _MIN_PROFILES:
         return LimbPoints.none(Status.NO_LIMB, "the limb runs along the frame's border"), ()
@@ -128,47 +131,50 @@ def refine_limb(
     model_free = True
     if looks:
         if len(looks) > 1:
-            known = profiles[good] if good.sum() >= _MIN_PROFILES else profiles
+            known = profiles[good] if np.count_nonzero(good) >= _MIN_PROFILES else profiles
             looks = (likeliest_look(known, noise, looks, grid),)
         likely = place_edges(profiles, noise, looks[0], grid)
         fits = _believable(likely)
         # A model that most of the edges do not follow, that makes them jump about, or that without
         # glow moves them all, is wrong.
-        calm = max(_CALM * places.take(good).scatter_px(), _CALM_PX)
+        calm = max(_CALM * scatter_px(places.offset_px[good]), _CALM_PX)
         moved = median((likely.offset_px - places.offset_px)[good]) if good.any() else 0.0
         if (
-            fits.sum() > _MODEL_SHARE * good.sum()
-            and likely.take(fits).scatter_px() < calm
+            np.count_nonzero(fits) > _MODEL_SHARE * np.count_nonzero(good)
+            and scatter_px(likely.offset_px[fits]) < calm
             and (looks[0].glow_px > 0 or abs(moved) < _MOVED_PX)
         ):
             places, good, model_free = likely, fits, False
-    if good.sum() < _MIN_PROFILES:
-        reason = f"{int(good.sum())} of {len(profiles)} profiles across the limb show an edge"
+    num_good = int(np.count_nonzero(good))
+    if num_good < _MIN_PROFILES:
+        reason = f"{num_good} of {len(profiles)} profiles across the limb show an edge"
         return LimbPoints.none(Status.NO_LIMB, reason), ()
     apart = (places.offset_px - steepest.offset_px)[good & _believable(steepest)]
-    places = places.take(good)
+    if num_good < len(profiles):
+        places, profiles = places.take(good), profiles[good]
+        px, normal_px = px[good], normal_px[good]
     given = bool(looks)
     if step.guess and not given:
-        looks = guess_looks(profiles[good], grid.d_px, places)
+        looks = guess_looks(profiles, grid.d_px, places)
     glows = any(look.glow_px > 0 for look in looks)
     coherent = _COHERENT_PX[(glows, model_free)]
     if model_free and not glows:
-        coherent = min(coherent, places.scatter_px())
+        coherent = min(coherent, scatter_px(places.offset_px))
     if glows and not model_free and len(apart) >= _MIN_PROFILES:
         # Where model and steepest fall move apart along the limb, the model does not hold.
         stretches = [median(part) for part in np.array_split(apart, _STRETCHES)]
         coherent = max(coherent, _APART_SHARE * float(np.std(stretches)))
     if coherent == 0.0:
         # What the surface's texture adds to noise is the same for neighbouring profiles.
-        over_step = np.clip(noise / np.maximum(places.step, noise), 1.0 / MAX_LEVEL, 1.0)
+        over_step = np.maximum(noise / np.maximum(places.step, noise), 1.0 / MAX_LEVEL)
         clean = _CLEAN_SIGMA_PX * over_step
-        texture2 = float(np.mean(places.sigma_px**2 - clean**2))
-        coherent = _TEXTURE_SHARED * np.sqrt(max(texture2, 0.0))
+        texture2 = float(places.sigma_px @ places.sigma_px - clean @ clean) / num_good
+        coherent = _TEXTURE_SHARED * math.sqrt(max(texture2, 0.0))
     limb = LimbPoints(
         Status.OK,
         "",
-        px[good] + (places.offset_px * step.factor)[:, None] * normal_px[good],
-        normal_px[good],
+        px + (places.offset_px * step.factor)[:, None] * normal_px,
+        normal_px,
         places.sigma_px * step.factor,
         coherent * step.factor,
         spacing_px * step.factor * size,
