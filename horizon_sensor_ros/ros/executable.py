@@ -6,6 +6,7 @@ already ends the process quietly.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -90,6 +91,9 @@ def run(names: Sequence[str] = ()) -> int:
             executor.add_node(node)
         for node in managed:
             node.bring_up()
+        # What is loaded stays: to look through it for garbage would hold up a frame by some 40 ms.
+        gc.collect()
+        gc.freeze()
         while not end.asked_for:
             # Not spin(): in rclpy 7.1.6 that of the EventsExecutor outlives its context.
             executor.spin_once(timeout_sec=_WAKE_UP_S)
