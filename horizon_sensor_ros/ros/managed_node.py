@@ -41,9 +41,15 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
     """
 
     def __init__(self, name: str, **node_arguments: Any) -> None:
-        super().__init__(
-            name, automatically_declare_parameters_from_overrides=True, **node_arguments
-        )
+        try:
+            super().__init__(
+                name, automatically_declare_parameters_from_overrides=True, **node_arguments
+            )
+        except ValueError as error:
+            # rclpy, to which an empty list is none, does not say which.
+            raise ParameterError(
+                f"a parameter was given an empty list: name its values or leave it out ({error})"
+            ) from error
         self._failure = ""
         self._parameter_names: set[str] = set()
         try:

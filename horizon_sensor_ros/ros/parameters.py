@@ -27,6 +27,14 @@ from horizon_sensor_ros.ros.resources import read_mask, resource_path
 
 _MAX_FILE_BYTES = 1_000_000
 _CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_KIND_WORDS = {
+    "string": "a string",
+    "double": "a double",
+    "integer": "an integer of 64 bits",
+    "bool": "true or false",
+    "double_array": "a list of numbers",
+    "string_array": "a list of strings",
+}
 # Declared by rclpy itself, and the same in every node.
 _OF_RCLPY = re.compile(r"use_sim_time|start_type_description_service|qos_overrides\..*")
 
@@ -71,11 +79,9 @@ class Parameter:
         """
         accepted = _as_kind(value, self.kind)
         if accepted is None:
-            wanted = self.kind.replace("_", " of ", 1) if "array" in self.kind else self.kind
-            wanted = {"double_array": "list of numbers", "string_array": "list of strings"}.get(
-                self.kind, wanted
+            raise ParameterError(
+                f"{self.name} must be {_KIND_WORDS[self.kind]}, got {_shown(value)}"
             )
-            raise ParameterError(f"{self.name} must be a {wanted}, got {_shown(value)}")
         if self.choices and accepted not in self.choices:
             raise ParameterError(
                 f"{self.name} must be one of {', '.join(self.choices)}; got {_shown(accepted)}"
@@ -888,7 +894,9 @@ def _as_kind(value: Any, kind: str) -> Any:
     if kind == "string":
         return value if isinstance(value, str) else None
     if kind == "integer":
-        return value if isinstance(value, int) and not isinstance(value, bool) else None
+        whole = isinstance(value, int) and not isinstance(value, bool)
+        # A ROS integer has 64 bits; those of a file may have any number.
+        return value if whole and -(2**63) <= value < 2**63 else None
     if isinstance(value, bool):
         return None
     try:

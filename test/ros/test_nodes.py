@@ -240,6 +240,7 @@ def test_signals_during_start_up_end_a_node_quietly(
         ("attitude_node", "planet_radius:=-5.0", ["planet_radius", "-5.0"]),
         ("attitude_node", "planet:=flat", ["planet must be one of", "flat"]),
         ("attitude_node", "slop:=soon", ["slop must be a double"]),
+        ("attitude_node", "cameras:=[]", ["an empty list"]),
         ("attitude_node", "extrinsics_source:=tf", ["tf2_ros"]),
         ("attitude_node", "camera_1.mask:=/no/mask.png", ["camera_1.mask", "/no/mask.png"]),
         ("horizon_sensor", "nodes:=[sextant]", ["nodes must be some of", "sextant"]),

@@ -72,7 +72,8 @@ def test_defaults_are_the_contracts() -> None:
         ({"cameras": ["camera_1", "camera_1"]}, ["cameras names one twice"]),
         ({"cameras": ["camera 1"]}, ["camera 1"]),
         ({"cameras": "camera_1"}, ["cameras must be a list"]),
-        ({"queue_size": 2.5}, ["queue_size must be a integer"]),
+        ({"queue_size": 2.5}, ["queue_size must be an integer"]),
+        ({"queue_size": int("9" * 400)}, ["queue_size must be an integer", "999..."]),
         ({"camera_1.mask": 7}, ["camera_1.mask must be a string"]),
         ({"coarse_pose_position_sigma": -1.0}, ["coarse_pose_position_sigma", "-1.0"]),
         ({"altitude_prior_sigma": float("nan")}, ["altitude_prior_sigma"]),
@@ -114,7 +115,7 @@ def test_what_is_known_of_the_range_sensor_reaches_the_core() -> None:
         ({"pixel_angle": "small"}, ["pixel_angle must be a double", "small"]),
         ({"min_score": 1.5}, ["min_score", "1.5"]),
         ({"target_frame": " "}, ["target_frame is empty"]),
-        ({"min_points": 2.5}, ["min_points must be a integer"]),
+        ({"min_points": 2.5}, ["min_points must be an integer"]),
     ],
 )
 def test_the_targets_are_refused_likewise(values: dict, words: list[str]) -> None:
