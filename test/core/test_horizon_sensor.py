@@ -36,9 +36,15 @@ from horizon_sensor_ros.core.horizon_sensor import (
 from horizon_sensor_ros.core.judgement import full_scale
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging, Occluder
 from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scenes
-from horizon_sensor_ros.sim.poses import camera_from_fov, side_views
+from horizon_sensor_ros.sim.poses import (
+    camera_from_fov,
+    random_direction,
+    rot_from_axis,
+    side_views,
+)
 from horizon_sensor_ros.sim.scene_sets import SceneCase, set_a, set_b, two_camera_set
 
 NADIR = np.array([0.0, 0.0, 1.0])
@@ -556,6 +562,22 @@ def test_shared_scenes_within_bounds_or_no_fix(kind: str, shared_data: Path) -> 
 def test_shared_night(shared_data: Path) -> None:
     truth = shared_truths(shared_data)["night0"]
     assert_refused(SENSOR.process(shared_frames(shared_data, truth)), 2)
+
+
+def test_a_bank_of_cloud_along_one_end_of_a_large_frames_limb() -> None:
+    """The consensus takes the cloud's edge for the limb there, 25 px off: out of the next reach."""
+    rng = np.random.default_rng([991, 5, 3])
+    altitude_m = float(np.exp(rng.uniform(np.log(300e3), np.log(1200e3))))
+    nadir = random_direction(rng)
+    across = np.cross(nadir, random_direction(rng))
+    off = PLANET.rho_from_altitude(altitude_m) + rng.uniform(-0.15, 0.15)
+    axis = np.cos(off) * nadir + np.sin(off) * across / np.linalg.norm(across)
+    rot = rot_from_axis(axis, float(rng.uniform(0.0, 2.0 * np.pi)))
+    view = CameraView("camera_1", camera_from_fov(2048, 1536, np.radians(60.0)), np.eye(3))
+    position = -nadir * (PLANET.radius_m + altitude_m)
+    drawn = render_views((view,), rot, position, clouds(int(rng.integers(2**31))), rng)
+    fix = SENSOR.process(as_frames((view,), drawn))
+    assert error_deg(fix, rot.T @ nadir) < min(0.05, 4.0 * sigma_deg(fix))
 
 
 @pytest.mark.parametrize("kind", ["space", "earth"])

@@ -185,9 +185,12 @@ def _look(
         if step is _FINAL:
             break
         rays = gather(seen)
-        nearer = refine(rays, planet, (nadir, rho))
+        # Around a consensus that strayed to a cloud edges follow it where the limb is out of reach:
+        # then those that are right are found by their agreement, not by where the consensus was.
+        starts = (None, (nadir, rho)) if step is _SEARCH else ((nadir, rho), None)
+        nearer = refine(rays, planet, starts[0])
         if not nearer.ok:
-            nearer = refine(rays, planet)
+            nearer = refine(rays, planet, starts[1])
         if not nearer.ok:
             break
         nadir, rho = nearer.nadir_base, nearer.rho_rad

@@ -43,7 +43,7 @@ _LARGE_PX = 1024  # size of a frame up to which every pixel of limb is sampled
 _BUNDLES = 160  # profiles, or means of neighbouring ones, along the limb in a frame
 # Length of limb over which the model is given the profiles' mean: what clouds and ground do hardly
 # changes along it, and shows through less noise. Short limbs are cut into shorter ones, so that
-# there are enough of them for a robust fit.
+# there are enough of them for a robust fit; pixels of a frame of `_LARGE_PX`.
 _STRETCH_PX = 16.0
 _LEAST_STRETCHES = 32
 _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that must follow it
@@ -119,7 +119,7 @@ def refine_limb(
     # Neighbours see the same edge: their mean says as much as they do, for a part of the work.
     size = len(curve) / _BUNDLES
     if looks:
-        size = max(size, min(_STRETCH_PX / spacing_px, num_valid / _LEAST_STRETCHES))
+        size = max(size, min(_STRETCH_PX / step.spacing_px, num_valid / _LEAST_STRETCHES))
     size = max(1, min(round(size), num_valid // _MIN_PROFILES))
     profiles, middle = bundle_profiles(profiles, valid, size)
     if len(middle) < _MIN_PROFILES:
