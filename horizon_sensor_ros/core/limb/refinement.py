@@ -204,7 +204,7 @@ def guess_looks(profiles: np.ndarray, d_px: np.ndarray, places: EdgePlaces) -> t
     sharp = EdgeLook(PSF_LADDER_PX[int(np.argmax(explained))], 0.0)
     usual = EdgeLook(_USUAL_PSF_PX, 0.0)
     inside, tail, far = (float(np.interp(at, where, mean)) for at in (-1.5, 2.5, 4.5))
-    if tail < _GLOW_SHARE * inside:
+    if tail <= max(_GLOW_SHARE * inside, 0.0):
         return (sharp, usual) if sharp != usual else (sharp, *sharp.neighbours())
     slope = 0.5 * np.log(max(far, 0.02 * tail) / tail)
     length = np.abs(np.log(np.array(GLOW_LADDER_PX) * max(-slope, 0.05)))
