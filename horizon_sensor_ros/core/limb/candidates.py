@@ -67,13 +67,18 @@ def reduce_image(gray: np.ndarray) -> tuple[np.ndarray, int]:
 def block_average(gray: np.ndarray, factor: int) -> np.ndarray:
     """Mean of blocks of factor x factor pixels, float32; what does not fill a block is cut off.
 
-    In floats: rounded means would make 8-bit images another search than the same in 16 bits.
+    Not rounded: rounded means would make 8-bit images another search than the same in 16 bits.
     """
-    height, width = gray.shape[0] // factor, gray.shape[1] // factor
-    image = gray[: height * factor, : width * factor].astype(np.float32)
-    if factor == 1:
-        return image
-    return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    height, width = (size // factor * factor for size in gray.shape)
+    # Whole rows of integers are added up first: a fraction of the time of OpenCV's area resampling.
+    sums = gray[:height:factor].astype(np.uint16 if gray.dtype == np.uint8 else np.uint32)
+    for row in range(1, factor):
+        sums += gray[row:height:factor]
+    means = sums[:, :width:factor].astype(np.float32)
+    for column in range(1, factor):
+        means += sums[:, column:width:factor]
+    means *= np.float32(1.0 / factor**2)
+    return means
 
 
 def space_level_and_noise(
