@@ -53,4 +53,6 @@ def stretched_view(view: CameraView, axis_base: np.ndarray, ratio: float) -> Cam
 
 
 def _unit(rays: np.ndarray) -> np.ndarray:
-    return rays / np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]
+    # Calibrations that make no sense have rays without end: NaN.
+    with np.errstate(invalid="ignore"):
+        return rays / np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]

@@ -204,6 +204,7 @@ def points(seed: int) -> np.ndarray:
     return camera.scan(MESHES["n5"], truth_at(0), np.random.default_rng(seed)).points
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("number", NUMBERS)
 @pytest.mark.parametrize("kind", [HorizonFuzz, TargetFuzz])
 def test_bad_messages(kind: type[HorizonFuzz | TargetFuzz], number: int) -> None:
