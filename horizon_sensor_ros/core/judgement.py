@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +15,7 @@ from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.limb.evidence import SkyEvidence
 from horizon_sensor_ros.core.shared_error import bend_px
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.symmetric3 import largest_eigenvalue
 
 # Two cameras that see the limb each for itself contradict each other when farther apart than both.
 _DISAGREEMENT_SIGMAS = 5.0
@@ -95,7 +97,7 @@ def disagreement_rad(one: HorizonFit, other: HorizonFit) -> float:
 
 def nadir_sigma_rad(fit: HorizonFit) -> float:
     """One sigma of nadir in its least certain direction."""
-    return float(np.sqrt(np.linalg.eigvalsh(fit.cov_nadir_altitude[:3, :3])[-1]))
+    return math.sqrt(largest_eigenvalue(fit.cov_nadir_altitude[:3, :3]))
 
 
 def full_scale(gray: np.ndarray) -> float:

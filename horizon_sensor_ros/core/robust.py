@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 MAD_TO_SIGMA = 1.4826  # of a Gaussian, from the median of the absolute deviations
@@ -17,6 +19,12 @@ def median(values: np.ndarray) -> float:
         return float(np.partition(values, half)[half])
     parted = np.partition(values, (half - 1, half))
     return 0.5 * float(parted[half - 1] + parted[half])
+
+
+def stretches(values: np.ndarray, count: int) -> list[np.ndarray]:
+    """Cut an array (N,) into so many parts of about the same length, one after the other."""
+    ends = [i * len(values) // count for i in range(count + 1)]
+    return [values[first:last] for first, last in pairwise(ends)]
 
 
 def quantile(values: np.ndarray, share: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,7 +14,8 @@ from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.robust import median
+from horizon_sensor_ros.core.robust import median, stretches
+from horizon_sensor_ros.core.symmetric3 import inverse
 
 _STRETCHES = 6
 _MEDIAN_VARIANCE = np.pi / 2.0  # of a median of normal errors, over that of their mean
@@ -36,8 +38,9 @@ def with_shared_error(
 def bend_px(fit: HorizonFit, rays: LimbRays) -> float:
     """How far stretches of one camera's limb lie off the fitted one, RMS of their medians."""
     residual = rays.residuals_px(fit.nadir_base, fit.rho_rad)[rays.along_limb(fit.nadir_base)]
-    stretches = [median(part) for part in np.array_split(residual, _STRETCHES)]
-    return float(np.nan_to_num(np.sqrt(np.mean(np.square(stretches))), posinf=9.0))
+    medians = [median(part) for part in stretches(residual, _STRETCHES)]
+    bend = math.sqrt(sum(middle * middle for middle in medians) / _STRETCHES)
+    return bend if bend < math.inf else 9.0
 
 
 def _coherent_covariance(
@@ -68,7 +71,9 @@ def _coherent_covariance(
         information += weight * rows.T @ rows
         # The limb of a camera as a whole may be off by as much: cameras see different air.
         shifts.append(_CAMERA_SHIFT * claimed_px * weight * rows.sum(axis=0))
-    gain = np.linalg.pinv(information, hermitian=True)
+    if not information.any():
+        return np.zeros((4, 4))
+    gain = inverse(information)
     moved = [gain @ shift for shift in shifts]
     cov = gain + sum((np.outer(move, move) for move in moved), np.zeros((3, 3)))
     return covariance_nadir_altitude(cov, basis, fit.rho_rad, sphere)

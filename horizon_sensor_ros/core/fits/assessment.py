@@ -14,6 +14,7 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.robust import median, robust_sigma
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.symmetric3 import is_positive
 
 MIN_POINTS = 4
 # Larger residuals than these are not a limb's.
@@ -85,7 +86,7 @@ def refusal(
         return Status.WRONG_POLARITY, "the limb normals point into the fitted disc"
     if rho_rad > _LARGEST_RHO_RAD:
         return Status.WRONG_POLARITY, "the limb is straight or curved the wrong way"
-    if np.linalg.eigvalsh(design.T @ design)[0] < _LEAST_EIGENVALUE * len(design):
+    if not is_positive(design.T @ design - _LEAST_EIGENVALUE * len(design) * np.eye(3)):
         return Status.ILL_CONDITIONED, "the limb points cover too little of the limb"
     return None
 

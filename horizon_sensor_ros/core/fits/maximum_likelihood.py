@@ -25,6 +25,7 @@ from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.robust import robust_sigma
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.symmetric3 import inverse, solve
 
 METHOD = "ml"
 # Tukey's biweight: 95 % efficient for Gaussian residuals, blind to those beyond this many sigma.
@@ -167,7 +168,7 @@ def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool
         rows = cone.rows(rays, basis)
         weighted = rows * (rest * rest)[:, None]
         downhill = -(cone.chi @ weighted)
-        step = _solve(weighted.T @ rows, downhill)
+        step = solve(weighted.T @ rows, downhill)
         largest = float(np.abs(step).max())
         if not largest < np.inf:
             break
@@ -198,26 +199,6 @@ def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool
             return cone, True, np.array(history)
     near = scale < np.inf and length2 < _NEAR_ENOUGH * max(1.0, scale * scale)
     return cone, near, np.array(history)
-
-
-def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve a symmetric 3 x 3 system by its Cholesky factors; NaN when it is not positive."""
-    (a, b, c), (_, d, e), (_, _, f) = matrix.tolist()
-    x, y, z = right.tolist()
-    if not a > 0.0:
-        return np.full(3, np.nan)
-    ba, ca = b / a, c / a
-    d, e, f = d - b * ba, e - c * ba, f - c * ca
-    if not d > 0.0:
-        return np.full(3, np.nan)
-    ed = e / d
-    f -= e * ed
-    if not f > 0.0:
-        return np.full(3, np.nan)
-    y -= ba * x
-    z = (z - ca * x - ed * y) / f
-    y = y / d - ed * z
-    return np.array([x / a - ba * y - ca * z, y, z])
 
 
 def _assess(
@@ -257,14 +238,8 @@ def _assess(
     slope = float(rest @ (1.0 - 5.0 * ratio2)) / num_inliers
     variance = float(psi @ psi) / max(num_inliers - 3, 1) / slope**2
     factor = max(1.0, variance * correlation_factor(psi, rays.camera[order]))
-    information = rows.T @ rows
-    unit = 1.0 / np.sqrt(np.diag(information))
-    scaling = unit[:, None] * unit
-    try:
-        cov = np.linalg.inv(information * scaling)
-    except np.linalg.LinAlgError:
-        return refuse(Status.ILL_CONDITIONED, "the limb points do not determine a cone")
-    cov *= scaling * factor
+    cov = inverse(rows.T @ rows)
+    cov *= factor
     refused = too_uncertain(cov, rho)
     if refused:
         return refuse(*refused)

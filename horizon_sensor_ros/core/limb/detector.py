@@ -28,7 +28,7 @@ from horizon_sensor_ros.core.limb.selection import (
     rays_of_candidates,
 )
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.robust import median
+from horizon_sensor_ros.core.robust import median, stretches
 from horizon_sensor_ros.core.status import Status
 
 # From the consensus, good to a grid step or two, to the last tenths of a pixel. Where air glows the
@@ -203,7 +203,7 @@ def _on_course(observation: LimbObservation, nadir_base: np.ndarray, rho_rad: fl
     if len(rays) < MIN_INLIERS:
         return False
     off = rays.residuals_px(nadir_base, rho_rad)[rays.along_limb(nadir_base)]
-    return max(abs(median(part)) for part in np.array_split(off, _STRETCHES)) < _ON_COURSE_PX
+    return max(abs(median(part)) for part in stretches(off, _STRETCHES)) < _ON_COURSE_PX
 
 
 def canny_limbs(
