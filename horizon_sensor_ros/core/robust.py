@@ -22,8 +22,9 @@ def median(values: np.ndarray) -> float:
 
 
 def stretches(values: np.ndarray, count: int) -> list[np.ndarray]:
-    """Cut an array (N,) into so many parts of about the same length, one after the other."""
-    ends = [i * len(values) // count for i in range(count + 1)]
+    """Cut an array (N,) into so many parts, one after the other; the first may be one longer."""
+    length, longer = divmod(len(values), count)
+    ends = [i * length + min(i, longer) for i in range(count + 1)]
     return [values[first:last] for first, last in pairwise(ends)]
 
 

@@ -15,7 +15,7 @@ from horizon_sensor_ros.core.robust import robust_sigma
 # edge is never quite the model's: on frames of known noise this factor makes the residuals of a
 # clean limb as large as their sigmas.
 _NOISE_FACTOR = 1.3
-_PIECE = 512  # profiles that are sampled at a time
+_PIECE = 256  # profiles that are sampled at a time
 _LEAST_NOISE = 0.25  # gray levels; what rounding alone adds
 
 

@@ -8,6 +8,7 @@ planet, wins.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -16,6 +17,7 @@ import numpy as np
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.candidates import LimbCandidates
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.symmetric3 import solve
 
 _NUM_DRAWS = 1500  # triples of candidates that are tried
 _NUM_HYPOTHESES = 400  # of those that make sense, how many are scored
@@ -199,22 +201,16 @@ class _Ballot:
         A hypothesis that loses its inliers on the way stays as it was.
         """
         rays = self.rays.astype(np.float64)
-        square = np.square(self.weight / self.tolerance_rad).astype(np.float64)
+        weighted = rays * np.square(self.weight / self.tolerance_rad)[:, None]
+        products = (weighted[:, :, None] * rays[:, None, :]).reshape(-1, 9)
         for widen in (2.0, 1.5, 1.0):
-            # The step (dx, dy, dz) of m = nadir / cos rho that makes u . m one.
-            m = nadirs / cos_rhos[:, None]
-            inlying = self.gains(nadirs, cos_rhos, widen) > 0.0
-            for k in range(len(m)):
-                inside = inlying[:, k]
-                if np.count_nonzero(inside) < MIN_INLIERS:
-                    continue
-                here = rays[inside]
-                weighted = here * square[inside, None]
-                try:
-                    step = np.linalg.solve(weighted.T @ here, weighted.T @ (1.0 - here @ m[k]))
-                except np.linalg.LinAlgError:
-                    continue
-                norm = float(np.linalg.norm(m[k] + step))
-                if np.isfinite(norm) and norm > 1.0:
-                    nadirs[k], cos_rhos[k] = (m[k] + step) / norm, 1.0 / norm
+            inlying = (self.gains(nadirs, cos_rhos, widen) > 0.0).T.astype(np.float64)
+            # Least squares of u . m = 1, m = nadir / cos rho.
+            for k, (matrix, right) in enumerate(
+                zip(inlying @ products, inlying @ weighted, strict=True)
+            ):
+                m = solve(matrix.reshape(3, 3), right)
+                norm = math.sqrt(m @ m)
+                if inlying[k].sum() >= MIN_INLIERS and 1.0 < norm < math.inf:
+                    nadirs[k], cos_rhos[k] = m / norm, 1.0 / norm
         return nadirs, cos_rhos
