@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
@@ -85,12 +87,14 @@ def _best_triple(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[np.ndar
     normals = np.vstack((nadir, normals))
     cosines = np.append(np.cos(rho), cosines)
     some = rng.permutation(len(rays))[:_TESTED_POINTS]
-    theta = np.arccos(np.clip(rays.rays_base[some] @ normals.T, -1.0, 1.0))
-    distance = np.abs(theta - np.arccos(np.clip(cosines, -1.0, 1.0))) / rays.sigma_rad[some, None]
-    # The limb normals say which of the two sides is the planet's.
-    backward = np.mean(rays.outward_base[some] @ normals.T > 0, axis=0) > 0.5
+    # Angles from the circles, to first order: it is the near ones that count.
+    distance = np.abs(normals @ rays.rays_base[some].T - cosines[:, None])
+    distance /= np.sqrt(np.maximum(1.0 - cosines * cosines, 1e-12))[:, None]
+    distance /= rays.sigma_rad[some]
     rank = int(_QUANTILE * (len(some) - 1))
-    best = int(np.argmin(np.partition(distance, rank, axis=0)[rank]))
-    if backward[best]:
-        return -normals[best], float(np.arccos(np.clip(-cosines[best], -1.0, 1.0)))
-    return normals[best], float(np.arccos(np.clip(cosines[best], -1.0, 1.0)))
+    best = int(np.argmin(np.partition(distance, rank, axis=1)[:, rank]))
+    nadir, cosine = normals[best], float(cosines[best])
+    # The limb normals say which of the two sides is the planet's.
+    if np.count_nonzero(rays.outward_base @ nadir > 0) > 0.5 * len(rays):
+        nadir, cosine = -nadir, -cosine
+    return nadir, math.acos(min(max(cosine, -1.0), 1.0))

@@ -40,7 +40,7 @@ class LimbRays:
     def __len__(self) -> int:
         return len(self.rays_base)
 
-    @property
+    @cached_property
     def sigma_rad(self) -> np.ndarray:
         """(N,) one sigma of the angle between ray and limb."""
         return self.sigma_px * np.sqrt(np.einsum("ij,ij->i", self.outward_base, self.outward_base))

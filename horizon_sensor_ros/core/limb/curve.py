@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,14 +86,19 @@ def _cone(nadir: np.ndarray, rho_rad: float) -> np.ndarray:
     Azimuth zero is where the limb comes nearest to the optical axis.
     """
     x, y, z = nadir.tolist()
-    first = np.array([-z * x, -z * y, 1.0 - z * z])
-    if np.linalg.norm(first) < 1e-9:
-        first = np.array([1.0 - x * x, -x * y, -x * z])
-    a, b, c = (first / np.linalg.norm(first)).tolist()
-    cone = np.array([[x, y, z], [a, b, c], [y * c - z * b, z * a - x * c, x * b - y * a]])
-    cone[0] *= np.cos(rho_rad)
-    cone[1:] *= np.sin(rho_rad)
-    return cone
+    a, b, c = -z * x, -z * y, 1.0 - z * z
+    if math.hypot(a, b, c) < 1e-9:
+        a, b, c = 1.0 - x * x, -x * y, -x * z
+    along, across = math.cos(rho_rad), math.sin(rho_rad)
+    size = across / math.hypot(a, b, c)
+    a, b, c = size * a, size * b, size * c
+    return np.array(
+        [
+            [along * x, along * y, along * z],
+            [a, b, c],
+            [y * c - z * b, z * a - x * c, x * b - y * a],
+        ]
+    )
 
 
 def _within(camera: Camera, px: np.ndarray) -> np.ndarray:
