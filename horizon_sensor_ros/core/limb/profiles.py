@@ -16,6 +16,7 @@ from horizon_sensor_ros.core.robust import robust_sigma
 # clean limb as large as their sigmas.
 _NOISE_FACTOR = 1.3
 _PIECE = 256  # profiles that are sampled at a time
+_REMAP_STEPS = np.float32(32.0)  # to a pixel: cv2.remap rounds positions to these
 _LEAST_NOISE = 0.25  # gray levels; what rounding alone adds
 
 
@@ -110,6 +111,26 @@ def _span(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the least and the largest (N,) along straight lines of values (N, J)."""
     ends = values[:, 0], values[:, -1]
     return np.minimum(*ends), np.maximum(*ends)
+
+
+def pixel_phase(curve: LimbCurve, factor: int = 1) -> np.ndarray:
+    """How the limb lies in the pixels: (N, 3), one row for each profile.
+
+    How far along the normal `sample_profiles` really samples beyond where it should, in pixels of
+    the reduced image; cosine and sine of the place between two rows or columns of it, whichever run
+    rather with the limb. Along a limb that runs with them all of it is the same for long stretches.
+    """
+    centre = curve.px if factor == 1 else (curve.px + 0.5) / factor - 0.5
+    normal = curve.normal_px
+    out = np.zeros((len(curve), 3))
+    for d_px, share in ((-1.0, 0.25), (0.0, 0.5), (1.0, 0.25)):
+        at = (centre + d_px * normal).astype(np.float32) * _REMAP_STEPS
+        out[:, 0] += (share / _REMAP_STEPS) * ((np.rint(at) - at) * normal).sum(axis=1)
+    steep = np.abs(normal[:, 1]) > np.abs(normal[:, 0])
+    angle = (2.0 * np.pi) * np.where(steep, centre[:, 1], centre[:, 0])
+    np.cos(angle, out=out[:, 1])
+    np.sin(angle, out=out[:, 2])
+    return out
 
 
 def bundle_profiles(

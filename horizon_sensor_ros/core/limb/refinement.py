@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.limb.curve import limb_curve
+from horizon_sensor_ros.core.limb.curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.limb.edge_model import (
     GLOW_LADDER_PX,
-    MAX_LEVEL,
     PSF_LADDER_PX,
     EdgeLook,
     likeliest_look,
     normal_cdf,
     place_edges,
+)
+from horizon_sensor_ros.core.limb.kriging import (
+    KrigedEdges,
+    Stretches,
+    fitted_limb,
+    krige_edges,
 )
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.profiles import (
@@ -26,6 +31,7 @@ from horizon_sensor_ros.core.limb.profiles import (
     bundle_profiles,
     mean_profile,
     pixel_noise,
+    pixel_phase,
     sample_profiles,
     scatter_px,
 )
@@ -47,16 +53,16 @@ _BUNDLES = 160  # profiles, or means of neighbouring ones, along the limb in a f
 _STRETCH_PX = 16.0
 _LEAST_STRETCHES = 32
 _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that must follow it
-_CLEAN_SIGMA_PX = 2.2  # sigma of an untextured edge's place, for a step as high as the noise
+_PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`, which allows for an edge's misfits
+_OFF_PX = 0.1  # from the predicted place; farther off, kriging is done again
+_FAR_PX = 1.0  # from the limb about which it is done: no place of its edge
 _STRETCHES = 6
 _APART_SHARE = 0.75  # of what separates two kinds of edge along the limb, as measured beside truth
-_TEXTURE_SHARED = 0.4  # share of the texture's error that counts as common to a stretch of limb
 _CALM, _CALM_PX = 3.0, 0.2  # jumps from profile to profile: over those without a model, and at all
 _MOVED_PX = 0.5
 # Error that neighbours share, by whether air glows and whether edges were placed without a model:
 # the scatter, beyond noise, of whole stretches of simulated limbs about the true ones.
 _COHERENT_PX = {
-    (False, False): 0.0,
     (False, True): 0.1,
     (True, False): 0.2,
     (True, True): 0.4,
@@ -129,22 +135,41 @@ def refine_limb(
     places = steepest = steepest_fall(profiles, noise, grid)
     good = _believable(places)
     model_free = True
-    if looks:
+    shared_px = 0.0
+    if looks and np.count_nonzero(good) >= _MIN_PROFILES:
         if len(looks) > 1:
-            known = profiles[good] if np.count_nonzero(good) >= _MIN_PROFILES else profiles
-            looks = (likeliest_look(known, noise, looks, grid),)
-        likely = place_edges(profiles, noise, looks[0], grid)
+            looks = (likeliest_look(profiles[good], noise, looks, grid),)
+        sharp = looks[0].glow_px == 0.0
+        pitch = step.factor / math.sqrt(view.camera.fx * view.camera.fy)
+        stretches = Stretches(
+            profiles,
+            grid.d_px,
+            _PLAIN_NOISE * noise,
+            looks[0].psf_px,
+            spacing_px * size,
+            pitch / math.tan(max(rho_rad, pitch)),
+            np.column_stack([normal_px, np.ones(len(profiles))]),
+        )
+        means = _Means(gray, curve, valid, size, step.factor, grid.d_px)
+        near, shared_px = _kriged(stretches, means, good) if sharp else (None, 0.0)
+        likely = place_edges(profiles, noise, looks[0], grid) if near is None else near
         fits = _believable(likely)
         # A model that most of the edges do not follow, that makes them jump about, or that without
         # glow moves them all, is wrong.
         calm = max(_CALM * scatter_px(places.offset_px[good]), _CALM_PX)
-        moved = median((likely.offset_px - places.offset_px)[good]) if good.any() else 0.0
+        moved = median((likely.offset_px - places.offset_px)[good])
         if (
             np.count_nonzero(fits) > _MODEL_SHARE * np.count_nonzero(good)
             and scatter_px(likely.offset_px[fits]) < calm
-            and (looks[0].glow_px > 0 or abs(moved) < _MOVED_PX)
+            and (not sharp or abs(moved) < _MOVED_PX)
         ):
             places, good, model_free = likely, fits, False
+            if sharp and near is None:
+                limb = fitted_limb(
+                    stretches.base[good], places.offset_px[good], places.sigma_px[good]
+                )
+                places, shared_px = _kriged_about(limb, stretches, means, good)
+                good = _believable(places)
     num_good = int(np.count_nonzero(good))
     if num_good < _MIN_PROFILES:
         reason = f"{num_good} of {len(profiles)} profiles across the limb show an edge"
@@ -157,20 +182,14 @@ def refine_limb(
     if step.guess and not given:
         looks = guess_looks(profiles, grid.d_px, places)
     glows = any(look.glow_px > 0 for look in looks)
-    coherent = _COHERENT_PX[(glows, model_free)]
+    coherent = _COHERENT_PX[(glows, model_free)] if glows or model_free else shared_px
     if model_free and not glows:
         coherent = min(coherent, scatter_px(places.offset_px))
     if glows and not model_free and len(apart) >= _MIN_PROFILES:
         # Where model and steepest fall move apart along the limb, the model does not hold.
-        stretches = [median(part) for part in np.array_split(apart, _STRETCHES)]
-        coherent = max(coherent, _APART_SHARE * float(np.std(stretches)))
-    if coherent == 0.0:
-        # What the surface's texture adds to noise is the same for neighbouring profiles.
-        over_step = np.maximum(noise / np.maximum(places.step, noise), 1.0 / MAX_LEVEL)
-        clean = _CLEAN_SIGMA_PX * over_step
-        texture2 = float(places.sigma_px @ places.sigma_px - clean @ clean) / num_good
-        coherent = _TEXTURE_SHARED * math.sqrt(max(texture2, 0.0))
-    limb = LimbPoints(
+        middles = [median(part) for part in np.array_split(apart, _STRETCHES)]
+        coherent = max(coherent, _APART_SHARE * float(np.std(middles)))
+    points = LimbPoints(
         Status.OK,
         "",
         px + (places.offset_px * step.factor)[:, None] * normal_px,
@@ -179,7 +198,76 @@ def refine_limb(
         coherent * step.factor,
         spacing_px * step.factor * size,
     )
-    return limb, () if given and model_free else tuple(looks)
+    return points, () if given and model_free else tuple(looks)
+
+
+@dataclass(frozen=True)
+class _Means:
+    """Means of `size` profiles across a limb's curve each, of those that are valid (N,)."""
+
+    gray: np.ndarray
+    curve: LimbCurve
+    valid: np.ndarray
+    size: int
+    factor: int
+    d_px: np.ndarray
+
+    def moved(self, limb: np.ndarray) -> _Means:
+        """The same about a curve moved along its normals as `Stretches.base` has it."""
+        normal = self.curve.normal_px
+        shift = normal @ limb[:2] + limb[2]
+        px = self.curve.px + (self.factor * shift)[:, None] * normal
+        return replace(self, curve=LimbCurve(px, normal))
+
+    def profiles(self) -> np.ndarray:
+        """Gray levels (M, J)."""
+        sampled, _ = sample_profiles(self.gray, self.curve, self.d_px, self.factor)
+        return bundle_profiles(sampled, self.valid, self.size)[0]
+
+    def phase(self) -> np.ndarray:
+        """`pixel_phase` (M, 3)."""
+        return bundle_profiles(pixel_phase(self.curve, self.factor), self.valid, self.size)[0]
+
+
+def _kriged(
+    stretches: Stretches, means: _Means, good: np.ndarray
+) -> tuple[EdgePlaces | None, float]:
+    """Places of the sharp edge in mean profiles (M), and the sigma that parts of the limb share.
+
+    good : (M,) profiles that show an edge; the others come back as at the border. None for a limb
+    that lies too far from the predicted one.
+    """
+    phase = means.phase()
+    found = krige_edges(stretches, good, np.hypot(phase[:, 1], phase[:, 2]))
+    if np.abs(stretches.base @ found.limb).max() > _OFF_PX:
+        return None, 0.0
+    return _places_of(found, phase[:, 0], stretches, good), found.shared_px
+
+
+def _kriged_about(
+    limb: np.ndarray, stretches: Stretches, means: _Means, good: np.ndarray
+) -> tuple[EdgePlaces, float]:
+    """`_kriged` about another limb than the predicted one, as `fitted_limb` gives it."""
+    means = means.moved(limb)
+    stretches = replace(stretches, profiles=means.profiles())
+    phase = means.phase()
+    found = krige_edges(stretches, good, np.hypot(phase[:, 1], phase[:, 2]))
+    shift = phase[:, 0] + stretches.base @ limb
+    return _places_of(found, shift, stretches, good), found.shared_px
+
+
+def _places_of(
+    found: KrigedEdges, shift_px: np.ndarray, stretches: Stretches, good: np.ndarray
+) -> EdgePlaces:
+    return EdgePlaces(
+        found.offset_px + shift_px,
+        found.sigma_px,
+        found.step,
+        found.step / stretches.noise,
+        found.misfit,
+        ~good | (np.abs(found.offset_px) > _FAR_PX),
+        np.zeros(len(good)),
+    )
 
 
 def _believable(places: EdgePlaces) -> np.ndarray:

@@ -1,0 +1,280 @@
+"""The edge's place beside cloud and ground, whose strength is not the same all along the limb.
+
+Stretches of limb are taken together with their neighbours: the brightness inside is
+
+    I_i(d) = background + level F(d) + e_i step_i F'(d) + a_i T_i(d) + noise
+
+to first order in the edge's distance e_i from a predicted place; T is a Gaussian process over the
+ground, of one correlation length everywhere, seen at grazing incidence: a pixel across the limb
+spans many times the ground that one along it does. Solved for e_i with level and background free,
+this is kriging. The strength a_i of the texture is what makes the stretch and those nearby
+most likely, once the edges are on one limb: an edge that texture has moved off it counts as
+textured, which its own profile cannot tell.
+Source: derived here; for Gaussian processes with unknown means see Rasmussen & Williams 2006, 2.7.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from horizon_sensor_ros.core.limb.edge_model import MAX_LEVEL, normal_cdf
+from horizon_sensor_ros.core.robust import median
+
+_INNER_PX, _OUTER_PX = 4.0, 3.0  # the part of a profile that is used
+_BESIDE_PX = (-2.0, -1.0)  # where the planet beside the edge is seen
+_SPACE_PX = 2.5  # from where on space is
+_STRENGTHS = np.array([0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0])  # over the noise
+# Of texture, over the planet's radius: its correlation length, and along how much limb its strength
+# is the same.
+_LENGTH, _WINDOW = 0.06, 0.03
+_LEAST_WINDOW = 0.7  # stretches
+_ANYWHERE = 0.05  # what a stretch elsewhere says about the strength, over what a near one does
+_MOST_EVIDENCE = 8.0  # of one stretch, for one strength over another
+_LEVEL_SIGMA = 30.0  # over the noise; of a stretch's brightness about that of three
+_NODES = 40  # of the integral over the blur, in the root of the depth
+_SHARED = 0.75  # correlation of the errors that texture makes, over that of the texture
+_PARTS = 6  # of the limb, between which nothing is shared
+_FAR_OFF = 6.0  # times the median distance, from which on an edge is not the limb's
+_BLUR_SIGMA_PX = 0.03  # how well it is known beforehand
+_SCALES_PER_OCTAVE = 2.0  # tables are made for such steps of the ground's scale
+# An image that was blurred after it was sampled repeats errors with the pixels' phase. Where the
+# limb runs with rows or columns, the phase is one for whole stretches and nothing averages out.
+_PHASE_SIGMA_PX = 0.015
+_PHASE_WEIGHT = 3.0
+_SHAPE_ERROR = 0.003  # over the step; no edge is quite the model's
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Mean profiles of successive stretches of limb, sampled about predicted places of the edge.
+
+    profiles : (N, J) gray levels at d_px (J,), whole pixels outwards. noise : one sigma of each.
+    psf_px : the edge's blur. length_px : of limb. px_over_radius : ground across one pixel at the
+    limb, along it, over the planet's radius. base : (N, 3) how the edge moves along the normals
+    with the limb's three unknowns.
+    """
+
+    profiles: np.ndarray
+    d_px: np.ndarray
+    noise: float
+    psf_px: float
+    length_px: float
+    px_over_radius: float
+    base: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Tables:
+    """For each of S strengths of texture over the noise, and profiles over it.
+
+    weights (3 J, 2 S) : of a profile with its two neighbours, for ``e step`` and for ``w step``
+    where w is what the blur lacks; sigma, widening_sigma (S,) : of these. lean (S,) : by which w
+    moves e. residual (J, S J) : whitened residual projectors of one profile whose edge is known;
+    log_det (S,). slope, widening (J,) : derivatives of a unit step by e and w.
+    """
+
+    weights: np.ndarray
+    sigma: np.ndarray
+    widening_sigma: np.ndarray
+    lean: np.ndarray
+    residual: np.ndarray
+    log_det: np.ndarray
+    slope: np.ndarray
+    widening: np.ndarray
+
+
+@dataclass(frozen=True)
+class KrigedEdges:
+    """Places (N,) of the edge along the normals from the predicted ones and their sigmas, pixels.
+
+    limb (3,) : unknowns of the limb that fits them. misfit (N,) : cost over the degrees of freedom.
+    step (N,) : gray levels from space to the planet beside the limb. shared_px : sigma that a sixth
+    of the limb has in common by its texture.
+    """
+
+    offset_px: np.ndarray
+    sigma_px: np.ndarray
+    limb: np.ndarray
+    misfit: np.ndarray
+    step: np.ndarray
+    shared_px: float
+
+
+def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> KrigedEdges:
+    """Measure the edges of stretches of limb.
+
+    good : (N,) stretches that show one; the others tell nothing of their neighbours. phase : (N,)
+    0 to 1, how far the pixels' phase is one along the stretch. To first order in the edge's
+    distance from its predicted place: a tenth of a pixel is near enough.
+    """
+    used = slice(*np.searchsorted(stretches.d_px, (-_INNER_PX, _OUTER_PX + 0.5)))
+    # Just inside the edge: brightness may be another a few pixels on.
+    inside = np.isin(stretches.d_px, _BESIDE_PX)
+    step = stretches.profiles[:, inside].mean(axis=1)
+    step -= np.median(stretches.profiles[good][:, stretches.d_px >= _SPACE_PX])
+    step /= normal_cdf(-stretches.d_px[inside] / stretches.psf_px).mean()
+    step = np.maximum(step, stretches.noise)
+    noise = max(stretches.noise, median(step[good]) / MAX_LEVEL)
+    scaled = stretches.profiles[:, used] * (1.0 / noise)
+    over_step = noise / step
+    octave = round(_SCALES_PER_OCTAVE * math.log2(stretches.px_over_radius))
+    tables = _tables(
+        tuple(stretches.d_px[used]),
+        stretches.psf_px,
+        2.0 ** (octave / _SCALES_PER_OCTAVE),
+        round(stretches.length_px),
+    )
+    solved = _with_neighbours(scaled, good) @ tables.weights
+    solved *= over_step[:, None]
+    places, wider = solved[:, : len(_STRENGTHS)], solved[:, len(_STRENGTHS) :]
+    variance = np.square(tables.sigma * over_step[:, None])
+    wider_information = np.square(good[:, None] / (tables.widening_sigma * over_step[:, None]))
+    phase2 = (_PHASE_SIGMA_PX * phase) ** 2
+    ground = stretches.px_over_radius * stretches.length_px
+    apart = np.arange(len(good)) / max(_LEAST_WINDOW, _WINDOW / ground)
+    # What the pixels' phase does to a profile is not texture.
+    nearby = np.exp(-0.5 * np.square(apart[:, None] - apart)) + _ANYWHERE
+    nearby *= np.where(good, np.maximum(1.0 - _PHASE_WEIGHT * phase, 0.0), 0.0)
+    likeliest = int(np.abs(_STRENGTHS - np.std(step[good]) / noise).argmin())
+    share = np.zeros(places.shape)
+    share[:, likeliest] = 1.0
+    place, spread2, blur = _averaged(places, variance, wider, wider_information, tables, share)
+    limb = fitted_limb(stretches.base[good], place[good], np.sqrt(spread2 + phase2)[good])
+    chi2 = _cost(scaled, stretches.base @ limb / over_step, blur / over_step, tables)
+    evidence = -0.5 * (chi2 + tables.log_det)
+    evidence -= evidence.max(axis=1, keepdims=True)
+    evidence = nearby @ np.maximum(evidence, -_MOST_EVIDENCE)
+    share = np.exp(evidence - evidence.max(axis=1, keepdims=True))
+    share /= share.sum(axis=1, keepdims=True)
+    place, spread2, blur = _averaged(places, variance, wider, wider_information, tables, share)
+    chi2 = _cost(scaled, place / over_step, blur / over_step, tables)
+    misfit = (share * chi2).sum(axis=1) / (scaled.shape[1] - 3)
+    misfit /= 1.0 + np.square((_SHAPE_ERROR + _PHASE_SIGMA_PX * phase) / over_step)
+    spread2 += phase2
+    clean2 = variance[:, 0] + phase2
+    inverse, clean_inverse = (float(np.mean(1.0 / each[good])) for each in (spread2, clean2))
+    texture2 = max(1.0 / inverse - 1.0 / clean_inverse, 0.0)
+    part = np.arange(max(1, len(good) // _PARTS)) * (ground / _LENGTH)
+    alike = float(np.exp(-np.abs(part[:, None] - part)).mean())
+    shared_px = _SHARED * math.sqrt(alike * texture2)
+    return KrigedEdges(place, np.sqrt(spread2), limb, misfit, step, shared_px)
+
+
+def _averaged(
+    places: np.ndarray,
+    variance: np.ndarray,
+    wider: np.ndarray,
+    information: np.ndarray,
+    tables: _Tables,
+    share: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Place and variance (N,) of each edge over the strengths' shares (N, S), and what one blur for
+    the whole limb lacks.
+
+    places, variance : (N, S). wider, information : (N, S) of the blur.
+    """
+    information = share * information
+    blur = float(np.vdot(information, wider)) / (information.sum() + _BLUR_SIGMA_PX**-2.0)
+    places = places - tables.lean * blur
+    place = (share * places).sum(axis=1)
+    return place, (share * (variance + np.square(places - place[:, None]))).sum(axis=1), blur
+
+
+def _cost(scaled: np.ndarray, edge: np.ndarray, blur: np.ndarray, tables: _Tables) -> np.ndarray:
+    """Cost (N, S) of each strength for profiles whose edge and blur (N,), in their steps over the
+    noise, are known.
+    """
+    known = scaled - edge[:, None] * tables.slope - blur[:, None] * tables.widening
+    chi = (known @ tables.residual).reshape(-1, scaled.shape[1])
+    return np.asarray(np.einsum("nj,nj->n", chi, chi).reshape(len(scaled), -1))
+
+
+def fitted_limb(base: np.ndarray, place: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Three unknowns of the limb (`Stretches.base`) from places (N,) and their sigmas (N,).
+
+    Places that lie far off are left out.
+    """
+    weight = sigma**-2.0
+    limb = _solved(base, place, weight)
+    off = np.abs(place - base @ limb)
+    far = off > _FAR_OFF * median(off)
+    if not far.any():
+        return limb
+    weight[far] = 0.0
+    return _solved(base, place, weight)
+
+
+def _solved(base: np.ndarray, place: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    weighted = (base * weight[:, None]).T
+    information = weighted @ base
+    # Along a short arc the three are nearly one and the same.
+    information.flat[:: len(information) + 1] += 1e-9 * information[-1, -1]
+    return np.asarray(np.linalg.solve(information, weighted @ place))
+
+
+def _with_neighbours(scaled: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Each profile between the one before and the one after it (N, 3 J).
+
+    Where only one of these is good it takes both places, and where none is the profile's own does.
+    """
+    index = np.arange(len(scaled))
+    before = np.append(False, good[:-1])
+    after = np.append(good[1:], False)
+    first = np.where(before, index - 1, np.where(after, index + 1, index))
+    last = np.where(after, index + 1, np.where(before, index - 1, index))
+    return np.concatenate([scaled[first], scaled, scaled[last]], axis=1)
+
+
+@lru_cache(maxsize=16)
+def _tables(
+    d_px: tuple[float, ...], psf_px: float, px_over_radius: float, length_px: int
+) -> _Tables:
+    x_px = np.array(d_px)
+    num = len(x_px)
+    spacing = np.sqrt(4.0 * psf_px - x_px[0]) / _NODES
+    root = (np.arange(_NODES) + 0.5) * spacing
+    # Ground distance along the sight grows with the root of the depth below the limb.
+    ground = root * (np.sqrt(2.0 * px_over_radius) / _LENGTH)
+    across = np.exp(-np.abs(ground[:, None] - ground))
+    blur = _normal_law((x_px[:, None] + root * root) / psf_px) / psf_px * (2.0 * spacing * root)
+    texture = blur @ across @ blur.T
+    index = np.arange(3)
+    along = np.exp(-np.abs(index[:, None] - index) * (length_px * px_over_radius / _LENGTH))
+    strength2 = (_STRENGTHS**2)[:, None, None]
+    slope = _normal_law(x_px / psf_px) / psf_px
+    widening = slope * (x_px / psf_px)
+    free = np.stack([normal_cdf(-x_px / psf_px), np.ones(num)], axis=1)
+    design = np.concatenate([np.kron(np.eye(3), slope[:, None]), np.tile(free, (3, 1))], axis=1)
+    design = np.column_stack([design, np.tile(widening, 3)])
+    # Light may change from stretch to stretch even where there is no texture.
+    own_level = _LEVEL_SIGMA**2 * np.kron(np.eye(3), np.outer(free[:, 0], free[:, 0]))
+    cov = strength2 * np.kron(along, texture) + own_level + np.eye(3 * num)
+    weighted = np.linalg.solve(cov, design[None])
+    information = np.swapaxes(weighted, 1, 2) @ design
+    # The edge's place for a known blur, and the blur.
+    known = np.linalg.inv(information[:, :-1, :-1])
+    weights = np.einsum("sk,sjk->sj", known[:, 1], weighted[..., :-1])
+    whole = np.linalg.inv(information)
+    lower = np.linalg.cholesky(strength2 * texture + np.eye(num))
+    whiten = np.linalg.inv(lower)
+    q, r = np.linalg.qr(whiten @ free)
+    diagonals = np.diagonal(lower, axis1=1, axis2=2), np.diagonal(r, axis1=1, axis2=2)
+    residual = whiten - q @ (np.swapaxes(q, 1, 2) @ whiten)
+    return _Tables(
+        np.concatenate([weights, np.einsum("sk,sjk->sj", whole[:, -1], weighted)]).T.copy(),
+        np.sqrt(known[:, 1, 1]),
+        np.sqrt(whole[:, -1, -1]),
+        weights @ design[:, -1],
+        residual.reshape(-1, num).T.copy(),
+        np.asarray(sum(2.0 * np.log(np.abs(diagonal)).sum(axis=1) for diagonal in diagonals)),
+        slope,
+        widening,
+    )
+
+
+def _normal_law(x: np.ndarray) -> np.ndarray:
+    return np.asarray(np.exp(-0.5 * x * x) / np.sqrt(2.0 * np.pi))
