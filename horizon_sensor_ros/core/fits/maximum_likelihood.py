@@ -100,9 +100,9 @@ class _Cone:
         return out
 
     @property
-    def state(self) -> np.ndarray:
-        """(4,) nadir and rho."""
-        return np.append(self.nadir, self.rho)
+    def state(self) -> list[float]:
+        """Nadir and rho."""
+        return [*self.nadir.tolist(), self.rho]
 
 
 class _Sight:
