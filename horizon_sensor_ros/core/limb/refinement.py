@@ -18,6 +18,7 @@ from horizon_sensor_ros.core.limb.edge_model import (
     normal_cdf,
     place_edges,
 )
+from horizon_sensor_ros.core.limb.glow_contour import contour_limb
 from horizon_sensor_ros.core.limb.kriging import (
     KrigedEdges,
     Stretches,
@@ -60,6 +61,7 @@ _STRETCHES = 6
 _APART_SHARE = 0.75  # of what separates two kinds of edge along the limb, as measured beside truth
 _CALM, _CALM_PX = 3.0, 0.2  # jumps from profile to profile: over those without a model, and at all
 _MOVED_PX = 0.5
+_LONGEST_CONTOUR_PX = 4.0  # over which glow fades: longer, and a profile's end is not yet space
 # Error that neighbours share, by whether air glows and whether edges were placed without a model:
 # the scatter, beyond noise, of whole stretches of simulated limbs about the true ones.
 _COHERENT_PX = {
@@ -189,6 +191,15 @@ def refine_limb(
         # Where model and steepest fall move apart along the limb, the model does not hold.
         middles = [median(part) for part in np.array_split(apart, _STRETCHES)]
         coherent = max(coherent, _APART_SHARE * float(np.std(middles)))
+    if 0.0 < max((look.glow_px for look in looks), default=0.0) <= _LONGEST_CONTOUR_PX:
+        along = middle[good]
+        contour = contour_limb(
+            profiles, grid.d_px, places, noise, along, normal_px, _pixel_rad(view, px, normal_px)
+        )
+        if contour is not None:
+            coherent = contour.coherent_px
+            places = contour.places(places)
+            px, normal_px = px[contour.keep], normal_px[contour.keep]
     points = LimbPoints(
         Status.OK,
         "",
@@ -268,6 +279,13 @@ def _places_of(
         ~good | (np.abs(found.offset_px) > _FAR_PX),
         np.zeros(len(good)),
     )
+
+
+def _pixel_rad(view: CameraView, px: np.ndarray, normal_px: np.ndarray) -> np.ndarray:
+    """Angles (N,) of one pixel along the normals."""
+    rays = view.camera.rays(np.concatenate([px, px + normal_px]))
+    apart = rays[len(px) :] - rays[: len(px)]
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", apart, apart)))
 
 
 def _believable(places: EdgePlaces) -> np.ndarray:
