@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.fits.limb_rays import gather
+from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
 from horizon_sensor_ros.core.fits.maximum_likelihood import refine
 from horizon_sensor_ros.core.fits.result import LimbObservation
 from horizon_sensor_ros.core.limb.air_layer import ground_under_airglow
@@ -82,6 +83,15 @@ class Detection:
             for limb, look in zip(self.limbs, self.looks, strict=True)
         )
 
+    @cached_property
+    def on_course(self) -> bool:
+        """Whether every limb that was seen lies near the cone that it was measured around."""
+        return all(
+            _on_course(seen.rays, self.nadir_base, self.rho_rad)
+            for seen in self.observations
+            if seen.limb.status is Status.OK
+        )
+
 
 def detect_limb(
     views: Sequence[CameraView],
@@ -143,11 +153,7 @@ def follow_limb(
         found = _look(views, images, planet, (nadir_base, rho_rad), start, steps)
         if [limb.status is Status.OK for limb in found.limbs] != list(sees):
             continue
-        if found.modelled and all(
-            _on_course(seen, found.nadir_base, found.rho_rad)
-            for seen in found.observations
-            if seen.limb.status is Status.OK
-        ):
+        if found.modelled and found.on_course:
             return found
     return None
 
@@ -164,13 +170,14 @@ def _look(
     """Pass after pass, each around the cone that fits the last one's limb.
 
     near : nadir (3,) and rho of the first pass. factors : by which each image is reduced in the
-    search's pass. Passes that leave the cone open are the last.
+    search's pass. Passes that leave the cone open are the last. The final one is made once more
+    where it finds the limb off its cone.
     """
     nadir, rho = near
     looks = list(looks)
     held = list(looks)
-    seen: list[LimbObservation] = []
-    for step in steps:
+    found = Detection(())
+    for step in (*steps, _FINAL):
         if step is _GLOW and not any(look.glow_px > 0 for kinds in looks for look in kinds):
             continue
         seen = []
@@ -182,7 +189,8 @@ def _look(
             limb, held[i] = refine_limb(part, view, nadir, rho, here, looks[i])
             seen.append(LimbObservation(view, limb))
             looks[i] = held[i] or looks[i]
-        if step is _FINAL:
+        found = Detection(tuple(seen), nadir_base=nadir, rho_rad=rho, looks=tuple(held))
+        if step is _FINAL and (found.on_course or not found.modelled):
             break
         rays = gather(seen)
         # Around a consensus that strayed to a cloud edges follow it where the limb is out of reach:
@@ -194,12 +202,11 @@ def _look(
         if not nearer.ok:
             break
         nadir, rho = nearer.nadir_base, nearer.rho_rad
-    return Detection(tuple(seen), nadir_base=nadir, rho_rad=rho, looks=tuple(held))
+    return found
 
 
-def _on_course(observation: LimbObservation, nadir_base: np.ndarray, rho_rad: float) -> bool:
-    """Whether all stretches of a limb lie near the cone that it was measured around."""
-    rays = observation.rays
+def _on_course(rays: LimbRays, nadir_base: np.ndarray, rho_rad: float) -> bool:
+    """Whether all stretches of one camera's limb lie near a cone."""
     if len(rays) < MIN_INLIERS:
         return False
     off = rays.residuals_px(nadir_base, rho_rad)[rays.along_limb(nadir_base)]
