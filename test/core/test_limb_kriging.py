@@ -129,6 +129,22 @@ def test_stretches_without_an_edge_tell_nothing() -> None:
     assert np.abs(other.offset_px[good] - 0.03).max() < 0.03
 
 
+def test_stretches_along_the_rows_count_as_one() -> None:
+    num = 30
+    profiles = clean(np.zeros(num), np.full(num, 100.0))
+    good = np.ones(num, dtype=bool)
+    phase = np.zeros(num, dtype=complex)
+    free = krige_edges(stretches_of(profiles, 0.5), good, phase)
+    phase[10] = 1j
+    one = krige_edges(stretches_of(profiles, 0.5), good, phase)
+    phase[11:14] = 1j
+    four = krige_edges(stretches_of(profiles, 0.5), good, phase)
+    extra = [np.sqrt(found.sigma_px[10] ** 2 - free.sigma_px[10] ** 2) for found in (one, four)]
+    assert extra[1] == pytest.approx(2.0 * extra[0], rel=0.05)
+    # What is far from them stays as it was.
+    np.testing.assert_allclose(four.sigma_px[20:], free.sigma_px[20:], rtol=0.05)
+
+
 def test_limb_is_fitted_without_edges_that_lie_far_off() -> None:
     stretches = stretches_of(clean(np.zeros(30), np.full(30, 100.0)), 1.0)
     truth = np.array([0.3, -0.2, 0.1])

@@ -24,7 +24,7 @@ import numpy as np
 from horizon_sensor_ros.core.limb.edge_model import MAX_LEVEL, normal_cdf
 from horizon_sensor_ros.core.robust import median
 
-_INNER_PX, _OUTER_PX = 4.0, 3.0  # the part of a profile that is used
+_INNER_PX, _OUTER_PX = 4.0, 5.0  # the part of a profile that is used
 _BESIDE_PX = (-2.0, -1.0)  # where the planet beside the edge is seen
 _SPACE_PX = 2.5  # from where on space is
 _STRENGTHS = np.array([0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0])  # over the noise
@@ -37,6 +37,7 @@ _MOST_EVIDENCE = 8.0  # of one stretch, for one strength over another
 _LEVEL_SIGMA = 30.0  # over the noise; of a stretch's brightness about that of three
 _NODES = 40  # of the integral over the blur, in the root of the depth
 _SHARED = 0.75  # correlation of the errors that texture makes, over that of the texture
+_CLEAN = 1.5  # variance over that without texture, up to which there may be none
 _PARTS = 6  # of the limb, between which nothing is shared
 _FAR_OFF = 6.0  # times the median distance, from which on an edge is not the limb's
 _BLUR_SIGMA_PX = 0.03  # how well it is known beforehand
@@ -108,8 +109,9 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     """Measure the edges of stretches of limb.
 
     good : (N,) stretches that show one; the others tell nothing of their neighbours. phase : (N,)
-    0 to 1, how far the pixels' phase is one along the stretch. To first order in the edge's
-    distance from its predicted place: a tenth of a pixel is near enough.
+    complex, the mean over the stretch of the edge's phase among rows or columns of pixels: its size
+    is one where they run with the limb. To first order in the edge's distance from its predicted
+    place: a tenth of a pixel is near enough.
     """
     used = slice(*np.searchsorted(stretches.d_px, (-_INNER_PX, _OUTER_PX + 0.5)))
     # Just inside the edge: brightness may be another a few pixels on.
@@ -133,7 +135,10 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     places, wider = solved[:, : len(_STRENGTHS)], solved[:, len(_STRENGTHS) :]
     variance = np.square(tables.sigma * over_step[:, None])
     wider_information = np.square(good[:, None] / (tables.widening_sigma * over_step[:, None]))
-    phase2 = (_PHASE_SIGMA_PX * phase) ** 2
+    # Stretches of the same phase have the same error, and count as one.
+    alike = (np.conj(phase[:, None]) * np.where(good, phase, 0.0)).real.sum(axis=1)
+    phase = np.abs(phase)
+    phase2 = _PHASE_SIGMA_PX**2 * np.maximum(alike, phase * phase)
     ground = stretches.px_over_radius * stretches.length_px
     apart = np.arange(len(good)) / max(_LEAST_WINDOW, _WINDOW / ground)
     # What the pixels' phase does to a profile is not texture.
@@ -157,7 +162,7 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     spread2 += phase2
     clean2 = variance[:, 0] + phase2
     inverse, clean_inverse = (float(np.mean(1.0 / each[good])) for each in (spread2, clean2))
-    texture2 = max(1.0 / inverse - 1.0 / clean_inverse, 0.0)
+    texture2 = max(1.0 / inverse - _CLEAN / clean_inverse, 0.0)
     part = np.arange(max(1, len(good) // _PARTS)) * (ground / _LENGTH)
     alike = float(np.exp(-np.abs(part[:, None] - part)).mean())
     shared_px = _SHARED * math.sqrt(alike * texture2)

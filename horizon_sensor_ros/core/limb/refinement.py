@@ -249,7 +249,7 @@ def _kriged(
     that lies too far from the predicted one.
     """
     phase = means.phase()
-    found = krige_edges(stretches, good, np.hypot(phase[:, 1], phase[:, 2]))
+    found = krige_edges(stretches, good, phase[:, 1] + 1j * phase[:, 2])
     if np.abs(stretches.base @ found.limb).max() > _OFF_PX:
         return None, 0.0
     return _places_of(found, phase[:, 0], stretches, good), found.shared_px
@@ -262,7 +262,7 @@ def _kriged_about(
     means = means.moved(limb)
     stretches = replace(stretches, profiles=means.profiles())
     phase = means.phase()
-    found = krige_edges(stretches, good, np.hypot(phase[:, 1], phase[:, 2]))
+    found = krige_edges(stretches, good, phase[:, 1] + 1j * phase[:, 2])
     shift = phase[:, 0] + stretches.base @ limb
     return _places_of(found, shift, stretches, good), found.shared_px
 
