@@ -144,18 +144,46 @@ def test_planes_of_a_box_have_its_normals() -> None:
 def test_edges_of_a_box_lie_on_its_silhouette(seed: int) -> None:
     scan = scan_of("n1", seed)  # three faces, none of them at a steep slant
     edges = surface_view(range_image(scan.points)).edges
-    assert len(edges) > 100
+    points = edges.points[~edges.creases]
+    assert len(points) > 100
     pose = scan.pose_cam_from_target
     corners = sich_n1().vertices @ pose[:3, :3].T + pose[:3, 3]
     spot = corners[:, :2] / corners[:, 2:]
     turn = np.linspace(0, np.pi, 720)
     way = np.column_stack([np.cos(turn), np.sin(turn)])
     low, high = (spot @ way.T).min(axis=0), (spot @ way.T).max(axis=0)
-    along = (edges.points[:, :2] / edges.points[:, 2:]) @ way.T
+    along = (points[:, :2] / points[:, 2:]) @ way.T
     # How far inside the convex outline each edge point lies, in pixels.
     inside = np.minimum(along - low, high - along).min(axis=1) * 320
     assert np.quantile(np.abs(inside), 0.9) < 0.4
     assert abs(np.median(inside)) < 0.1
+
+
+@pytest.mark.parametrize("seed", [8, 12, 13])
+def test_creases_of_a_box_lie_on_the_edges_between_its_faces(seed: int) -> None:
+    scan = scan_of("n1", seed)
+    edges = surface_view(range_image(scan.points)).edges
+    assert np.count_nonzero(edges.creases) > 100
+    pose = scan.pose_cam_from_target
+    points = (edges.points[edges.creases] - pose[:3, 3]) @ pose[:3, :3]
+    half = np.abs(sich_n1().vertices).max(axis=0)
+    # On two faces at once; a pixel is 17 mm wide.
+    off = np.sort(np.abs(np.abs(points) - half), axis=1)[:, 1]
+    assert np.median(off) < 0.005
+    assert np.quantile(off, 0.95) < 0.015
+
+
+def test_the_end_of_a_plate_whose_rim_shows_counts_little() -> None:
+    rng = np.random.default_rng(1)
+    tilted = pose_matrix(rotation_from_vector(np.array([0.7, 0, 0])), np.array([0, 0, 4.0]))
+    scan = ToFCamera().scan(box((0.8, 0.6, 0.02)), tilted, rng)
+    edges = surface_view(range_image(scan.points)).edges
+    # Beyond the one end the rim is seen, beyond the other one it is not.
+    row = edges.points[:, 1] / edges.points[:, 2]
+    ends = np.abs(edges.sides[:, 1]) > 0.9
+    near, far = ends & (row > np.median(row)), ends & (row < np.median(row))
+    few, many = sorted(np.median(edges.sigma_m[end]) for end in (near, far))
+    assert many > 8 * few
 
 
 def test_a_plane_is_told_from_a_body() -> None:

@@ -17,7 +17,7 @@ class RegistrationConfig:
     focal_px : the sensor's focal length in pixels; None: from the cloud.  range_noise_m : None:
         from the cloud.
     min_points : fewest points of a cloud.  min_score, min_overlap : least view consistency (see
-        Consistency).
+        Consistency); the score may be lower by what odd returns in the clouds take from it.
     max_rotation_std_rad, max_shift_std_m : a motion known worse than this in any direction is
         refused.
     search_rad : largest turn that the search starts cover.
@@ -28,7 +28,7 @@ class RegistrationConfig:
     min_points: int = 100
     min_score: float = 0.85
     min_overlap: float = 0.3
-    max_rotation_std_rad: float = np.radians(0.43)
+    max_rotation_std_rad: float = np.radians(0.37)
     max_shift_std_m: float = 0.0076
     search_rad: float = np.radians(33.0)
 

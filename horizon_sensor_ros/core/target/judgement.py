@@ -55,7 +55,7 @@ def uncertainty(refined: Refined, b: SurfaceView) -> Uncertainty:
     residual = pairs.residual
     rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else np.nan
     block = np.floor(pairs.point_b / (_BLOCK_PX * b.footprint_m)).astype(np.int64)
-    key = ((block[:, 0] * 4099 + block[:, 1]) * 4099 + block[:, 2]) * 4 + pairs.kind
+    key = ((block[:, 0] * 4099 + block[:, 1]) * 4099 + block[:, 2]) * 8 + pairs.kind
     label = np.unique(key, return_inverse=True)[1].ravel()
     score = (j_a + j_b) * (0.5 * weight * residual)[:, None]
     sums = np.stack([np.bincount(label, column) for column in score.T], axis=1)

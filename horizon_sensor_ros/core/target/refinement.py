@@ -14,17 +14,19 @@ from .surfels import SurfaceView, normal_noise
 
 # Before the last gate a part of the planes does.
 _COARSE_STEP = 3
+# Cosines between side normals, and between directions, of edges that may be one.
+_SAME_SIDE, _SAME_LINE = 0.6, 0.93
 # So many steps at full length.
 _FREE_ITERATIONS = 8
 # Kinds of pairs.
-FACE, EDGE, THIN, FAR_SIDE = range(4)
-# Thickness of plates seen from one side and from the other: half of it to be expected, in pixel
-# widths, and as uncertain.
-_PLATE_PX = 1.0
+FACE, EDGE, THIN, FAR_SIDE, EDGE_ON = range(5)
 # Cosine to the normal at which a plate is seen edge on: its rim may be what was returned.
-_EDGE_ON = 0.1
-# All returns from a rim are off by the same.
-_EDGE_ON_WEIGHT = 0.4
+_EDGE_ON_COSINE = 0.1
+# Thickness of plates, in pixel widths.
+_PLATE_PX = 1.0
+# What a plate seen from its far side, and one seen edge on, lies behind its face by, and how
+# uncertain that is, in thicknesses.
+_BEHIND_FACE = {FAR_SIDE: (1.0, 1.0), EDGE_ON: (0.5, 0.7)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +37,10 @@ class Pairs:
     sigma_m : (N,) of the distance along the normal, for one raw measurement in each view.
     weight : (N,) raw measurements that the pair stands for.  tilt2 : (N,) covariance (rad^2) of
         both normals' errors.
-    kind : (N,) FACE, EDGE, THIN (part), or FAR_SIDE: a plate that one view sees from the one side
+    kind : (N,) FACE, EDGE, THIN (part), FAR_SIDE: a plate that one view sees from the one side
         and the other view from the other; it is as thick as the others, and nobody knows how thick.
-    plate_m : standard deviation of that thickness, and its mean, before it is measured.
+        EDGE_ON: a plate's face, and its rim or either face in the other view.
+    plate_m : thickness to be expected of a plate before it is measured.
     """
 
     point_a: np.ndarray
@@ -52,22 +55,28 @@ class Pairs:
 
     @cached_property
     def residual(self) -> np.ndarray:
-        """(N,) distances along the mean normal, metres; of plates beyond their common thickness."""
+        """(N,) distances along the mean normal, metres; of plates beyond what all of a kind have in
+        common."""
         distance = np.einsum("ij,ij->i", self.point_a - self.point_b, self.normal)
-        far = np.flatnonzero(self.kind == FAR_SIDE)
-        if len(far):
-            known = (self.weight[far] / self.sigma_m[far] ** 2).sum()
-            prior = self.plate_m**-2
-            distance[far] -= (np.median(distance[far]) * known - self.plate_m * prior) / (
-                known + prior
-            )
+        for kind, (mean, deviation) in _BEHIND_FACE.items():
+            rows = np.flatnonzero(self.kind == kind)
+            if len(rows):
+                known = (self.weight[rows] / self.sigma_m[rows] ** 2).sum()
+                prior = (deviation * self.plate_m) ** -2
+                distance[rows] -= (
+                    np.median(distance[rows]) * known - mean * self.plate_m * prior
+                ) / (known + prior)
         return distance
 
     def without_thickness(self, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """(6, 6) information on the motion of ``rows`` (N, 6) that the unknown thickness takes."""
-        far = self.kind == FAR_SIDE
-        total = weight[far] @ rows[far]
-        return np.outer(total, total) / (weight[far].sum() + self.plate_m**-2)
+        """(6, 6) information on the motion of ``rows`` (N, 6) that the unknown thicknesses take."""
+        taken = np.zeros((6, 6))
+        for kind, (_, deviation) in _BEHIND_FACE.items():
+            of_kind = self.kind == kind
+            total = weight[of_kind] @ rows[of_kind]
+            known = weight[of_kind].sum() + (deviation * self.plate_m) ** -2
+            taken += np.outer(total, total) / known
+        return taken
 
     @cached_property
     def normal(self) -> np.ndarray:
@@ -105,10 +114,10 @@ class Matcher:
         each ``step``-th."""
         a, b = self.a, self.b
         back, shift = rotation.T, -rotation.T @ translation
-        there, far = _to_planes(a, b, rotation, translation, gate_m, step)
-        (pb, pa, nb, na, *rest), far_back = _to_planes(b, a, back, shift, gate_m, step)
-        # Of a plate seen from both sides the normal is b's.
-        turn = np.where(far_back, -1.0, 1.0)[:, None]
+        there, kind = _to_planes(a, b, rotation, translation, gate_m, step)
+        (pb, pa, nb, na, *rest), kind_back = _to_planes(b, a, back, shift, gate_m, step)
+        # Behind a plate's face is the same sign, whichever view sees the face.
+        turn = np.where(kind_back == FACE, 1.0, -1.0)[:, None]
         sets = [
             there,
             (
@@ -119,7 +128,7 @@ class Matcher:
                 *rest,
             ),
         ]
-        kinds = [np.where(each, FAR_SIDE, FACE).astype(np.int8) for each in (far, far_back)]
+        kinds = [kind, kind_back]
         if len(a.edges) and len(b.edges):
             for number, pairs in enumerate(
                 self._edges(rotation, translation, gate_m, step), start=EDGE
@@ -148,7 +157,11 @@ class Matcher:
         point, side, other, n = point[near], side[near], b.points[index], b.sides[index]
         front_a, front_b = a.fronts[step * near] @ rotation.T, b.fronts[index]
         thin = np.isfinite(front_a[:, 0])
-        keep = np.einsum("ij,ij->i", side, n) > 0.85
+        line_a, line_b = a.directions[step * near] @ rotation.T, b.directions[index]
+        keep = np.einsum("ij,ij->i", side, n) > _SAME_SIDE
+        keep &= np.abs(np.einsum("ij,ij->i", line_a, line_b)) > _SAME_LINE
+        # Where both views see both faces of a crease, their planes say it all.
+        keep &= ~(a.creases[step * near] & b.creases[index])
         keep &= thin == np.isfinite(front_b[:, 0])
         off = np.einsum("ij,ij->i", point - other, n)
         keep &= np.abs(off) < max(gate_m, self.b.footprint_m)
@@ -180,7 +193,7 @@ def _to_planes(
     step: int,
 ) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
     """a's surfels, moved into b's frame, against the planes that b sees in the same direction, and
-    which of them are the far side of b's."""
+    the kind of each pair."""
     surfels = a.surfels
     turned = surfels.points[::step] @ rotation.T
     point = turned + translation
@@ -197,8 +210,8 @@ def _to_planes(
     # plane.
     sight = np.einsum("ij,ij->i", n, ray) / np.sqrt(np.einsum("ij,ij->i", ray, ray))
     far = ~bare & (along < -0.85)
-    edge_on = bare & (np.abs(sight) < _EDGE_ON)
-    agree = np.where(bare, sight < _EDGE_ON, along > 0.85) & (np.abs(off) < gate_m)
+    edge_on = bare & (np.abs(sight) < _EDGE_ON_COSINE)
+    agree = np.where(bare, sight < _EDGE_ON_COSINE, along > 0.85) & (np.abs(off) < gate_m)
     agree |= far & (off < gate_m) & (off > -max(gate_m, 2 * _PLATE_PX * b.footprint_m))
     near, index, bare, far, edge_on, point, other, n = (
         part[agree] for part in (near, index, bare, far, edge_on, point, other, n)
@@ -207,11 +220,12 @@ def _to_planes(
     cosine = -np.einsum("ij,ij->i", n, other) / np.sqrt(np.einsum("ij,ij->i", other, other))
     noise = normal_noise(b.sigma_m, b.footprint_m, cosine, b.tilt_rad[index])
     sigma = np.hypot(np.where(bare, noise, surfels.sigma_m[near]), noise)
-    rough = np.where(edge_on, _PLATE_PX, np.where(far, _PLATE_PX / 6, 0.0)) * b.footprint_m
+    rough = np.where(edge_on, _PLATE_PX / 2, np.where(far, _PLATE_PX / 6, 0.0)) * b.footprint_m
     sigma = np.hypot(sigma, rough)
     tilt2 = surfels.tilt_rad[near] * np.where(bare, b.normal_noise_rad, b.tilt_rad[index])
-    weight = step * surfels.weight[near] * np.where(edge_on, _EDGE_ON_WEIGHT, 1.0)
-    return (point, other, normal, n, sigma, weight, tilt2), far
+    weight = step * surfels.weight[near]
+    kind = np.where(edge_on, EDGE_ON, np.where(far, FAR_SIDE, FACE)).astype(np.int8)
+    return (point, other, normal, n, sigma, weight, tilt2), kind
 
 
 def robust_weights(pairs: Pairs) -> np.ndarray:

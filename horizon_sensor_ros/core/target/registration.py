@@ -167,6 +167,7 @@ class _Finder:
         self._matcher = Matcher(a, b)
         unit = 2 * b.footprint_m + 4 * np.hypot(a.sigma_m, b.sigma_m)
         self._gates = (unit, 0.6 * unit, 0.4 * unit)
+        self._odd = _odd_share(a, b)
 
     def find(self, prior: tuple[np.ndarray, np.ndarray] | None) -> _Found:
         a, b, config = self._a, self._b, self._config
@@ -179,7 +180,7 @@ class _Finder:
         shift = b.image.centroid_m - a.image.centroid_m
         first = align_batch(a, b, np.eye(3)[None], shift[None], b.size_m * _SINGLE_GATES, 250)
         tried.append(self._settle(first[0][0], first[1][0], False))
-        sure = _SURE - _SCORE_LOST * _odd_share(a, b)
+        sure = _SURE - _SCORE_LOST * self._odd
         if tried[-1].score >= sure and tried[-1].refined.converged:
             return tried[-1]
         # A second candidate, and another reach, only where there is no likely answer yet.
@@ -205,9 +206,11 @@ class _Finder:
         return _Found(refined, self._b, score, overlap, searched, expected)
 
     def _settle(self, rotation: np.ndarray, translation: np.ndarray, searched: bool) -> _Found:
-        """Refine; where a direction is not observed, look along it for what agrees better."""
+        """Refine; where a direction is not observed, or the views do not quite agree, look along
+        the weakest direction for what agrees better."""
         found = self._finish(rotation, translation, searched)
-        if found.sound(self._config):
+        clear = found.score > _BEYOND_DOUBT - _SCORE_LOST * self._odd
+        if clear and found.sound(self._config):
             return found
         rotations, translations = _along_weakest(found, self._b)
         seen = view_consistency(self._a, self._b, rotations, translations, 300)
@@ -264,7 +267,8 @@ def _judge(found: _Found, a: TargetView, b: TargetView, config: RegistrationConf
         Status.OK, "", score=found.score, overlap=found.overlap,
         num_points=len(refined.pairs.point_a), searched=found.searched,
     )  # fmt: skip
-    if found.score < config.min_score or found.overlap < config.min_overlap:
+    least = config.min_score - _SCORE_LOST * _odd_share(a.surface, b.surface)
+    if found.score < least or found.overlap < config.min_overlap:
         reason = f"views agree to {found.score:.3f} over {found.overlap:.2f} of the points"
         return replace(known, status=Status.POOR_FIT, reason=reason)
     turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view

@@ -1,0 +1,224 @@
+"""Local planes of a range image.
+
+In a pinhole image a plane n.p = d has inverse depth w = (n / d).(x/z, y/z, 1): linear in the
+image. So a local least squares plane takes ten box filters over the whole image and no neighbour
+search.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from .range_image import RangeImage
+
+# A plane is trusted down to this cosine between ray and normal; a borrowed one down to the second.
+_MIN_COSINE = 0.03
+MIN_BORROWED_COSINE = 0.1
+# So much of a pixel's width a surface may bend within a window and still count as flat.
+_BEND_PX = 0.12
+# Mean square residual of a window over the expected one, up to which it holds one plane.
+_FLAT = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Planes:
+    """The local plane at each pixel of an image, (H, W) each.
+
+    sigma_m : range noise.  footprint_m : a pixel's width at the target.  normal_noise_rad : of the
+        normals.
+    found : bool, where there is a plane.  own : bool, where it is that of the pixel's own window;
+        elsewhere it is borrowed from a window beside it.
+    level, slope_u, slope_v : float32, inverse depth of the plane at the pixel, and its change from
+        one pixel to the next.
+    cosine : float32, between ray and normal.  noise : float32, of one return, of inverse depth.
+    points, normals : (H W, 3) float32, where the ray meets the plane, and its normal towards the
+        sensor.
+    """
+
+    sigma_m: float
+    footprint_m: float
+    normal_noise_rad: float
+    found: np.ndarray
+    own: np.ndarray
+    level: np.ndarray
+    slope_u: np.ndarray
+    slope_v: np.ndarray
+    cosine: np.ndarray
+    noise: np.ndarray
+    points: np.ndarray
+    normals: np.ndarray
+
+
+def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
+    """Fit planes to a range image whose status is OK.
+
+    sigma_m : range noise; None: estimated from the image.
+    """
+    inverse = image.inverse_depth
+    seen = inverse > 0
+    middle = float(np.median(inverse[seen]))
+    footprint = 1 / (middle * image.focal_px)
+    sigma = max(_range_noise(inverse, seen) if sigma_m is None else sigma_m, 1e-3 * footprint)
+    radius = _window_radius(sigma / footprint)
+    fit = _plane_fit(inverse, seen, middle, radius)
+    if sigma_m is None:
+        sigma = max(fit.noise_m(sigma, radius), 1e-3 * footprint)
+    noise = np.float32(sigma) * inverse * inverse + inverse * np.float32(_BEND_PX / image.focal_px)
+    flat = fit.flat(noise)
+    own = flat.copy()
+    slope_u, slope_v, level = _borrow_planes(fit, flat, seen, inverse, noise, radius)
+    width = inverse.shape[1]
+    at = np.flatnonzero(flat)
+    tan_u, tan_v = (tangent.astype(np.float32) for tangent in image.tangents())
+    x, y = tan_u[at % width], tan_v[at // width]
+    focal = np.float32(image.focal_px)
+    a, b, w = slope_u.ravel()[at] * focal, slope_v.ravel()[at] * focal, level.ravel()[at]
+    c = w - a * x - b * y
+    length = np.sqrt(a * a + b * b + c * c)
+    slant = w / (length * np.sqrt(1 + x * x + y * y))
+    good = slant > np.where(own.ravel()[at], _MIN_COSINE, MIN_BORROWED_COSINE)
+    at = at[good]
+    found = np.zeros(inverse.shape, bool)
+    cosine = np.zeros(inverse.shape, np.float32)
+    points = np.zeros((inverse.size, 3), np.float32)
+    normals = np.zeros((inverse.size, 3), np.float32)
+    found.flat[at], cosine.flat[at] = True, slant[good]
+    points[at] = (np.stack([x, y, np.ones_like(x)], axis=1) / w[:, None])[good]
+    normals[at] = (np.stack([a, b, c], axis=1) / -length[:, None])[good]
+    return Planes(
+        sigma, footprint, sigma / footprint / _slope_gain(radius), found, own & found,
+        level, slope_u, slope_v, cosine, noise, points, normals,
+    )  # fmt: skip
+
+
+def _range_noise(inverse: np.ndarray, seen: np.ndarray) -> float:
+    """Standard deviation (m) from second differences along the rows, which planes do not have."""
+    three = seen[:, :-2] & seen[:, 1:-1] & seen[:, 2:]
+    bend = np.abs(inverse[:, :-2] - 2 * inverse[:, 1:-1] + inverse[:, 2:])[three]
+    if not bend.size:
+        return 0.0
+    # The lower quarter, as edges and thin parts bend as well: 0.319 standard deviations of a
+    # normal distribution.
+    return float(np.quantile(bend / inverse[:, 1:-1][three] ** 2, 0.25)) / (0.3186 * np.sqrt(6))
+
+
+def _window_radius(noise_px: float) -> int:
+    """Smallest window (2 r + 1 wide) whose normals are good to some 3 deg; noise in pixel
+    widths."""
+    for radius in (2, 3, 4, 5):
+        if noise_px < 0.065 * _slope_gain(radius):
+            return radius
+    return 6
+
+
+def _slope_gain(radius: int) -> float:
+    """By how much a window's slope (depth a pixel) is better known than one depth."""
+    return float((2 * radius + 1) * np.sqrt(radius * (radius + 1) / 3))
+
+
+@dataclass(frozen=True, eq=False)
+class _PlaneFit:
+    """Windowed least squares at every pixel: level, slopes a pixel, mean square residual, returns
+    used, where defined."""
+
+    level: np.ndarray
+    slope_u: np.ndarray
+    slope_v: np.ndarray
+    mean_square: np.ndarray
+    count: np.ndarray
+    defined: np.ndarray
+
+    def noise_m(self, guess_m: float, radius: int) -> float:
+        """Range noise from the flattest windows; ``guess_m`` where they are few or it is the
+        lower."""
+        dof = (2 * radius + 1) ** 2 - 3
+        full = self.defined & (self.count > dof)
+        if np.count_nonzero(full) < 50:
+            return guess_m
+        # Of chi squared per degree of freedom a tenth lies below this (Wilson and Hilferty).
+        tenth = (1 - 2 / (9 * dof) - 1.2816 * np.sqrt(2 / (9 * dof))) ** 3
+        square = self.mean_square[full] / self.level[full] ** 4
+        return min(guess_m, float(np.sqrt(np.quantile(square, 0.1) / tenth)))
+
+    def flat(self, noise: np.ndarray) -> np.ndarray:
+        return self.defined & (self.mean_square < _FLAT * noise * noise)
+
+
+def _plane_fit(inverse: np.ndarray, seen: np.ndarray, middle: float, radius: int) -> _PlaneFit:
+    mask = seen.astype(np.float32)
+    # About the middle, so that single precision does for the squares.
+    w = (inverse - np.float32(middle)) * mask
+    one = np.ones(2 * radius + 1, np.float32)
+    ramp = np.arange(-radius, radius + 1, dtype=np.float32)
+
+    def box(image: np.ndarray, kernel_u: np.ndarray, kernel_v: np.ndarray) -> np.ndarray:
+        return cv2.sepFilter2D(
+            image, cv2.CV_32F, kernel_u, kernel_v, borderType=cv2.BORDER_CONSTANT
+        )
+
+    n = box(mask, one, one)
+    count = np.maximum(n, 1)
+    mean_u, mean_v = box(mask, ramp, one) / count, box(mask, one, ramp) / count
+    mean_w = box(w, one, one) / count
+    uu = box(mask, ramp * ramp, one) - n * mean_u * mean_u
+    vv = box(mask, one, ramp * ramp) - n * mean_v * mean_v
+    uv = box(mask, ramp, ramp) - n * mean_u * mean_v
+    uw = box(w, ramp, one) - n * mean_u * mean_w
+    vw = box(w, one, ramp) - n * mean_v * mean_w
+    ww = box(w * w, one, one) - n * mean_w * mean_w
+    full = (2 * radius + 1) ** 2
+    det = uu * vv - uv * uv
+    spread = full * radius * (radius + 1) / 3
+    defined = seen & (n >= 0.45 * full) & (det > 0.02 * spread * spread)
+    det[~defined] = 1
+    slope_u, slope_v = (vv * uw - uv * vw) / det, (uu * vw - uv * uw) / det
+    rest = np.maximum(ww - slope_u * uw - slope_v * vw, 0)
+    level = mean_w - slope_u * mean_u - slope_v * mean_v + np.float32(middle)
+    defined &= level > 0.2 * middle
+    return _PlaneFit(level, slope_u, slope_v, rest / np.maximum(n - 3, 1), n, defined)
+
+
+def _borrow_planes(
+    fit: _PlaneFit,
+    flat: np.ndarray,
+    seen: np.ndarray,
+    inverse: np.ndarray,
+    noise: np.ndarray,
+    radius: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Slopes and level everywhere; where a window straddles an edge, of a window beside it that
+    does not.
+
+    Marks the pixels that found one in ``flat``.
+    """
+    slope_u, slope_v, level = fit.slope_u.copy(), fit.slope_v.copy(), fit.level.copy()
+    height, width = flat.shape
+    row, column = np.nonzero(seen & ~flat)
+    if not len(row):
+        return slope_u, slope_v, level
+    shifts = np.array(
+        [(r, c) for r in (-radius, 0, radius) for c in (-radius, 0, radius) if r or c]
+    )
+    there_row = np.clip(row[:, None] + shifts[:, 0], 0, height - 1)
+    there_column = np.clip(column[:, None] + shifts[:, 1], 0, width - 1)
+    there = there_row * width + there_column
+    guess = (
+        fit.level.ravel()[there]
+        + fit.slope_u.ravel()[there] * (column[:, None] - there_column)
+        + fit.slope_v.ravel()[there] * (row[:, None] - there_row)
+    )
+    off = (guess - inverse[row, column][:, None]) / noise[row, column][:, None]
+    off[~flat.ravel()[there] | (guess <= 0)] = np.inf
+    best = np.argmin(np.abs(off), axis=1)
+    pick = np.arange(len(row)), best
+    good = np.abs(off[pick]) < 2.5
+    row, column = row[good], column[good]
+    pick = pick[0][good], best[good]
+    level[row, column] = guess[pick]
+    slope_u[row, column] = fit.slope_u.ravel()[there[pick]]
+    slope_v[row, column] = fit.slope_v.ravel()[there[pick]]
+    flat[row, column] = True
+    return slope_u, slope_v, level
