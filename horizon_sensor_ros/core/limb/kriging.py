@@ -23,6 +23,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.edge_model import MAX_LEVEL, normal_cdf
 from horizon_sensor_ros.core.robust import median
+from horizon_sensor_ros.core.symmetric3 import solve
 
 _INNER_PX, _OUTER_PX = 4.0, 5.0  # the part of a profile that is used
 _BESIDE_PX = (-2.0, -1.0)  # where the planet beside the edge is seen
@@ -75,7 +76,8 @@ class _Tables:
     weights (3 J, 2 S) : of a profile with its two neighbours, for ``e step`` and for ``w step``
     where w is what the blur lacks; sigma, widening_sigma (S,) : of these. lean (S,) : by which w
     moves e. residual (J, S J) : whitened residual projectors of one profile whose edge is known;
-    log_det (S,). slope, widening (J,) : derivatives of a unit step by e and w.
+    log_det (S,). slope, widening (J,) : derivatives of a unit step by e and w; rise : what there is
+    of it beside the edge.
     """
 
     weights: np.ndarray
@@ -86,6 +88,7 @@ class _Tables:
     log_det: np.ndarray
     slope: np.ndarray
     widening: np.ndarray
+    rise: float
 
 
 @dataclass(frozen=True)
@@ -114,22 +117,20 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     place: a tenth of a pixel is near enough.
     """
     used = slice(*np.searchsorted(stretches.d_px, (-_INNER_PX, _OUTER_PX + 0.5)))
-    # Just inside the edge: brightness may be another a few pixels on.
-    inside = np.isin(stretches.d_px, _BESIDE_PX)
-    step = stretches.profiles[:, inside].mean(axis=1)
-    step -= np.median(stretches.profiles[good][:, stretches.d_px >= _SPACE_PX])
-    step /= normal_cdf(-stretches.d_px[inside] / stretches.psf_px).mean()
-    step = np.maximum(step, stretches.noise)
-    noise = max(stretches.noise, median(step[good]) / MAX_LEVEL)
-    scaled = stretches.profiles[:, used] * (1.0 / noise)
-    over_step = noise / step
     octave = round(_SCALES_PER_OCTAVE * math.log2(stretches.px_over_radius))
     tables = _tables(
-        tuple(stretches.d_px[used]),
+        tuple(stretches.d_px[used].tolist()),
         stretches.psf_px,
         2.0 ** (octave / _SCALES_PER_OCTAVE),
         round(stretches.length_px),
     )
+    # Just inside the edge: brightness may be another a few pixels on.
+    step = stretches.profiles[:, _beside(stretches.d_px)].mean(axis=1)
+    step -= median(stretches.profiles[good][:, stretches.d_px >= _SPACE_PX].ravel())
+    step = np.maximum(step / tables.rise, stretches.noise)
+    noise = max(stretches.noise, median(step[good]) / MAX_LEVEL)
+    scaled = stretches.profiles[:, used] * (1.0 / noise)
+    over_step = noise / step
     solved = _with_neighbours(scaled, good) @ tables.weights
     solved *= over_step[:, None]
     places, wider = solved[:, : len(_STRENGTHS)], solved[:, len(_STRENGTHS) :]
@@ -218,7 +219,12 @@ def _solved(base: np.ndarray, place: np.ndarray, weight: np.ndarray) -> np.ndarr
     information = weighted @ base
     # Along a short arc the three are nearly one and the same.
     information.flat[:: len(information) + 1] += 1e-9 * information[-1, -1]
-    return np.asarray(np.linalg.solve(information, weighted @ place))
+    return solve(information, weighted @ place)
+
+
+def _beside(d_px: np.ndarray) -> np.ndarray:
+    """Samples (J,) of the planet beside the edge."""
+    return (d_px >= _BESIDE_PX[0]) & (d_px <= _BESIDE_PX[1])
 
 
 def _with_neighbours(scaled: np.ndarray, good: np.ndarray) -> np.ndarray:
@@ -278,6 +284,7 @@ def _tables(
         np.asarray(sum(2.0 * np.log(np.abs(diagonal)).sum(axis=1) for diagonal in diagonals)),
         slope,
         widening,
+        float(free[_beside(x_px), 0].mean()),
     )
 
 

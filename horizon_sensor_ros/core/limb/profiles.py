@@ -17,6 +17,9 @@ from horizon_sensor_ros.core.robust import robust_sigma
 _NOISE_FACTOR = 1.3
 _PIECE = 256  # profiles that are sampled at a time
 _REMAP_STEPS = np.float32(32.0)  # to a pixel: cv2.remap rounds positions to these
+# Samples near an edge, and what each says about its place, over the steps to a pixel.
+_NEAR_EDGE_PX = np.array([-1.0, 0.0, 1.0])
+_NEAR_EDGE_SHARES = np.array([0.25, 0.5, 0.25]) / _REMAP_STEPS
 _LEAST_NOISE = 0.25  # gray levels; what rounding alone adds
 
 
@@ -122,10 +125,9 @@ def pixel_phase(curve: LimbCurve, factor: int = 1) -> np.ndarray:
     """
     centre = curve.px if factor == 1 else (curve.px + 0.5) / factor - 0.5
     normal = curve.normal_px
-    out = np.zeros((len(curve), 3))
-    for d_px, share in ((-1.0, 0.25), (0.0, 0.5), (1.0, 0.25)):
-        at = (centre + d_px * normal).astype(np.float32) * _REMAP_STEPS
-        out[:, 0] += (share / _REMAP_STEPS) * ((np.rint(at) - at) * normal).sum(axis=1)
+    out = np.empty((len(curve), 3))
+    at = np.add(centre, _NEAR_EDGE_PX[:, None, None] * normal, dtype=np.float32) * _REMAP_STEPS
+    np.einsum("dni,ni,d->n", np.rint(at) - at, normal, _NEAR_EDGE_SHARES, out=out[:, 0])
     steep = np.abs(normal[:, 1]) > np.abs(normal[:, 0])
     angle = (2.0 * np.pi) * np.where(steep, centre[:, 1], centre[:, 0])
     np.cos(angle, out=out[:, 1])
