@@ -55,7 +55,9 @@ _STRETCH_PX = 16.0
 _LEAST_STRETCHES = 32
 _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that must follow it
 _PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`, which allows for an edge's misfits
-_OFF_PX = 0.1  # from the predicted place; farther off, kriging is done again
+# From the predicted place; farther off, kriging is done again; beyond all kriging, after the edges
+# have been placed one by one.
+_OFF_PX, _NEARBY_PX = 0.1, 0.2
 _FAR_PX = 1.0  # from the limb about which it is done: no place of its edge
 _STRETCHES = 6
 _APART_SHARE = 0.75  # of what separates two kinds of edge along the limb, as measured beside truth
@@ -250,8 +252,11 @@ def _kriged(
     """
     phase = means.phase()
     found = krige_edges(stretches, good, phase[:, 1] + 1j * phase[:, 2])
-    if np.abs(stretches.base @ found.limb).max() > _OFF_PX:
+    off = np.abs(stretches.base @ found.limb).max()
+    if not off <= _NEARBY_PX:
         return None, 0.0
+    if off > _OFF_PX:
+        return _kriged_about(found.limb, stretches, means, good)
     return _places_of(found, phase[:, 0], stretches, good), found.shared_px
 
 
