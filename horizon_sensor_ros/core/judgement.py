@@ -23,6 +23,9 @@ _DISAGREEMENT_RAD = np.radians(0.25)
 # Stretches of a limb lie off the best cone by the error that neighbours share; of another edge,
 # which happens to run along some cone, by more.
 _MAX_BEND, _LEAST_BEND_PX = 4.5, 0.75
+# Lit ground is lit behind its limb too: all but 14 % of it in the darkest of 1400 simulated limbs;
+# between a night side's lamps a third or more is dark, and their outermost ones are no limb.
+_MOST_DARK_GROUND = 0.25
 
 
 def doubt(evidence: SkyEvidence, found_px: float, space_share: float, config: HorizonConfig) -> str:
@@ -40,6 +43,8 @@ def doubt(evidence: SkyEvidence, found_px: float, space_share: float, config: Ho
         return f"bright sky beside {evidence.bright_sky:.0%} of the limb"
     if evidence.clear_sky < config.min_clear_sky:
         return f"only {evidence.clear_sky:.0%} of the sky is at the level of space"
+    if evidence.dark_ground > _MOST_DARK_GROUND:
+        return f"lights, not a limb: {evidence.dark_ground:.0%} of the ground behind them is dark"
     if found_px < config.min_limb_share * lit_px:
         return f"an edge along {found_px / lit_px:.0%} of the limb only"
     return ""

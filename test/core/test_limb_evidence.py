@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from limb_frames import PLANET, clouds, draw, limb_views
@@ -41,6 +43,7 @@ def test_the_true_limb_is_believed(scene: EarthScene, factor: int) -> None:
     assert told.lit_limb > 0.95
     assert told.clear_sky > 0.95
     assert told.contrast > 30
+    assert told.dark_ground < 0.02
     length = np.linalg.norm(np.diff(frame.truth.limb.px, axis=0), axis=1).sum()
     assert told.limb_px == pytest.approx(length, rel=0.02)
 
@@ -51,6 +54,17 @@ def test_a_limb_drawn_through_the_planet_has_a_bright_sky() -> None:
         told = evidence(frame.image, view, RHO - 0.15)
         assert told.bright_sky > 0.5
         assert told.clear_sky < 0.85
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_between_the_lights_of_the_night_side_the_ground_is_dark(seed: int) -> None:
+    night = replace(
+        clouds(seed), sun_direction=(-0.6, -0.64, -0.48), night_light=0.0, city_dn=300.0
+    )
+    view, frame = drawn(night)
+    told = evidence(frame.image, view)
+    assert told.lit_limb > 0.3
+    assert told.dark_ground > 0.3
 
 
 def test_a_limb_drawn_through_space_is_dark_on_both_sides() -> None:

@@ -39,6 +39,8 @@ class SkyEvidence:
     lit_limb : share of it whose inner side is brighter than space. clear_sky : share of the frame
     outside the disc that is at the level of space; NaN when less than 1 % of the frame lies
     outside. contrast : gray levels from space to the planet beside the limb, over the noise.
+    dark_ground : behind the lit part of the limb, share of the ground that is at the level of
+    space; between a night side's lamps it is.
     The Sun's glare counts neither as planet nor as sky.
     """
 
@@ -47,6 +49,7 @@ class SkyEvidence:
     lit_limb: float
     clear_sky: float
     contrast: float
+    dark_ground: float
 
 
 def sky_evidence(
@@ -69,7 +72,7 @@ def sky_evidence(
         shown = view.mask.clear(px, _MASK_CLEARANCE_PX)
         px, normal_px = px[shown], normal_px[shown]
     if len(px) == 0:
-        return SkyEvidence(0.0, 0.0, 0.0, np.nan, 0.0)
+        return SkyEvidence(0.0, 0.0, 0.0, np.nan, 0.0, 0.0)
     sides = px.T[:, None] + (factor * _STEPS_PX)[:, None] * normal_px.T[:, None]
     sides = np.floor((sides + 0.5) / factor).astype(np.intp)
     sky = _sky_pixels(small, factor, view, nadir_base, rho_rad)
@@ -108,12 +111,15 @@ def _judged(
         known &= usable[y, x]
     level = small[y, x] - np.float32(space_level)
     num_ground = len(_GROUND_STEPS_PX)
-    ground = np.where(known, level, -np.inf)[:num_ground].max(axis=0)
+    brightest = np.where(known, level, -np.inf)[:num_ground].max(axis=0)
     outer = np.where(known, level, np.inf)[num_ground:].min(axis=0)
-    ground, outer = ground[ground > -np.inf], outer[outer < np.inf]
+    ground, outer = brightest[brightest > -np.inf], outer[outer < np.inf]
     if len(ground) == 0 or len(outer) == 0:
-        return SkyEvidence(limb_px, 0.0, 0.0, np.nan, 0.0)
+        return SkyEvidence(limb_px, 0.0, 0.0, np.nan, 0.0, 0.0)
     contrast = quantile(ground, 0.75)
+    lit = max(0.1 * contrast, 5.0 * noise)
+    behind = known[:num_ground] & (brightest > lit)
+    dark = behind & (level[:num_ground] < max(0.05 * contrast, 4.0 * noise))
     clear = np.nan
     if len(sky) >= 0.01 * small.size / _GRID_STEP**2:
         off = np.abs(small[sky[:, 1], sky[:, 0]] - np.float32(space_level))
@@ -121,9 +127,10 @@ def _judged(
     return SkyEvidence(
         limb_px,
         _share(outer > max(0.35 * contrast, 6.0 * noise)),
-        _share(ground > max(0.1 * contrast, 5.0 * noise)),
+        _share(ground > lit),
         clear,
         contrast / noise,
+        int(np.count_nonzero(dark)) / max(int(np.count_nonzero(behind)), 1),
     )
 
 
