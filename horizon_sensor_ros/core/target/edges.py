@@ -27,6 +27,8 @@ _LIMB_BEND = np.cos(np.radians([10.0, 55.0]))
 _THIN_PX = 7
 _FEWEST_PLACES = 8
 _EDGE_REACH_PX = 4.6
+# So far along both steps outwards may lie two places with different ones.
+_SLANT_PX = 2.5
 # Planes of a crease: least difference of their slopes, and largest distance of where they meet
 # from the pixels between which they change.
 _MIN_BEND = 0.5
@@ -149,38 +151,32 @@ def _ends(image: RangeImage, planes: Planes) -> Edges:
 
 def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     """Fit a short straight line through each place and its neighbours on the same edge."""
-    from scipy.spatial import cKDTree  # noqa: PLC0415  heavy to import, and only used here
+    from scipy.sparse import csr_matrix  # noqa: PLC0415  heavy to import, and only used here
+    from scipy.spatial import cKDTree  # noqa: PLC0415
 
-    spot, out, w = places.spot, places.out, places.inverse_depth
+    spot, w = places.spot, places.inverse_depth
     size = len(spot)
     if size < _FEWEST_PLACES:
         return _none()
     i, j = cKDTree(spot).query_pairs(_EDGE_REACH_PX, output_type="ndarray").T
+    (u, v), (out_u, out_v) = spot.T.copy(), places.out.T.copy()
     reach = 6 * planes.sigma_m * w * w + 3 * w / image.focal_px
-    dw = w[j] - w[i]
-    x, y = (spot[j] - spot[i]).T
-    (out_u, out_v), (next_u, next_v) = out[i].T, out[j].T
-    same = (np.abs(dw) < reach[i]) & (out_u * next_u + out_v * next_v > -0.5)
+    # Steps outwards of -1, 0, 1: both sides of a part point apart.
+    both_u, both_v = out_u[i] + out_u[j], out_v[i] + out_v[j]
+    same = (np.abs(w[j] - w[i]) < reach[i]) & (np.abs(both_u) + np.abs(both_v) > 0)
     # On slanted lines a pixel thin: not the other side.
-    same &= np.abs(x * (out_u + next_u) + y * (out_v + next_v)) < 2.5 + 9 * (out_u == next_u)
-    i, j, dw, x, y = i[same], j[same], dw[same], x[same], y[same]
-
-    def even(value: np.ndarray) -> np.ndarray:
-        """Mean over each place and its neighbours of what both of a pair have alike; 0 of
-        itself."""
-        return (np.bincount(i, value, size) + np.bincount(j, value, size)) / n
-
-    def odd(value: np.ndarray) -> np.ndarray:
-        return (np.bincount(i, value, size) - np.bincount(j, value, size)) / n
-
-    n = 1.0 + np.bincount(i, minlength=size) + np.bincount(j, minlength=size)
-    mean_u, mean_v, mean_w = odd(x), odd(y), odd(dw)
-    xx, yy = even(x * x) - mean_u * mean_u, even(y * y) - mean_v * mean_v
-    xy = even(x * y) - mean_u * mean_v
-    xw, yw = even(x * dw) - mean_u * mean_w, even(y * dw) - mean_v * mean_w
-    out_u, out_v = (
-        (o + np.bincount(i, o[j], size) + np.bincount(j, o[i], size)) / n for o in out.T
-    )
+    off = np.abs((u[j] - u[i]) * both_u + (v[j] - v[i]) * both_v)
+    same &= off < np.where(np.abs(both_u * both_v) > 0, _SLANT_PX, np.inf)
+    i, j = i[same], j[same]
+    near = csr_matrix((np.ones(len(i)), (i, j)), shape=(size, size))
+    # Sums over each place and its neighbours.
+    own = np.column_stack([np.ones(size), u, v, w, u * u, v * v, u * v, u * w, v * w, out_u, out_v])
+    sums = near @ own + near.T @ own + own
+    n = sums[:, 0]
+    mean_u, mean_v, level, xx, yy, xy, xw, yw, out_u, out_v = (sums[:, 1:] / n[:, None]).T
+    xx, yy, xy = xx - mean_u * mean_u, yy - mean_v * mean_v, xy - mean_u * mean_v
+    xw, yw = xw - mean_u * level, yw - mean_v * level
+    mean_u, mean_v = mean_u - u, mean_v - v
     angle = 0.5 * np.arctan2(2 * xy, xx - yy)
     along = np.column_stack([np.cos(angle), np.sin(angle)])
     across = np.column_stack([-along[:, 1], along[:, 0]])
@@ -192,7 +188,6 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     # The place on the line, and inverse depth along it.
     slope = (along[:, 0] * xw + along[:, 1] * yw) / np.maximum(long, 1e-9)
     on_line = spot + across * (mean_u * across[:, 0] + mean_v * across[:, 1])[:, None]
-    level = w + mean_w
     smooth = level - slope * (mean_u * along[:, 0] + mean_v * along[:, 1])
     smooth = np.where(places.sharp, w, smooth)
     k = np.flatnonzero(good & (smooth > 0))

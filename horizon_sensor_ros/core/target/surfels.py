@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -59,7 +60,7 @@ class SurfaceView:
     point_map, normal_map : (H W, 3) point and normal (towards the sensor) of the local plane at
         each pixel.
     plane : (H W) bool, where there is one.  tilt_rad : (H W) of its normal, see Surfels;
-        normal_noise_rad : of all.  nearest : (H W) index of the nearest pixel with a plane.
+        normal_noise_rad : of all.
     surfels, edges : what is registered.
     depth_map : (H W) depth of the return, 0 where there is none.
     gap_px : (H W) distance to the nearest return or unknown pixel.
@@ -74,11 +75,15 @@ class SurfaceView:
     plane: np.ndarray
     tilt_rad: np.ndarray
     normal_noise_rad: float
-    nearest: np.ndarray
     depth_map: np.ndarray
     gap_px: np.ndarray
     surfels: Surfels
     edges: Edges
+
+    @cached_property
+    def nearest(self) -> np.ndarray:
+        """(H W) index of the nearest pixel with a plane; only a search asks for it."""
+        return _nearest(self.plane.reshape(self.image.inverse_depth.shape))
 
     @property
     def coplanar(self) -> bool:
@@ -130,7 +135,7 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     hidden = (~(seen | image.unknown)).astype(np.uint8)
     return SurfaceView(
         image, planes.sigma_m, planes.footprint_m, float(size), planes.points, planes.normals,
-        planes.found.ravel(), tilt, planes.normal_noise_rad, _nearest(planes.found), depth_map,
+        planes.found.ravel(), tilt, planes.normal_noise_rad, depth_map,
         cv2.distanceTransform(hidden, cv2.DIST_L2, 3).ravel(),
         _surfels(image, planes, tilt), find_edges(image, planes),
     )  # fmt: skip
