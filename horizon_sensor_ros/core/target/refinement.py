@@ -10,7 +10,7 @@ import numpy as np
 
 from .consistency import project
 from .rigid import orthonormal, rotation_from_vector
-from .surfels import SurfaceView, normal_noise
+from .surfels import SurfaceView
 
 # Before the last gate a part of the planes does.
 _COARSE_STEP = 3
@@ -27,6 +27,10 @@ _PLATE_PX = 1.0
 # What a plate seen from its far side, and one seen edge on, lies behind its face by, and how
 # uncertain that is, in thicknesses.
 _BEHIND_FACE = {FAR_SIDE: (1.0, 1.0), EDGE_ON: (0.5, 0.7)}
+# What differs from place to place of that, in pixel widths, by kind.
+_ROUGH_PX = np.array([0, 0, 0, _PLATE_PX / 6, _PLATE_PX / 2], np.float32)
+# Cosine between normals of what may be one plane.
+_SAME_NORMAL = 0.85
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,37 +199,44 @@ def _to_planes(
     """a's surfels, moved into b's frame, against the planes that b sees in the same direction, and
     the kind of each pair."""
     surfels = a.surfels
+    # Single precision does: a micrometre at some metres.
+    rotation, translation = rotation.astype(np.float32), translation.astype(np.float32)
     turned = surfels.points[::step] @ rotation.T
     point = turned + translation
-    index = project(b, point[:, 0], point[:, 1], point[:, 2])
+    index = project(b, *point.T)
     seen = np.flatnonzero(b.plane[index])
-    index, point, ray = index[seen], point[seen], turned[seen]
-    near = seen * step
-    other, n = b.point_map[index].astype(float), b.normal_map[index].astype(float)
-    normal = surfels.normals[near] @ rotation.T
-    bare = near >= surfels.num_planes
+    index, point, near = index[seen], point[seen], seen * step
+    other, n = b.point_map.take(index, axis=0), b.normal_map.take(index, axis=0)
     off = np.einsum("ij,ij->i", point - other, n)
-    along = np.einsum("ij,ij->i", normal, n)
+    # Bare returns come last.
+    planes = int(np.searchsorted(near, surfels.num_planes))
+    normal = n.copy()
+    normal[:planes] = surfels.normals.take(near[:planes], axis=0) @ rotation.T
+    along = np.einsum("ij,ij->i", normal[:planes], n[:planes])
     # A thin plate's far side is another surface: a bare return must have been able to see the
     # plane.
-    sight = np.einsum("ij,ij->i", n, ray) / np.sqrt(np.einsum("ij,ij->i", ray, ray))
-    far = ~bare & (along < -0.85)
-    edge_on = bare & (np.abs(sight) < _EDGE_ON_COSINE)
-    agree = np.where(bare, sight < _EDGE_ON_COSINE, along > 0.85) & (np.abs(off) < gate_m)
-    agree |= far & (off < gate_m) & (off > -max(gate_m, 2 * _PLATE_PX * b.footprint_m))
-    near, index, bare, far, edge_on, point, other, n = (
-        part[agree] for part in (near, index, bare, far, edge_on, point, other, n)
+    ray = turned[seen[planes:]]
+    sight = np.einsum("ij,ij->i", n[planes:], ray) / np.sqrt(np.einsum("ij,ij->i", ray, ray))
+    kind = np.full(len(near), FACE, np.int8)
+    kind[:planes][along < -_SAME_NORMAL] = FAR_SIDE
+    kind[planes:][np.abs(sight) < _EDGE_ON_COSINE] = EDGE_ON
+    agree = np.concatenate([np.abs(along) > _SAME_NORMAL, sight < _EDGE_ON_COSINE])
+    behind = np.where(kind == FAR_SIDE, max(gate_m, 2 * _PLATE_PX * b.footprint_m), gate_m)
+    agree &= (off < gate_m) & (off > -behind)
+    planes = int(np.count_nonzero(agree[:planes]))
+    near, index, kind, point, other, n, normal = (
+        part[agree] for part in (near, index, kind, point, other, n, normal)
     )
-    normal = np.where(bare[:, None], n, np.where(far, -1.0, 1.0)[:, None] * normal[agree])
-    cosine = -np.einsum("ij,ij->i", n, other) / np.sqrt(np.einsum("ij,ij->i", other, other))
-    noise = normal_noise(b.sigma_m, b.footprint_m, cosine, b.tilt_rad[index])
-    sigma = np.hypot(np.where(bare, noise, surfels.sigma_m[near]), noise)
-    rough = np.where(edge_on, _PLATE_PX / 2, np.where(far, _PLATE_PX / 6, 0.0)) * b.footprint_m
-    sigma = np.hypot(sigma, rough)
-    tilt2 = surfels.tilt_rad[near] * np.where(bare, b.normal_noise_rad, b.tilt_rad[index])
-    weight = step * surfels.weight[near]
-    kind = np.where(edge_on, EDGE_ON, np.where(far, FAR_SIDE, FACE)).astype(np.int8)
-    return (point, other, normal, n, sigma, weight, tilt2), kind
+    normal[kind == FAR_SIDE] *= -1
+    noise = b.noise_m[index]
+    own = surfels.sigma_m[near]
+    own[planes:] = noise[planes:]
+    rough = _ROUGH_PX[kind] * np.float32(b.footprint_m)
+    sigma = np.sqrt(own * own + noise * noise + rough * rough)
+    tilt = b.tilt_rad[index]
+    tilt[planes:] = b.normal_noise_rad
+    tilt2 = surfels.tilt_rad[near] * tilt
+    return (point, other, normal, n, sigma, step * surfels.weight[near], tilt2), kind
 
 
 def robust_weights(pairs: Pairs) -> np.ndarray:

@@ -60,7 +60,7 @@ class SurfaceView:
     point_map, normal_map : (H W, 3) point and normal (towards the sensor) of the local plane at
         each pixel.
     plane : (H W) bool, where there is one.  tilt_rad : (H W) of its normal, see Surfels;
-        normal_noise_rad : of all.
+        normal_noise_rad : of all.  noise_m : (H W) float32, along the normal, of one measurement.
     surfels, edges : what is registered.
     depth_map : (H W) depth of the return, 0 where there is none.
     gap_px : (H W) distance to the nearest return or unknown pixel.
@@ -75,6 +75,7 @@ class SurfaceView:
     plane: np.ndarray
     tilt_rad: np.ndarray
     normal_noise_rad: float
+    noise_m: np.ndarray
     depth_map: np.ndarray
     gap_px: np.ndarray
     surfels: Surfels
@@ -126,6 +127,11 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     inverse = image.inverse_depth
     seen = inverse > 0
     tilt = np.where(planes.own, np.float32(0), np.float32(_BORROWED_TILT_RAD)).ravel()
+    noise = np.zeros(inverse.size, np.float32)
+    index = np.flatnonzero(planes.found)
+    noise[index] = normal_noise(
+        planes.sigma_m, planes.footprint_m, planes.cosine.ravel()[index], tilt[index]
+    )
     row, column = np.nonzero(seen)
     depth = 1 / inverse[row, column]
     tan_u, tan_v = (tangent.astype(np.float32) for tangent in image.tangents())
@@ -135,9 +141,9 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     hidden = (~(seen | image.unknown)).astype(np.uint8)
     return SurfaceView(
         image, planes.sigma_m, planes.footprint_m, float(size), planes.points, planes.normals,
-        planes.found.ravel(), tilt, planes.normal_noise_rad, depth_map,
+        planes.found.ravel(), tilt, planes.normal_noise_rad, noise, depth_map,
         cv2.distanceTransform(hidden, cv2.DIST_L2, 3).ravel(),
-        _surfels(image, planes, tilt), find_edges(image, planes),
+        _surfels(image, planes, tilt, noise), find_edges(image, planes),
     )  # fmt: skip
 
 
@@ -154,7 +160,7 @@ def _nearest(plane: np.ndarray) -> np.ndarray:
     return of_label[label.ravel()]
 
 
-def _surfels(image: RangeImage, planes: Planes, tilt: np.ndarray) -> Surfels:
+def _surfels(image: RangeImage, planes: Planes, tilt: np.ndarray, noise_m: np.ndarray) -> Surfels:
     """Planes on a lattice thin enough to keep their number moderate, and bare returns."""
     row, column = np.nonzero(planes.found)
     share = 1
@@ -168,21 +174,19 @@ def _surfels(image: RangeImage, planes: Planes, tilt: np.ndarray) -> Surfels:
             share = step * step
         row, column = row[keep], column[keep]
     index = row * planes.found.shape[1] + column
-    noise = normal_noise(
-        planes.sigma_m, planes.footprint_m, planes.cosine[row, column], tilt[index]
-    )
     row, column = np.nonzero((image.inverse_depth > 0) & ~planes.found)
     step = 1 + len(row) // 800
     row, column = row[::step], column[::step]
     tan_u, tan_v = image.tangents()
     ray = np.column_stack([tan_u[column], tan_v[row], np.ones(len(row))])
-    bare = ray / image.inverse_depth[row, column, None]
+    bare = (ray / image.inverse_depth[row, column, None]).astype(np.float32)
+    # Planes of both views are matched with each other twice, once in each direction.
+    counts = [len(index), len(bare)]
     return Surfels(
         np.concatenate([planes.points[index], bare]),
         np.concatenate([planes.normals[index], np.zeros_like(bare)]),
-        np.concatenate([noise, np.full(len(bare), planes.sigma_m)]),
-        # Planes of both views are matched with each other twice, once in each direction.
-        np.repeat([share / 2, float(step)], [len(index), len(bare)]),
-        np.concatenate([tilt[index], np.full(len(bare), planes.normal_noise_rad)]),
+        np.concatenate([noise_m[index], np.full(len(bare), planes.sigma_m, np.float32)]),
+        np.repeat(np.array([share / 2, step], np.float32), counts),
+        np.concatenate([tilt[index], np.full(len(bare), planes.normal_noise_rad, np.float32)]),
         len(index),
     )
