@@ -25,7 +25,7 @@ _MIN_SHARP_COSINE = 0.25
 _LIMB_PX = 5
 _LIMB_BEND = np.cos(np.radians([10.0, 55.0]))
 _THIN_PX = 7
-_FEWEST_PLACES = 8
+_FEWEST_PLACES, _MOST_PLACES = 8, 6000
 _EDGE_REACH_PX = 4.6
 # So far along both steps outwards may lie two places with different ones.
 _SLANT_PX = 2.5
@@ -108,45 +108,46 @@ def _ends(image: RangeImage, planes: Planes) -> Edges:
     margin = 2 * width + 2
     inner = slice(margin, -margin)
     seen = inverse[inner] > 0
-    backs = np.arange(1, _THIN_PX + 1)[:, None]
-    places = []
-    for du, dv in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+    starts, ways = [], ((1, 0), (-1, 0), (0, 1), (0, -1))
+    for du, dv in ways:
         step = dv * width + du
         there = slice(margin + step, step - margin)
-        slope = du * slope_u[inner] + dv * slope_v[inner]
-        limit = np.where(found[there], behind[inner], off_plane[inner]) + slope
-        k = margin + np.flatnonzero(seen & (inverse[there] < limit))
-        # Speckle tells nothing, but the pixel beyond may.
-        dark = np.flatnonzero(unknown[k + step])
-        beyond = k[dark] + 2 * step
-        limit = behind[k[dark]] + 2 * slope[k[dark] - margin]
-        k = np.delete(k, dark[unknown[beyond] | (inverse[beyond] >= limit)])
-        slope = slope[k - margin]
-        # Where the next pixel's plane comes to lie in front, both meet in a crease.
-        q = k + step
-        lead = level[q] - du * slope_u[q] - dv * slope_v[q] > level[k]
-        keep = ~(found[q] & found[k] & lead)
-        w = inverse[k]
-        thin = (inverse[k - backs * step] < w - level[k] + behind[k]).any(axis=0)
-        # Where the surface bends before its end, that may be a limb, which moves over the surface
-        # as the body turns.
-        inwards = k - _LIMB_PX * step
-        cosine = np.einsum("ij,ij->i", planes.normals[k], planes.normals[inwards])
-        same = found[inwards] & (cosine > _LIMB_BEND[1])
-        limb = same & (cosine < _LIMB_BEND[0])
-        sharp = sharp_here[k]
-        keep &= sharp | thin
-        # A rim that shows bends the windows over it.
-        normal = planes.normals[np.where(same, inwards, k)[keep]].astype(float)
-        k, sharp, limb, slope = k[keep], sharp[keep], limb[keep], slope[keep]
-        row, column = np.divmod(k, width)
-        spot = np.column_stack([column + 0.5 * du, row + 0.5 * dv])
-        out = np.broadcast_to(np.array([du, dv], float), spot.shape)
-        end = np.where(sharp, level[k] + 0.5 * slope, w[keep]).astype(float)
-        places.append((spot, out, end, sharp, limb, normal))
-    return _lines(
-        image, planes, _Places(*(np.concatenate(part) for part in zip(*places, strict=True)))
-    )
+        limit = np.where(found[there], behind[inner], off_plane[inner])
+        limit += du * slope_u[inner] + dv * slope_v[inner]
+        starts.append(margin + np.flatnonzero(seen & (inverse[there] < limit)))
+    k = np.concatenate(starts)
+    out = np.repeat(np.array(ways), [len(start) for start in starts], axis=0)
+    step = out[:, 1] * width + out[:, 0]
+    slope = out[:, 0] * slope_u[k] + out[:, 1] * slope_v[k]
+    # Speckle tells nothing, but the pixel beyond may.
+    keep = ~unknown[k + step]
+    dark = np.flatnonzero(~keep)
+    beyond = k[dark] + 2 * step[dark]
+    keep[dark] = ~unknown[beyond] & (inverse[beyond] < behind[k[dark]] + 2 * slope[dark])
+    # Where the next pixel's plane comes to lie in front, both meet in a crease.
+    q = k + step
+    lead = level[q] - out[:, 0] * slope_u[q] - out[:, 1] * slope_v[q] > level[k]
+    keep &= ~(found[q] & found[k] & lead)
+    backs = k - np.arange(1, _THIN_PX + 1)[:, None] * step
+    thin = (inverse[backs] < inverse[k] - level[k] + behind[k]).any(axis=0)
+    keep &= sharp_here[k] | thin
+    # Of a cloud with holes all over, a part bounds the time.
+    keep = np.flatnonzero(keep)
+    keep = keep[:: 1 + len(keep) // _MOST_PLACES]
+    k, out, step, slope = k[keep], out[keep], step[keep], slope[keep]
+    # Where the surface bends before its end, that may be a limb, which moves over the surface as
+    # the body turns.
+    inwards = k - _LIMB_PX * step
+    cosine = np.einsum("ij,ij->i", planes.normals[k], planes.normals[inwards])
+    same = found[inwards] & (cosine > _LIMB_BEND[1])
+    limb = same & (cosine < _LIMB_BEND[0])
+    # A rim that shows bends the windows over it.
+    normal = planes.normals[np.where(same, inwards, k)].astype(float)
+    sharp = sharp_here[k]
+    row, column = np.divmod(k, width)
+    spot = np.column_stack([column, row]) + 0.5 * out
+    end = np.where(sharp, level[k] + 0.5 * slope, inverse[k]).astype(float)
+    return _lines(image, planes, _Places(spot, out, end, sharp, limb, normal))
 
 
 def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:

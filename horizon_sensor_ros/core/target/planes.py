@@ -59,7 +59,7 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     """
     inverse = image.inverse_depth
     seen = inverse > 0
-    middle = float(np.median(inverse[seen]))
+    middle = _quantile(inverse[seen], 0.5)
     footprint = 1 / (middle * image.focal_px)
     sigma = max(_range_noise(inverse, seen) if sigma_m is None else sigma_m, 1e-3 * footprint)
     radius = _window_radius(sigma / footprint)
@@ -102,7 +102,13 @@ def _range_noise(inverse: np.ndarray, seen: np.ndarray) -> float:
         return 0.0
     # The lower quarter, as edges and thin parts bend as well: 0.319 standard deviations of a
     # normal distribution.
-    return float(np.quantile(bend / inverse[:, 1:-1][three] ** 2, 0.25)) / (0.3186 * np.sqrt(6))
+    return _quantile(bend / inverse[:, 1:-1][three] ** 2, 0.25) / (0.3186 * np.sqrt(6))
+
+
+def _quantile(values: np.ndarray, share: float) -> float:
+    """The value with that share of the others below it; several times as fast as NumPy's."""
+    place = int(share * (len(values) - 1))
+    return float(np.partition(values, place)[place])
 
 
 def _window_radius(noise_px: float) -> int:
@@ -141,7 +147,7 @@ class _PlaneFit:
         # Of chi squared per degree of freedom a tenth lies below this (Wilson and Hilferty).
         tenth = (1 - 2 / (9 * dof) - 1.2816 * np.sqrt(2 / (9 * dof))) ** 3
         square = self.mean_square[full] / self.level[full] ** 4
-        return min(guess_m, float(np.sqrt(np.quantile(square, 0.1) / tenth)))
+        return min(guess_m, float(np.sqrt(_quantile(square, 0.1) / tenth)))
 
     def flat(self, noise: np.ndarray) -> np.ndarray:
         return self.defined & (self.mean_square < _FLAT * noise * noise)
