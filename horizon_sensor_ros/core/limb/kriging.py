@@ -36,6 +36,7 @@ _LEAST_WINDOW = 0.7  # stretches
 _ANYWHERE = 0.05  # what a stretch elsewhere says about the strength, over what a near one does
 _MOST_EVIDENCE = 8.0  # of one stretch, for one strength over another
 _LEVEL_SIGMA = 30.0  # over the noise; of a stretch's brightness about that of three
+_NO_TEXTURE = 3.0  # log odds beforehand of a limb without texture, to one of a given strength
 _NODES = 40  # of the integral over the blur, in the root of the depth
 _SHARED = 0.75  # correlation of the errors that texture makes, over that of the texture
 _CLEAN = 1.5  # variance over that without texture, up to which there may be none
@@ -45,7 +46,7 @@ _BLUR_SIGMA_PX = 0.03  # how well it is known beforehand
 _SCALES_PER_OCTAVE = 2.0  # tables are made for such steps of the ground's scale
 # An image that was blurred after it was sampled repeats errors with the pixels' phase. Where the
 # limb runs with rows or columns, the phase is one for whole stretches and nothing averages out.
-_PHASE_SIGMA_PX = 0.015
+_PHASE_SIGMA_PX = 0.012
 _PHASE_WEIGHT = 3.0
 _SHAPE_ERROR = 0.003  # over the step; no edge is quite the model's
 
@@ -154,6 +155,7 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     evidence = -0.5 * (chi2 + tables.log_det)
     evidence -= evidence.max(axis=1, keepdims=True)
     evidence = nearby @ np.maximum(evidence, -_MOST_EVIDENCE)
+    evidence[:, 0] += _NO_TEXTURE
     share = np.exp(evidence - evidence.max(axis=1, keepdims=True))
     share /= share.sum(axis=1, keepdims=True)
     place, spread2, blur = _averaged(places, variance, wider, wider_information, tables, share)
