@@ -55,9 +55,9 @@ _STRETCH_PX = 16.0
 _LEAST_STRETCHES = 32
 _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that must follow it
 _PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`, which allows for an edge's misfits
-# From the predicted place; farther off, kriging is done again; beyond all kriging, after the edges
-# have been placed one by one.
-_OFF_PX, _NEARBY_PX = 0.1, 0.2
+# Off the limb about which it is done: kriging is done again; off the predicted place: given up
+# until the edges have been placed one by one; and how often it is tried.
+_OFF_PX, _NEARBY_PX, _MOST_MOVES = 0.1, 0.6, 3
 _FAR_PX = 1.0  # from the limb about which it is done: no place of its edge
 _STRETCHES = 6
 _APART_SHARE = 0.75  # of what separates two kinds of edge along the limb, as measured beside truth
@@ -172,7 +172,7 @@ def refine_limb(
                 limb = fitted_limb(
                     stretches.base[good], places.offset_px[good], places.sigma_px[good]
                 )
-                places, shared_px = _kriged_about(limb, stretches, means, good)
+                places, shared_px, _ = _kriged_about(limb, stretches, means, good)
                 good = _believable(places)
     num_good = int(np.count_nonzero(good))
     if num_good < _MIN_PROFILES:
@@ -245,31 +245,36 @@ class _Means:
 def _kriged(
     stretches: Stretches, means: _Means, good: np.ndarray
 ) -> tuple[EdgePlaces | None, float]:
-    """Places of the sharp edge in mean profiles (M), and the sigma that parts of the limb share.
+    """`_kriged_about` the limb that it finds itself, from the predicted one.
 
-    good : (M,) profiles that show an edge; the others come back as at the border. None for a limb
-    that lies too far from the predicted one.
+    None for a limb that lies too far from the predicted one.
     """
-    phase = means.phase()
-    found = krige_edges(stretches, good, phase[:, 1] + 1j * phase[:, 2])
-    off = np.abs(stretches.base @ found.limb).max()
-    if not off <= _NEARBY_PX:
-        return None, 0.0
-    if off > _OFF_PX:
-        return _kriged_about(found.limb, stretches, means, good)
-    return _places_of(found, phase[:, 0], stretches, good), found.shared_px
+    limb = np.zeros(3)
+    for _ in range(_MOST_MOVES):
+        places, shared_px, moved = _kriged_about(limb, stretches, means, good)
+        if np.abs(stretches.base @ moved).max() <= _OFF_PX:
+            return places, shared_px
+        limb = limb + moved
+        if not np.abs(stretches.base @ limb).max() <= _NEARBY_PX:
+            break
+    return None, 0.0
 
 
 def _kriged_about(
     limb: np.ndarray, stretches: Stretches, means: _Means, good: np.ndarray
-) -> tuple[EdgePlaces, float]:
-    """`_kriged` about another limb than the predicted one, as `fitted_limb` gives it."""
-    means = means.moved(limb)
-    stretches = replace(stretches, profiles=means.profiles())
+) -> tuple[EdgePlaces, float, np.ndarray]:
+    """Places of the sharp edge in mean profiles (M), the sigma that parts of the limb share, and
+    how far the limb that fits them is from the given one, both as `fitted_limb` has them.
+
+    good : (M,) profiles that show an edge; the others come back as at the border.
+    """
+    if limb.any():
+        means = means.moved(limb)
+        stretches = replace(stretches, profiles=means.profiles())
     phase = means.phase()
     found = krige_edges(stretches, good, phase[:, 1] + 1j * phase[:, 2])
     shift = phase[:, 0] + stretches.base @ limb
-    return _places_of(found, shift, stretches, good), found.shared_px
+    return _places_of(found, shift, stretches, good), found.shared_px, found.limb
 
 
 def _places_of(
