@@ -219,13 +219,11 @@ class HorizonSensor:
         """Fix from where the limb is expected; None where a search has to say what is there."""
         if track.age >= _LONGEST_TRACK or not track.is_of([frame.view for frame in frames]):
             return None
-        nadir = track.predicted_nadir_base(aiding.rot_now_from_last)
+        nadir, rho = track.predicted_cone(aiding.rot_now_from_last)
         figure = self._figure(aiding).aligned(nadir)
         views = [figure.view(frame.view) for frame in frames]
         images = [frame.gray for frame in frames]
-        detection = follow_limb(
-            views, images, self._sphere, nadir, track.rho_rad, track.sees, track.looks
-        )
+        detection = follow_limb(views, images, self._sphere, nadir, rho, track.sees, track.looks)
         if detection is None:
             return None
         detection = replace(detection, candidates=track.samples(images))
@@ -233,7 +231,7 @@ class HorizonSensor:
         if doubtful or fix.cameras_used != track.cameras_used or fix.fit.disc is None:
             return None
         self._track = track.continued(detection, fix.fit)
-        return replace(fix, predicted=Disc(figure, nadir, track.rho_rad))
+        return replace(fix, predicted=Disc(figure, nadir, rho))
 
     def _attempt(
         self, frames: Sequence[Frame], aiding: Aiding

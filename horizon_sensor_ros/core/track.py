@@ -19,8 +19,8 @@ from horizon_sensor_ros.core.status import Status
 class Track:
     """The limb of the last set of frames, and what it looked like.
 
-    views, cameras_used : of that set. nadir_base, rho_rad : its disc's cone. last_nadir_base : that
-    of the set before, None right after a search. sees : whether each frame's camera saw the limb.
+    views, cameras_used : of that set. nadir_base, rho_rad : its disc's cone. last_cone : those of
+    the set before, None right after a search. sees : whether each frame's camera saw the limb.
     looks : of its edge, one per frame, empty where no model fits. skies : one per frame, level and
     noise of empty space as the search measured them. age : sets since the search.
     """
@@ -32,7 +32,7 @@ class Track:
     sees: tuple[bool, ...]
     looks: tuple[tuple[EdgeLook, ...], ...]
     skies: tuple[LimbCandidates, ...]
-    last_nadir_base: np.ndarray | None = None
+    last_cone: tuple[np.ndarray, float] | None = None
     age: int = 0
 
     @classmethod
@@ -56,7 +56,7 @@ class Track:
             self,
             nadir_base=fit.disc.nadir,
             rho_rad=fit.disc.rho_rad,
-            last_nadir_base=self.nadir_base,
+            last_cone=(self.nadir_base, self.rho_rad),
             looks=detection.looks,
             age=self.age + 1,
         )
@@ -67,17 +67,20 @@ class Track:
             new is old for new, old in zip(views, self.views, strict=True)
         )
 
-    def predicted_nadir_base(self, rot_now_from_last: np.ndarray | None) -> np.ndarray:
-        """Nadir (3,) expected now: turned as the gyro says, or once more as in the last step.
+    def predicted_cone(self, rot_now_from_last: np.ndarray | None) -> tuple[np.ndarray, float]:
+        """Nadir (3,) and rho expected now: turned as the gyro says, or moved as in the last step.
 
         rot_now_from_last : (3, 3), see `Aiding`. Without it sets are taken to come evenly.
         """
         if rot_now_from_last is not None:
-            return rot_now_from_last @ self.nadir_base
-        if self.last_nadir_base is None:
-            return self.nadir_base
-        ahead = 2.0 * (self.nadir_base @ self.last_nadir_base) * self.nadir_base
-        return ahead - self.last_nadir_base
+            return rot_now_from_last @ self.nadir_base, self.rho_rad
+        if self.last_cone is None:
+            return self.nadir_base, self.rho_rad
+        nadir, rho = self.last_cone
+        # The errors of nadir and rho hang together so that the limb in the frame is known far
+        # better than either: moved on together they stay so.
+        ahead = 2.0 * (self.nadir_base @ nadir) * self.nadir_base - nadir
+        return ahead, 2.0 * self.rho_rad - rho
 
     def samples(self, images: Sequence[np.ndarray]) -> tuple[LimbCandidates, ...]:
         """Sky and ground of new frames for their evidence: single pixels, not averaged ones."""

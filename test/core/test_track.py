@@ -81,6 +81,20 @@ def test_followed_fixes_are_those_of_a_search(searches: list[int]) -> None:
         assert fix.fit.altitude_m == pytest.approx(searched.fit.altitude_m, rel=1e-3)
 
 
+@pytest.mark.parametrize("camera", [0, 1])
+def test_the_limb_is_predicted_to_a_part_of_a_pixel(camera: int) -> None:
+    """On one camera's arc: far better than nadir, or its disc, is known."""
+    sensor = HorizonSensor()
+    for steps in range(5):
+        frame = turned(steps)[0][camera]
+        fix = sensor.process([frame])
+        assert fix.ok
+        if steps > 1:
+            assert fix.predicted is not None
+            off = fix.predicted.residuals_px(frame.view, fix.limbs[0])
+            assert np.median(np.abs(off)) < 0.1
+
+
 @pytest.mark.parametrize("air_dn", [60.0, 150.0])
 def test_in_glowing_air_too(air_dn: float, searches: list[int]) -> None:
     """Glow's edge lies off the steepest fall: a track must not slide from the one to the other."""
