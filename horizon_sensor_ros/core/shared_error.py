@@ -19,7 +19,6 @@ from horizon_sensor_ros.core.symmetric3 import inverse
 
 _STRETCHES = 6
 _MEDIAN_VARIANCE = np.pi / 2.0  # of a median of normal errors, over that of their mean
-_CAMERA_SHIFT = 1.5  # error of a camera's whole limb, over that of its stretches
 
 
 def with_shared_error(
@@ -69,8 +68,7 @@ def _coherent_covariance(
         rows = rays.design(fit.nadir_base, basis) / rays.angles(fit.nadir_base)[1][:, None]
         weight = _STRETCHES / (len(rays) * coherent_px**2)
         information += weight * rows.T @ rows
-        # The limb of a camera as a whole may be off by as much: cameras see different air.
-        shifts.append(_CAMERA_SHIFT * claimed_px * weight * rows.sum(axis=0))
+        shifts.append(observation.limb.shift_px * weight * rows.sum(axis=0))
     if not information.any():
         return np.zeros((4, 4))
     gain = inverse(information)

@@ -21,6 +21,7 @@ class LimbPoints:
     normal_px : (N, 2) unit vectors in the image, across the limb, towards space.
     sigma_px : (N,) one sigma of each point along its normal, on its own.
     coherent_px : one sigma of the error that neighbours share (air glow bends long stretches).
+    shift_px : one sigma of what the whole limb is off by besides (cameras see different air).
     spacing_px : length of limb that each point stands for.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
@@ -31,6 +32,7 @@ class LimbPoints:
     normal_px: np.ndarray = field(default_factory=lambda: _empty(2))
     sigma_px: np.ndarray = field(default_factory=lambda: np.empty(0))
     coherent_px: float = 0.0
+    shift_px: float = 0.0
     spacing_px: float = 1.0
 
     @classmethod

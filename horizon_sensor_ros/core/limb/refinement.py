@@ -71,6 +71,8 @@ _COHERENT_PX = {
     (True, False): 0.2,
     (True, True): 0.4,
 }
+# Error of a camera's whole limb, over that of its stretches: where air glows, and beside texture.
+_SHIFT, _TEXTURE_SHIFT = 1.5, 0.5
 # Brightness left 2.5 px outside the edge, over the step, from which air glow is taken to be there.
 _GLOW_SHARE = 0.04
 _USUAL_PSF_PX = (
@@ -202,6 +204,7 @@ def refine_limb(
             coherent = contour.coherent_px
             places = contour.places(places)
             px, normal_px = px[contour.keep], normal_px[contour.keep]
+    shift = (_SHIFT if glows or model_free else _TEXTURE_SHIFT) * coherent
     points = LimbPoints(
         Status.OK,
         "",
@@ -209,6 +212,7 @@ def refine_limb(
         normal_px,
         places.sigma_px * step.factor,
         coherent * step.factor,
+        shift * step.factor,
         spacing_px * step.factor * size,
     )
     return points, () if given and model_free else tuple(looks)
