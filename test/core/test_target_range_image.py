@@ -140,12 +140,8 @@ def test_planes_of_a_box_have_its_normals() -> None:
     assert (np.einsum("ij,ij->i", faces, points) < 0).all()
 
 
-@pytest.mark.parametrize("seed", [8, 12, 13])
-def test_edges_of_a_box_lie_on_its_silhouette(seed: int) -> None:
-    scan = scan_of("n1", seed)  # three faces, none of them at a steep slant
-    edges = surface_view(range_image(scan.points)).edges
-    points = edges.points[~edges.creases]
-    assert len(points) > 100
+def inside_outline_px(points: np.ndarray, scan: ToFScan) -> np.ndarray:
+    """How far inside the convex outline of a box N1 each point (N, 3) lies."""
     pose = scan.pose_cam_from_target
     corners = sich_n1().vertices @ pose[:3, :3].T + pose[:3, 3]
     spot = corners[:, :2] / corners[:, 2:]
@@ -153,10 +149,29 @@ def test_edges_of_a_box_lie_on_its_silhouette(seed: int) -> None:
     way = np.column_stack([np.cos(turn), np.sin(turn)])
     low, high = (spot @ way.T).min(axis=0), (spot @ way.T).max(axis=0)
     along = (points[:, :2] / points[:, 2:]) @ way.T
-    # How far inside the convex outline each edge point lies, in pixels.
-    inside = np.minimum(along - low, high - along).min(axis=1) * 320
+    return np.minimum(along - low, high - along).min(axis=1) * 320
+
+
+@pytest.mark.parametrize("seed", [8, 12, 13])
+def test_ends_of_a_box_lie_on_its_silhouette(seed: int) -> None:
+    scan = scan_of("n1", seed)  # three faces, none of them at a steep slant
+    edges = surface_view(range_image(scan.points)).edges
+    points = edges.points[~edges.creases]
+    assert len(points) > 100
+    inside = inside_outline_px(points, scan)
     assert np.quantile(np.abs(inside), 0.9) < 0.4
     assert abs(np.median(inside)) < 0.1
+
+
+def test_holes_are_no_ends() -> None:
+    scan = scan_of("n1", 8)
+    lost = np.random.default_rng(0).random(scan.points.shape[:2]) < 0.2
+    points = scan.points.copy()
+    points[lost] = np.nan
+    edges = surface_view(range_image(points)).edges
+    ends = edges.points[~edges.creases]
+    assert len(ends) > 50
+    assert np.mean(inside_outline_px(ends, scan) < 2) > 0.9
 
 
 @pytest.mark.parametrize("seed", [8, 12, 13])

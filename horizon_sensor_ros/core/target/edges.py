@@ -24,7 +24,7 @@ _MIN_SHARP_COSINE = 0.25
 # these; what bends more is another face.
 _LIMB_PX = 5
 _LIMB_BEND = np.cos(np.radians([10.0, 55.0]))
-_THIN_PX = 7
+_THIN_PX, _HOLE_PX = 7, 2
 _FEWEST_PLACES, _MOST_PLACES = 8, 6000
 _EDGE_REACH_PX = 4.6
 # So far along both steps outwards may lie two places with different ones.
@@ -124,6 +124,10 @@ def _ends(image: RangeImage, planes: Planes) -> Edges:
     dark = np.flatnonzero(~keep)
     beyond = k[dark] + 2 * step[dark]
     keep[dark] = ~unknown[beyond] & (inverse[beyond] < behind[k[dark]] + 2 * slope[dark])
+    # A small hole in a surface that goes on behind it is no end of it.
+    ahead = np.arange(2, _HOLE_PX + 2)[:, None]
+    on = np.abs(inverse[k + ahead * step] - level[k] - ahead * slope) < _OFF_PLANE * noise[k]
+    keep &= ~on.any(axis=0)
     # Where the next pixel's plane comes to lie in front, both meet in a crease.
     q = k + step
     lead = level[q] - out[:, 0] * slope_u[q] - out[:, 1] * slope_v[q] > level[k]
