@@ -138,9 +138,9 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     variance = np.square(tables.sigma * over_step[:, None])
     wider_information = np.square(good[:, None] / (tables.widening_sigma * over_step[:, None]))
     # Stretches of the same phase have the same error, and count as one.
-    alike = (np.conj(phase[:, None]) * np.where(good, phase, 0.0)).real.sum(axis=1)
+    in_phase = (np.conj(phase[:, None]) * np.where(good, phase, 0.0)).real.sum(axis=1)
     phase = np.abs(phase)
-    phase2 = _PHASE_SIGMA_PX**2 * np.maximum(alike, phase * phase)
+    phase2 = _PHASE_SIGMA_PX**2 * np.maximum(in_phase, phase * phase)
     ground = stretches.px_over_radius * stretches.length_px
     apart = np.arange(len(good)) / max(_LEAST_WINDOW, _WINDOW / ground)
     # What the pixels' phase does to a profile is not texture.
@@ -163,13 +163,19 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     misfit = (share * chi2).sum(axis=1) / (scaled.shape[1] - 3)
     misfit /= 1.0 + np.square((_SHAPE_ERROR + _PHASE_SIGMA_PX * phase) / over_step)
     spread2 += phase2
-    clean2 = variance[:, 0] + phase2
-    inverse, clean_inverse = (float(np.mean(1.0 / each[good])) for each in (spread2, clean2))
-    texture2 = max(1.0 / inverse - _CLEAN / clean_inverse, 0.0)
-    part = np.arange(max(1, len(good) // _PARTS)) * (ground / _LENGTH)
-    alike = float(np.exp(-np.abs(part[:, None] - part)).mean())
-    shared_px = _SHARED * math.sqrt(alike * texture2)
+    shared_px = _shared_sigma(spread2[good], (variance[:, 0] + phase2)[good], ground)
     return KrigedEdges(place, np.sqrt(spread2), limb, misfit, step, shared_px)
+
+
+def _shared_sigma(variance: np.ndarray, clean: np.ndarray, ground: float) -> float:
+    """Sigma that a sixth of the limb shares: of what texture adds to variances (N,), so much as
+    its errors are alike. clean (N,) : those without. ground : length of a stretch.
+    """
+    inverse, clean_inverse = float(np.mean(1.0 / variance)), float(np.mean(1.0 / clean))
+    texture2 = max(1.0 / inverse - _CLEAN / clean_inverse, 0.0)
+    part = np.arange(max(1, len(variance) // _PARTS)) * (ground / _LENGTH)
+    alike = float(np.exp(-np.abs(part[:, None] - part)).mean())
+    return _SHARED * math.sqrt(alike * texture2)
 
 
 def _averaged(
