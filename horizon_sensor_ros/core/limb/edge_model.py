@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -366,8 +366,6 @@ def likeliest_look(
     No profile counts for more than `_MOST_EVIDENCE`: one across a boom fits no look at all.
     """
     few = profiles[:: max(1, len(profiles) // _LOOK_PROFILES)]
-    # Places to a quarter of a pixel tell as much of the look.
-    grid = replace(grid, grid_px=max(grid.grid_px, 0.25))
 
     def evidence(look: EdgeLook) -> np.ndarray:
         return place_edges(few, noise, look, grid).log_evidence

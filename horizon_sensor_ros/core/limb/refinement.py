@@ -55,9 +55,9 @@ _STRETCH_PX = 16.0
 _LEAST_STRETCHES = 32
 _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that must follow it
 _PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`, which allows for an edge's misfits
-# Off the limb about which it is done: kriging is done again; off the predicted place: given up
-# until the edges have been placed one by one; and how often it is tried.
-_OFF_PX, _NEARBY_PX, _MOST_MOVES = 0.1, 0.6, 3
+# Off the predicted place: edges are placed one by one, and kriged about the limb that fits those.
+# Kriging about what it found itself would follow the texture further and further.
+_OFF_PX = 0.1
 _FAR_PX = 1.0  # from the limb about which it is done: no place of its edge
 _STRETCHES = 6
 _APART_SHARE = 0.75  # of what separates two kinds of edge along the limb, as measured beside truth
@@ -249,18 +249,10 @@ class _Means:
 def _kriged(
     stretches: Stretches, means: _Means, good: np.ndarray
 ) -> tuple[EdgePlaces | None, float]:
-    """`_kriged_about` the limb that it finds itself, from the predicted one.
-
-    None for a limb that lies too far from the predicted one.
-    """
-    limb = np.zeros(3)
-    for _ in range(_MOST_MOVES):
-        places, shared_px, moved = _kriged_about(limb, stretches, means, good)
-        if np.abs(stretches.base @ moved).max() <= _OFF_PX:
-            return places, shared_px
-        limb = limb + moved
-        if not np.abs(stretches.base @ limb).max() <= _NEARBY_PX:
-            break
+    """`_kriged_about` the predicted limb; None where the edge lies too far from it."""
+    places, shared_px, moved = _kriged_about(np.zeros(3), stretches, means, good)
+    if np.abs(stretches.base @ moved).max() <= _OFF_PX:
+        return places, shared_px
     return None, 0.0
 
 
