@@ -297,7 +297,8 @@ def _doubt(found: _Found, a: SurfaceView, b: SurfaceView, config: RegistrationCo
     where it is not.
 
     A rival must be the better one, by more where it is turned beyond what is likely; where the
-    motion itself is beyond the turns that are searched, it is enough to be as good.
+    motion itself is beyond the turns that are searched, it is enough to be as good, or better at
+    all.
     """
     turn = float(np.linalg.norm(vector_from_rotation(found.refined.rotation)))
     far = turn > config.search_rad
@@ -313,7 +314,9 @@ def _doubt(found: _Found, a: SurfaceView, b: SurfaceView, config: RegistrationCo
     for rival in rivals(a, b, found.refined.rotation, found.refined.translation_m):
         likely = rival.turn_rad < 2 * config.search_rad
         margin = (_SAME_SCORE if likely else _OTHER_SCORE) + _SCORE_NOISE * odd
-        if rival.lead > (-margin if far and likely else margin):
+        if far:
+            margin = -margin if likely else 0.0
+        if rival.lead > margin:
             return (
                 f"views agree to {found.score:.3f} over {found.overlap:.2f} of the points, and"
                 f" turned by {np.degrees(rival.apart_rad):.0f} deg to {rival.score:.3f} over"
