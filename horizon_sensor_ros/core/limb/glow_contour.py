@@ -26,7 +26,7 @@ _TURN = -0.5  # cosine of the angle that the limb may turn through: "slowly" mea
 # length over which glow fades, and as a share of its slope where twilight makes it slope.
 _BEND, _BEND_OF_SLOPE = 0.2, 0.4
 _NEIGHBOURS = 3.0  # edges next to each other that are off together
-_EDGE_SIGMA_PX, _LEAST_SIGMA_PX = 0.1, 0.05  # beyond what edges and contour claim
+_EDGE_SIGMA_PX, _LEAST_SIGMA_PX = 0.1, 0.05  # beyond what modelled edges and contour claim
 _ROUNDS = 8
 _OUTLIER_SIGMAS = 2.0
 # One sigma of slope and of bend of a limb whose six stretches are off independently by one.
@@ -61,12 +61,14 @@ def contour_limb(
     along_px: np.ndarray,
     normal_px: np.ndarray,
     pixel_rad: np.ndarray,
+    shared_px: float = _EDGE_SIGMA_PX,
 ) -> ContourLimb | None:
     """Follow the glow's contour along the limb; None where there is no glow to be followed.
 
     profiles : (N, J) gray levels at d_px (J,) along the normals normal_px (N, 2), of noise `noise`.
     edges : of the planet, as found in the same profiles. along_px, pixel_rad : (N,) their places
-    along the limb, in order, and the angle of one pixel there, across it.
+    along the limb, in order, and the angle of one pixel there, across it. shared_px : what
+    neighbouring edges are off by together, beyond their own sigmas.
     """
     if float(normal_px[0] @ normal_px[-1]) < _TURN:
         return None
@@ -96,7 +98,7 @@ def contour_limb(
     own_px = noise * fading_px * float(np.linalg.norm(shape) / (shape @ glow))
     u = 2.0 * (along_px - along_px[0]) / max(float(along_px[-1] - along_px[0]), 1.0) - 1.0
     design = np.stack([np.ones_like(u), u, u * u], axis=1)
-    variance = edges.sigma_px**2 + own_px**2 + _EDGE_SIGMA_PX**2
+    variance = edges.sigma_px**2 + own_px**2 + shared_px**2
     distance, sigma = _smooth(
         contour - edge, np.where(keep, 1.0 / variance, 0.0), design, fading_px
     )

@@ -197,8 +197,11 @@ def refine_limb(
         coherent = max(coherent, _APART_SHARE * float(np.std(middles)))
     if 0.0 < max((look.glow_px for look in looks), default=0.0) <= _LONGEST_CONTOUR_PX:
         along = middle[good]
+        pixel_rad = _pixel_rad(view, px, normal_px)
+        # Edges without a model lie the farther out, the darker the ground.
+        shared = {"shared_px": coherent} if model_free else {}
         contour = contour_limb(
-            profiles, grid.d_px, places, noise, along, normal_px, _pixel_rad(view, px, normal_px)
+            profiles, grid.d_px, places, noise, along, normal_px, pixel_rad, **shared
         )
         if contour is not None:
             coherent = contour.coherent_px
