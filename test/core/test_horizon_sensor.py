@@ -124,6 +124,17 @@ def test_sharp_blurred_and_clean_images(psf: float, noise: float) -> None:
     assert fix.fit.altitude_m == pytest.approx(300e3, rel=0.02)
 
 
+@pytest.mark.parametrize(("altitude_m", "fov_deg"), [(3000e3, 60.0), (6000e3, 40.0)])
+@pytest.mark.parametrize("psf", [0.0, 0.3, 0.5])
+def test_drawings_sharper_than_their_pixels(altitude_m: float, fov_deg: float, psf: float) -> None:
+    """Paper C's, one camera: its own error is 0.005 and 0.036 deg."""
+    views = limb_views(altitude_m, camera_from_fov(400, 400, np.radians(fov_deg)))
+    drawn = draw(views, altitude_m, None, Imaging(noise_dn=0.0, psf_sigma_px=psf))
+    fix = SENSOR.process(as_frames(views, drawn))
+    assert fix.ok, fix.reason
+    assert error_deg(fix, NADIR) < 0.004
+
+
 def test_whole_disc_in_one_frame() -> None:
     views = limb_views(12000e3, azimuths_rad=(0.0,), above_rad=-0.33)
     for psf in (0.0, 0.7):

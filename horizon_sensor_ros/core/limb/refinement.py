@@ -58,6 +58,9 @@ _PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`, which allows for an e
 # Off the predicted place: edges are placed one by one, and kriged about the limb that fits those.
 # Kriging about what it found itself would follow the texture further and further.
 _OFF_PX = 0.1
+# So sharp an edge shows itself otherwise wherever it falls in the pixels, which kriging takes for
+# texture; beside ground as even as this there is none to take out.
+_FINE_PSF_PX, _EVEN = 0.6, 0.006
 _FAR_PX = 1.0  # from the limb about which it is done: no place of its edge
 _STRETCHES = 6
 _APART_SHARE = 0.75  # of what separates two kinds of edge along the limb, as measured beside truth
@@ -146,6 +149,7 @@ def refine_limb(
         if len(looks) > 1:
             looks = (likeliest_look(profiles[good], noise, looks, grid),)
         sharp = looks[0].glow_px == 0.0
+        textured = looks[0].psf_px >= _FINE_PSF_PX or _unevenness(places.step[good]) > _EVEN
         pitch = step.factor / math.sqrt(view.camera.fx * view.camera.fy)
         stretches = Stretches(
             profiles,
@@ -157,7 +161,8 @@ def refine_limb(
             np.column_stack([normal_px, np.ones(len(profiles))]),
         )
         means = _Means(gray, curve, valid, size, step.factor, grid.d_px)
-        near, shared_px = _kriged(stretches, means, good) if sharp else (None, 0.0)
+        kriging = sharp and textured
+        near, shared_px = _kriged(stretches, means, good) if kriging else (None, 0.0)
         likely = place_edges(profiles, noise, looks[0], grid) if near is None else near
         fits = _believable(likely)
         # A model that most of the edges do not follow, that makes them jump about, or that without
@@ -170,7 +175,7 @@ def refine_limb(
             and (not sharp or abs(moved) < _MOVED_PX)
         ):
             places, good, model_free = likely, fits, False
-            if sharp and near is None:
+            if kriging and near is None:
                 limb = fitted_limb(
                     stretches.base[good], places.offset_px[good], places.sigma_px[good]
                 )
@@ -247,6 +252,11 @@ class _Means:
     def phase(self) -> np.ndarray:
         """`pixel_phase` (M, 3)."""
         return bundle_profiles(pixel_phase(self.curve, self.factor), self.valid, self.size)[0]
+
+
+def _unevenness(step: np.ndarray) -> float:
+    """One robust sigma of steps (N,) from one profile to the next, over the step."""
+    return scatter_px(step) / median(step)
 
 
 def _kriged(
