@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .shapes import TriangleMesh
+from horizon_sensor_ros.sim.shapes import TriangleMesh
 
 _STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .shapes import TriangleMesh
+from horizon_sensor_ros.sim.shapes import TriangleMesh
 
 _PAIRS_AT_ONCE = 2_000_000
 

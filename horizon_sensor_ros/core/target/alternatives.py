@@ -8,10 +8,10 @@ from itertools import permutations, product
 
 import numpy as np
 
-from .consistency import view_consistency
-from .rigid import vector_from_rotation
-from .search import align_batch
-from .surfels import SurfaceView
+from horizon_sensor_ros.core.target.consistency import view_consistency
+from horizon_sensor_ros.core.target.rigid import vector_from_rotation
+from horizon_sensor_ros.core.target.search import align_batch
+from horizon_sensor_ros.core.target.surfels import SurfaceView
 
 # Normals so near belong to one face.
 _SAME_FACE = np.cos(np.radians(15.0))

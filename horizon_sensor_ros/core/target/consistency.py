@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .surfels import SurfaceView
+from horizon_sensor_ros.core.target.surfels import SurfaceView
 
 _EDGE_TOLERANCE_PX = 1.6
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from .planes import Planes
-from .range_image import RangeImage
+from horizon_sensor_ros.core.target.planes import Planes
+from horizon_sensor_ros.core.target.range_image import RangeImage
 
 # Standard deviation, in pixels, of the place of a face's end, a limb, a thin part, a crease.
 _EDGE_PX, _LIMB_EDGE_PX, _THIN_EDGE_PX, _CREASE_PX = 0.25, 0.6, 0.5, 0.35

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .refinement import Refined, jacobian
-from .rigid import skew
-from .surfels import SurfaceView
+from horizon_sensor_ros.core.target.refinement import Refined, jacobian
+from horizon_sensor_ros.core.target.rigid import skew
+from horizon_sensor_ros.core.target.surfels import SurfaceView
 
 # Surfaces err alike over some such distance (windows overlap, edges are made of pixels).
 _BLOCK_PX = 12.0

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from .range_image import RangeImage
+from horizon_sensor_ros.core.target.range_image import RangeImage
 
 # A plane is trusted down to this cosine between ray and normal; a borrowed one down to the second.
 _MIN_COSINE = 0.03

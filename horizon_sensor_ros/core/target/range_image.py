@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..status import Status
+from horizon_sensor_ros.core.status import Status
 
 _MARGIN_PX = 8
 _MAX_COORDINATE_M = 1e4

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from .consistency import project
-from .rigid import orthonormal, rotation_from_vector
-from .surfels import SurfaceView
+from horizon_sensor_ros.core.target.consistency import project
+from horizon_sensor_ros.core.target.rigid import orthonormal, rotation_from_vector
+from horizon_sensor_ros.core.target.surfels import SurfaceView
 
 # Before the last gate a part of the planes does.
 _COARSE_STEP = 3

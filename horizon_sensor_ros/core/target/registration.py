@@ -7,16 +7,21 @@ from functools import cached_property
 
 import numpy as np
 
-from ..status import Status
-from .alternatives import rivals
-from .config import RegistrationConfig
-from .consistency import view_consistency
-from .judgement import Uncertainty, uncertainty, weak_directions
-from .range_image import RangeImage, range_image
-from .refinement import Matcher, Refined, refine
-from .rigid import pose_matrix, rotation_from_vector, skew, vector_from_rotation
-from .search import align_batch, rotation_starts
-from .surfels import SurfaceView, surface_view
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target.alternatives import rivals
+from horizon_sensor_ros.core.target.config import RegistrationConfig
+from horizon_sensor_ros.core.target.consistency import view_consistency
+from horizon_sensor_ros.core.target.judgement import Uncertainty, uncertainty, weak_directions
+from horizon_sensor_ros.core.target.range_image import RangeImage, range_image
+from horizon_sensor_ros.core.target.refinement import Matcher, Refined, refine
+from horizon_sensor_ros.core.target.rigid import (
+    pose_matrix,
+    rotation_from_vector,
+    skew,
+    vector_from_rotation,
+)
+from horizon_sensor_ros.core.target.search import align_batch, rotation_starts
+from horizon_sensor_ros.core.target.surfels import SurfaceView, surface_view
 
 # View consistency, of clouds without odd returns, from which a motion is taken without a search.
 _SURE = 0.95

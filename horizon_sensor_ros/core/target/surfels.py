@@ -8,9 +8,9 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from .edges import Edges, find_edges
-from .planes import MIN_BORROWED_COSINE, Planes, local_planes
-from .range_image import RangeImage
+from horizon_sensor_ros.core.target.edges import Edges, find_edges
+from horizon_sensor_ros.core.target.planes import MIN_BORROWED_COSINE, Planes, local_planes
+from horizon_sensor_ros.core.target.range_image import RangeImage
 
 # What a plane borrowed from the next window may lean by on a curved surface, alike in both views.
 _BORROWED_TILT_RAD = 0.08

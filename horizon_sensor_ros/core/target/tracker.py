@@ -6,10 +6,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..status import Status
-from .config import TrackerConfig
-from .registration import Registration, TargetView, register, target_view
-from .rigid import inverse_pose, pose_matrix, rotation_from_vector, skew, vector_from_rotation
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target.config import TrackerConfig
+from horizon_sensor_ros.core.target.registration import (
+    Registration,
+    TargetView,
+    register,
+    target_view,
+)
+from horizon_sensor_ros.core.target.rigid import (
+    inverse_pose,
+    pose_matrix,
+    rotation_from_vector,
+    skew,
+    vector_from_rotation,
+)
 
 # The first cloud defines the target frame; its pose has this variance (rad^2, m^2) rather than
 # none.
