@@ -30,6 +30,8 @@ class HorizonConfig:
     see `SkyEvidence`.
     min_contrast : planet over space beside the limb, in sigmas of the reduced image's noise.
     max_space_level : gray level of empty space, over the largest gray level.
+    mounting_sigma_rad, limb_height_sigma_m : errors of each camera's rotation, about every axis,
+    and of the planet's limb height, for the covariance.
     tracking : look for the limb where the last fix predicts it, and search the whole frames only
     where that does not do.
     """
@@ -47,6 +49,8 @@ class HorizonConfig:
     min_clear_sky: float = 0.72
     min_contrast: float = 12.0
     max_space_level: float = 0.15
+    mounting_sigma_rad: float = 0.0
+    limb_height_sigma_m: float = 0.0
     tracking: bool = True
 
     def __post_init__(self) -> None:
@@ -70,6 +74,9 @@ class HorizonConfig:
         for name in ("max_nadir_sigma_rad", "max_residual_px", "min_contrast"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        for name in ("mounting_sigma_rad", "limb_height_sigma_m"):
+            if not 0.0 <= getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must be zero or positive, got {getattr(self, name)}")
         for name in ("min_limb_share", "max_bright_sky", "min_clear_sky", "max_space_level"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ValueError(f"{name} must lie within 0 and 1, got {getattr(self, name)}")

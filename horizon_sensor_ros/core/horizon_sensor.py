@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
+from horizon_sensor_ros.core.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.figure import (
     Disc,
@@ -274,6 +275,13 @@ class HorizonSensor:
         if doubtful:
             return HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), doubtful
         fit = with_shared_error(fit, observations, figure)
+        fit = with_calibration_error(
+            fit,
+            observations,
+            self._sphere,
+            mounting_sigma_rad=self.config.mounting_sigma_rad,
+            limb_height_sigma_m=self.config.limb_height_sigma_m,
+        )
         if aiding.altitude is not None:
             fit = with_altitude(fit, figure.altitude(aiding.altitude), self._sphere)
         refused = refusal(fit, observations, self.config)

@@ -149,6 +149,24 @@ HORIZON_PARAMETERS = (
         maximum=1e6,
     ),
     Parameter(
+        "limb_height_sigma",
+        "double",
+        HorizonConfig.limb_height_sigma_m,
+        "One sigma of limb_height, for the covariance.",
+        unit="m",
+        minimum=0.0,
+        maximum=1e6,
+    ),
+    Parameter(
+        "mounting_sigma",
+        "double",
+        HorizonConfig.mounting_sigma_rad,
+        "One sigma of each camera's rotation, about every axis, for the covariance.",
+        unit="rad",
+        minimum=0.0,
+        maximum=0.5,
+    ),
+    Parameter(
         "vertical",
         "string",
         "geocentric",
@@ -543,6 +561,8 @@ _SENSOR_FIELDS = {
     "min_clear_sky": "min_clear_sky",
     "min_contrast": "min_contrast",
     "max_space_level": "max_space_level",
+    "mounting_sigma": "mounting_sigma_rad",
+    "limb_height_sigma": "limb_height_sigma_m",
     "tracking": "tracking",
 }
 
