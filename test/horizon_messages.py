@@ -6,17 +6,18 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from scipy.special import ndtr
 from sensor_msgs.msg import CameraInfo, Image, Imu
 
 from horizon_sensor_ros.core.attitude import nadir_from_roll_pitch, quaternion_from_rotation
 
 WIDTH, HEIGHT, FOCAL_PX = 320, 240, 260.0
+PSF_PX = 0.757  # of the optics, 0.7, and of a pixel's width
 RADIUS_M = 6371000.0
 ALTITUDE_M = 500e3
 RHO_RAD = float(np.arcsin(RADIUS_M / (RADIUS_M + ALTITUDE_M)))
@@ -60,10 +61,11 @@ def horizon_gray(camera: str, nadir_base: np.ndarray, seed: int = 0) -> np.ndarr
     rays = np.stack([x, y, np.ones_like(x)], axis=-1)
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     inside_rad = RHO_RAD - np.arccos(np.clip(rays @ ROTATIONS[camera].T @ nadir_base, -1, 1))
-    # Pixels' share of the planet, near enough for an edge much straighter than a pixel is wide.
-    pixel_rad = 1.0 / (FOCAL_PX * (1 + x * x + y * y))
-    share = np.clip(0.5 + inside_rad / pixel_rad, 0.0, 1.0)
-    light = cv2.GaussianBlur(5.0 + 175.0 * share, (0, 0), 0.7)
+    # The optics blur before the pixels sample: what is blurred afterwards repeats errors with the
+    # limb's place in its pixels.
+    down, right = np.gradient(inside_rad)
+    inside_px = inside_rad / np.maximum(np.hypot(down, right), 1e-9)
+    light = 5.0 + 175.0 * ndtr(inside_px / PSF_PX)
     noise = np.random.default_rng(seed).normal(0.0, 1.0, light.shape)
     return np.clip(np.rint(light + noise), 0, 255).astype(np.uint8)
 
