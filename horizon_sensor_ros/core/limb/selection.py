@@ -94,6 +94,8 @@ def rays_of_candidates(
     )
 
 
+# Calibrations that make no sense have rays of any spacing: no consensus, and no warning either.
+@np.errstate(over="ignore", invalid="ignore")
 def limb_consensus(
     found: RayCandidates, *, rho_min_rad: float, rho_max_rad: float, tolerance: float = 1.5
 ) -> Consensus:
