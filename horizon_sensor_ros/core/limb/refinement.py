@@ -149,7 +149,6 @@ def refine_limb(
         if len(looks) > 1:
             looks = (likeliest_look(profiles[good], noise, looks, grid),)
         sharp = looks[0].glow_px == 0.0
-        textured = looks[0].psf_px >= _FINE_PSF_PX or _unevenness(places.step[good]) > _EVEN
         pitch = step.factor / math.sqrt(view.camera.fx * view.camera.fy)
         stretches = Stretches(
             profiles,
@@ -161,7 +160,9 @@ def refine_limb(
             np.column_stack([normal_px, np.ones(len(profiles))]),
         )
         means = _Means(gray, curve, valid, size, step.factor, grid.d_px)
-        kriging = sharp and textured
+        kriging = sharp and (
+            looks[0].psf_px >= _FINE_PSF_PX or _unevenness(places.step[good]) > _EVEN
+        )
         near, shared_px = _kriged(stretches, means, good) if kriging else (None, 0.0)
         likely = place_edges(profiles, noise, looks[0], grid) if near is None else near
         fits = _believable(likely)
