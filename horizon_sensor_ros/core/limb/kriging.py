@@ -117,40 +117,46 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     is one where they run with the limb. To first order in the edge's distance from its predicted
     place: a tenth of a pixel is near enough.
     """
-    used = slice(*np.searchsorted(stretches.d_px, (-_INNER_PX, _OUTER_PX + 0.5)))
+    d_px = stretches.d_px
+    used = _samples(d_px, -_INNER_PX, _OUTER_PX)
     octave = round(_SCALES_PER_OCTAVE * math.log2(stretches.px_over_radius))
     tables = _tables(
-        tuple(stretches.d_px[used].tolist()),
+        tuple(d_px[used].tolist()),
         stretches.psf_px,
         2.0 ** (octave / _SCALES_PER_OCTAVE),
         round(stretches.length_px),
     )
+    every = bool(good.all())
+
+    def sure(values: np.ndarray) -> np.ndarray:
+        return values if every else values[good]
+
     # Just inside the edge: brightness may be another a few pixels on.
-    step = stretches.profiles[:, _beside(stretches.d_px)].mean(axis=1)
-    step -= median(stretches.profiles[good][:, stretches.d_px >= _SPACE_PX].ravel())
+    step = stretches.profiles[:, _samples(d_px, *_BESIDE_PX)].mean(axis=1)
+    step -= median(sure(stretches.profiles)[:, _samples(d_px, _SPACE_PX)].ravel())
     step = np.maximum(step / tables.rise, stretches.noise)
-    noise = max(stretches.noise, median(step[good]) / MAX_LEVEL)
+    noise = max(stretches.noise, median(sure(step)) / MAX_LEVEL)
     scaled = stretches.profiles[:, used] * (1.0 / noise)
     over_step = noise / step
     solved = _with_neighbours(scaled, good) @ tables.weights
     solved *= over_step[:, None]
     places, wider = solved[:, : len(_STRENGTHS)], solved[:, len(_STRENGTHS) :]
     variance = np.square(tables.sigma * over_step[:, None])
-    wider_information = np.square(good[:, None] / (tables.widening_sigma * over_step[:, None]))
+    wider_information = np.square((good / over_step)[:, None] / tables.widening_sigma)
     # Stretches of the same phase have the same error, and count as one.
-    in_phase = (np.conj(phase[:, None]) * np.where(good, phase, 0.0)).real.sum(axis=1)
+    in_phase = (np.conj(phase) * (good @ phase)).real
     phase = np.abs(phase)
     phase2 = _PHASE_SIGMA_PX**2 * np.maximum(in_phase, phase * phase)
     ground = stretches.px_over_radius * stretches.length_px
-    apart = np.arange(len(good)) / max(_LEAST_WINDOW, _WINDOW / ground)
     # What the pixels' phase does to a profile is not texture.
-    nearby = np.exp(-0.5 * np.square(apart[:, None] - apart)) + _ANYWHERE
-    nearby *= np.where(good, np.maximum(1.0 - _PHASE_WEIGHT * phase, 0.0), 0.0)
-    likeliest = int(np.abs(_STRENGTHS - np.std(step[good]) / noise).argmin())
-    share = np.zeros(places.shape)
-    share[:, likeliest] = 1.0
-    place, spread2, blur = _averaged(places, variance, wider, wider_information, tables, share)
-    limb = fitted_limb(stretches.base[good], place[good], np.sqrt(spread2 + phase2)[good])
+    nearby = _nearness(len(good), max(_LEAST_WINDOW, _WINDOW / ground)) + _ANYWHERE
+    nearby *= good * np.maximum(1.0 - _PHASE_WEIGHT * phase, 0.0)
+    k = int(np.abs(_STRENGTHS - _deviation(sure(step)) / noise).argmin())
+    blur = _common_blur(wider[:, k], wider_information[:, k])
+    place = places[:, k] - tables.lean[k] * blur
+    limb = fitted_limb(
+        sure(stretches.base), sure(place), np.sqrt(sure(variance[:, k]) + sure(phase2))
+    )
     chi2 = _cost(scaled, stretches.base @ limb / over_step, blur / over_step, tables)
     evidence = -0.5 * (chi2 + tables.log_det)
     evidence -= evidence.max(axis=1, keepdims=True)
@@ -158,12 +164,16 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     evidence[:, 0] += _NO_TEXTURE
     share = np.exp(evidence - evidence.max(axis=1, keepdims=True))
     share /= share.sum(axis=1, keepdims=True)
-    place, spread2, blur = _averaged(places, variance, wider, wider_information, tables, share)
+    # Averaged over the strengths, as likely as each is.
+    blur = _common_blur(wider, share * wider_information)
+    places -= tables.lean * blur
+    place = (share * places).sum(axis=1)
+    spread2 = (share * (variance + np.square(places - place[:, None]))).sum(axis=1)
     chi2 = _cost(scaled, place / over_step, blur / over_step, tables)
     misfit = (share * chi2).sum(axis=1) / (scaled.shape[1] - 3)
     misfit /= 1.0 + np.square((_SHAPE_ERROR + _PHASE_SIGMA_PX * phase) / over_step)
     spread2 += phase2
-    shared_px = _shared_sigma(spread2[good], (variance[:, 0] + phase2)[good], ground)
+    shared_px = _shared_sigma(sure(spread2), sure(variance[:, 0] + phase2), ground)
     return KrigedEdges(place, np.sqrt(spread2), limb, misfit, step, shared_px)
 
 
@@ -171,31 +181,40 @@ def _shared_sigma(variance: np.ndarray, clean: np.ndarray, ground: float) -> flo
     """Sigma that a sixth of the limb shares: of what texture adds to variances (N,), so much as
     its errors are alike. clean (N,) : those without. ground : length of a stretch.
     """
-    inverse, clean_inverse = float(np.mean(1.0 / variance)), float(np.mean(1.0 / clean))
+    count = len(variance)
+    inverse, clean_inverse = (float((1.0 / of).sum()) / count for of in (variance, clean))
     texture2 = max(1.0 / inverse - _CLEAN / clean_inverse, 0.0)
-    part = np.arange(max(1, len(variance) // _PARTS)) * (ground / _LENGTH)
-    alike = float(np.exp(-np.abs(part[:, None] - part)).mean())
-    return _SHARED * math.sqrt(alike * texture2)
+    if texture2 == 0.0:
+        return 0.0
+    part = max(1, count // _PARTS)
+    # The mean of exp(-|i - j|) over pairs of stretches, as many as there are of each distance.
+    away = np.arange(1, part)
+    pairs = 2.0 * float((part - away) @ np.exp(away * (-ground / _LENGTH)))
+    return _SHARED * math.sqrt((part + pairs) / part**2 * texture2)
 
 
-def _averaged(
-    places: np.ndarray,
-    variance: np.ndarray,
-    wider: np.ndarray,
-    information: np.ndarray,
-    tables: _Tables,
-    share: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Place and variance (N,) of each edge over the strengths' shares (N, S), and what one blur for
-    the whole limb lacks.
+def _common_blur(wider: np.ndarray, information: np.ndarray) -> float:
+    """What one blur for the whole limb lacks, from what every edge (N,) or (N, S) says of it."""
+    told = float((information * wider).sum())
+    return told / (float(information.sum()) + _BLUR_SIGMA_PX**-2.0)
 
-    places, variance : (N, S). wider, information : (N, S) of the blur.
-    """
-    information = share * information
-    blur = float(np.vdot(information, wider)) / (information.sum() + _BLUR_SIGMA_PX**-2.0)
-    places = places - tables.lean * blur
-    place = (share * places).sum(axis=1)
-    return place, (share * (variance + np.square(places - place[:, None]))).sum(axis=1), blur
+
+def _deviation(values: np.ndarray) -> float:
+    """Standard deviation of values (N,)."""
+    off = values - values.sum() / len(values)
+    return math.sqrt(float(off @ off) / len(values))
+
+
+def _nearness(count: int, width: float) -> np.ndarray:
+    """Normal law, one at its top, of the distances (count, count) of stretches from each other."""
+    return np.exp(_distances2(count) * (-0.5 / width**2))
+
+
+@lru_cache(maxsize=16)
+def _distances2(count: int) -> np.ndarray:
+    """Squares (count, count) of the distances between numbers, in steps."""
+    number = np.arange(count)
+    return np.square(number[:, None] - number).astype(float)
 
 
 def _cost(scaled: np.ndarray, edge: np.ndarray, blur: np.ndarray, tables: _Tables) -> np.ndarray:
@@ -230,9 +249,11 @@ def _solved(base: np.ndarray, place: np.ndarray, weight: np.ndarray) -> np.ndarr
     return solve(information, weighted @ place)
 
 
-def _beside(d_px: np.ndarray) -> np.ndarray:
-    """Samples (J,) of the planet beside the edge."""
-    return (d_px >= _BESIDE_PX[0]) & (d_px <= _BESIDE_PX[1])
+def _samples(d_px: np.ndarray, first_px: float, last_px: float = math.inf) -> slice:
+    """Samples of profiles at d_px (J,), whole pixels, from one distance to another."""
+    start = float(d_px[0])
+    first = max(0, math.ceil(first_px - start))
+    return slice(first, None if last_px == math.inf else math.floor(last_px - start) + 1)
 
 
 def _with_neighbours(scaled: np.ndarray, good: np.ndarray) -> np.ndarray:
@@ -241,11 +262,14 @@ def _with_neighbours(scaled: np.ndarray, good: np.ndarray) -> np.ndarray:
     Where only one of these is good it takes both places, and where none is the profile's own does.
     """
     index = np.arange(len(scaled))
-    before = np.append(False, good[:-1])
-    after = np.append(good[1:], False)
+    before = np.concatenate([_NONE, good[:-1]])
+    after = np.concatenate([good[1:], _NONE])
     first = np.where(before, index - 1, np.where(after, index + 1, index))
     last = np.where(after, index + 1, np.where(before, index - 1, index))
     return np.concatenate([scaled[first], scaled, scaled[last]], axis=1)
+
+
+_NONE = np.zeros(1, dtype=bool)
 
 
 @lru_cache(maxsize=16)
@@ -292,7 +316,7 @@ def _tables(
         np.asarray(sum(2.0 * np.log(np.abs(diagonal)).sum(axis=1) for diagonal in diagonals)),
         slope,
         widening,
-        float(free[_beside(x_px), 0].mean()),
+        float(free[_samples(x_px, *_BESIDE_PX), 0].mean()),
     )
 
 
