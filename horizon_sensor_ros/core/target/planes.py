@@ -32,10 +32,10 @@ class Planes:
     found : bool, where there is a plane.  own : bool, where it is that of the pixel's own window;
         elsewhere it is borrowed from a window beside it.
     level, slope_u, slope_v : float32, inverse depth of the plane at the pixel, and its change from
-        one pixel to the next.
+        one pixel to the next; without a plane that of the return, and 0.
     cosine : float32, between ray and normal.  noise : float32, of one return, of inverse depth.
     points, normals : (H W, 3) float32, where the ray meets the plane, and its normal towards the
-        sensor.
+        sensor; without a plane the return itself, and 0.
     """
 
     sigma_m: float
@@ -67,30 +67,36 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     if sigma_m is None:
         sigma = max(fit.noise_m(sigma, radius), 1e-3 * footprint)
     noise = np.float32(sigma) * inverse * inverse + inverse * np.float32(_BEND_PX / image.focal_px)
-    flat = fit.flat(noise)
-    own = flat.copy()
-    slope_u, slope_v, level = _borrow_planes(fit, flat, seen, inverse, noise, radius)
-    width = inverse.shape[1]
-    at = np.flatnonzero(flat)
+    own = fit.flat(noise).ravel()
+    found, slope_u, slope_v, level = _borrow_planes(fit, own, seen, inverse, noise, radius)
     tan_u, tan_v = (tangent.astype(np.float32) for tangent in image.tangents())
-    x, y = tan_u[at % width], tan_v[at // width]
+    returns = np.flatnonzero(seen)
+    row, column = np.divmod(returns, inverse.shape[1])
+    ray = np.ones((3, len(returns)), np.float32)
+    ray[0], ray[1] = tan_u[column], tan_v[row]
+    some = np.flatnonzero(found[returns])
+    at, (x, y, one) = returns[some], ray[:, some]
     focal = np.float32(image.focal_px)
-    a, b, w = slope_u.ravel()[at] * focal, slope_v.ravel()[at] * focal, level.ravel()[at]
+    a, b, w = slope_u[at] * focal, slope_v[at] * focal, level[at]
     c = w - a * x - b * y
     length = np.sqrt(a * a + b * b + c * c)
-    slant = w / (length * np.sqrt(1 + x * x + y * y))
-    good = slant > np.where(own.ravel()[at], _MIN_COSINE, MIN_BORROWED_COSINE)
+    slant = w / (length * np.sqrt(one + x * x + y * y))
+    good = slant > np.where(own[at], np.float32(_MIN_COSINE), np.float32(MIN_BORROWED_COSINE))
+    found[at] = good
+    good = np.flatnonzero(good)
     at = at[good]
-    found = np.zeros(inverse.shape, bool)
-    cosine = np.zeros(inverse.shape, np.float32)
-    points = np.zeros((inverse.size, 3), np.float32)
-    normals = np.zeros((inverse.size, 3), np.float32)
-    found.flat[at], cosine.flat[at] = True, slant[good]
-    points[at] = (np.stack([x, y, np.ones_like(x)], axis=1) / w[:, None])[good]
-    normals[at] = (np.stack([a, b, c], axis=1) / -length[:, None])[good]
+    of_planes = level[at], slope_u[at], slope_v[at], slant[good]
+    level = inverse.ravel().copy()
+    slope_u, slope_v, cosine = np.zeros((3, inverse.size), np.float32)
+    level[at], slope_u[at], slope_v[at], cosine[at] = of_planes
+    points, normals = np.zeros((2, inverse.size, 3), np.float32)
+    points[returns] = (ray / level[returns]).T
+    normals[at] = (np.array([a, b, c]) / -length).take(good, axis=1).T
+    shape = inverse.shape
     return Planes(
-        sigma, footprint, sigma / footprint / _slope_gain(radius), found, own & found,
-        level, slope_u, slope_v, cosine, noise, points, normals,
+        sigma, footprint, sigma / footprint / _slope_gain(radius), found.reshape(shape),
+        (own & found).reshape(shape), level.reshape(shape), slope_u.reshape(shape),
+        slope_v.reshape(shape), cosine.reshape(shape), noise, points, normals,
     )  # fmt: skip
 
 
@@ -179,7 +185,7 @@ def _plane_fit(inverse: np.ndarray, seen: np.ndarray, middle: float, radius: int
     det = uu * vv - uv * uv
     spread = full * radius * (radius + 1) / 3
     defined = seen & (n >= 0.45 * full) & (det > 0.02 * spread * spread)
-    det[~defined] = 1
+    det = np.where(defined, det, np.float32(1))
     slope_u, slope_v = (vv * uw - uv * vw) / det, (uu * vw - uv * uw) / det
     rest = np.maximum(ww - slope_u * uw - slope_v * vw, 0)
     level = mean_w - slope_u * mean_u - slope_v * mean_v + np.float32(middle)
@@ -189,42 +195,33 @@ def _plane_fit(inverse: np.ndarray, seen: np.ndarray, middle: float, radius: int
 
 def _borrow_planes(
     fit: _PlaneFit,
-    flat: np.ndarray,
+    own: np.ndarray,
     seen: np.ndarray,
     inverse: np.ndarray,
     noise: np.ndarray,
     radius: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Slopes and level everywhere; where a window straddles an edge, of a window beside it that
-    does not.
-
-    Marks the pixels that found one in ``flat``.
-    """
-    slope_u, slope_v, level = fit.slope_u.copy(), fit.slope_v.copy(), fit.level.copy()
-    height, width = flat.shape
-    row, column = np.nonzero(seen & ~flat)
-    if not len(row):
-        return slope_u, slope_v, level
-    shifts = np.array(
-        [(r, c) for r in (-radius, 0, radius) for c in (-radius, 0, radius) if r or c]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Where there is a plane, its slopes and level, all flat; where a window straddles an edge,
+    of a window beside it that does not."""
+    found = own.copy()
+    slope_u, slope_v, level = (m.ravel().copy() for m in (fit.slope_u, fit.slope_v, fit.level))
+    here = np.flatnonzero(seen.ravel() & ~own)
+    if not len(here):
+        return found, slope_u, slope_v, level
+    # The image's margin is wider than a window, so that every return has all eight beside it.
+    beside = np.array(
+        [(u, v) for v in (-radius, 0, radius) for u in (-radius, 0, radius) if u or v]
     )
-    there_row = np.clip(row[:, None] + shifts[:, 0], 0, height - 1)
-    there_column = np.clip(column[:, None] + shifts[:, 1], 0, width - 1)
-    there = there_row * width + there_column
-    guess = (
-        fit.level.ravel()[there]
-        + fit.slope_u.ravel()[there] * (column[:, None] - there_column)
-        + fit.slope_v.ravel()[there] * (row[:, None] - there_row)
-    )
-    off = (guess - inverse[row, column][:, None]) / noise[row, column][:, None]
-    off[~flat.ravel()[there] | (guess <= 0)] = np.inf
-    best = np.argmin(np.abs(off), axis=1)
-    pick = np.arange(len(row)), best
-    good = np.abs(off[pick]) < 2.5
-    row, column = row[good], column[good]
-    pick = pick[0][good], best[good]
-    level[row, column] = guess[pick]
-    slope_u[row, column] = fit.slope_u.ravel()[there[pick]]
-    slope_v[row, column] = fit.slope_v.ravel()[there[pick]]
-    flat[row, column] = True
-    return slope_u, slope_v, level
+    du, dv = beside.T.astype(np.float32)[:, :, None]
+    there = here + (beside @ (1, inverse.shape[1]))[:, None]
+    offered = np.where(own, level, np.float32(np.inf))
+    guess = offered[there] - slope_u[there] * du - slope_v[there] * dv
+    off = np.abs(guess - inverse.ravel()[here])
+    best = np.argmin(off, axis=0)
+    pick = best * len(here) + np.arange(len(here))
+    good = np.flatnonzero(off.take(pick) < 2.5 * noise.ravel()[here])
+    here, pick = here[good], pick[good]
+    level[here], found[here] = guess.take(pick), True
+    there = there.take(pick)
+    slope_u[here], slope_v[here] = slope_u[there], slope_v[there]
+    return found, slope_u, slope_v, level

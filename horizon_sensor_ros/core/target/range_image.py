@@ -73,32 +73,32 @@ def range_image(
     # Depth first: of an organised cloud most points have none.
     place = np.flatnonzero(np.isfinite(flat[:, 2]))
     with np.errstate(invalid="ignore"):  # signalling NaN, of garbled messages
-        used = flat[place].astype(np.float64)
-    size = _largest(used)
+        used = np.array(flat.take(place, axis=0).T, np.float64, order="C")
+    size = np.abs(used).max(axis=0)
     # Sensors that fill missing returns with zeros do so exactly; NaN fails both.
     keep = (size > 1e-3) & (size < _MAX_COORDINATE_M)
     if not keep.all():
-        place, used, size = place[keep], used[keep], size[keep]
+        place, used, size = place[keep], used[:, keep], size[keep]
     view = _view_rotation(used)
     if view is not None:
-        used = used @ view
-    ahead = used[:, 2] > 0.2 * size
+        used = view.T @ used
+    ahead = used[2] > 0.2 * size
     if not ahead.all():
-        place, used = place[ahead], used[ahead]
-    if len(used) < min_points:
+        place, used = place[ahead], used[:, ahead]
+    if len(place) < min_points:
         what = "finite points ahead of the sensor"
         return _refused(
-            Status.TOO_FEW_POINTS, f"{len(used)} {what}, {min_points} needed", len(used)
+            Status.TOO_FEW_POINTS, f"{len(place)} {what}, {min_points} needed", len(place)
         )
-    tangent = used[:, :2] / used[:, 2:]
+    tangent = used[:2] / used[2]
     if points.ndim == 3 and view is None:
         grid = _organised_grid(tangent, place, points.shape[:2])
         if grid is not None:
             pixel, focal, origin, frame = grid
             return _assemble(used, pixel, focal, origin, frame, None, min_points)
-    if not (np.ptp(tangent, axis=0) > 1e-6).all():
+    if not (np.ptp(tangent, axis=1) > 1e-6).all():
         return _refused(
-            Status.TOO_FEW_POINTS, "the directions to the points lie on one line", len(used)
+            Status.TOO_FEW_POINTS, "the directions to the points lie on one line", len(place)
         )
     pixel, focal, origin = _plain_grid(tangent, focal_px)
     return _assemble(used, pixel, focal, origin, None, view, min_points)
@@ -112,17 +112,12 @@ def _refused(status: Status, reason: str, num_points: int) -> RangeImage:
     )
 
 
-def _largest(points: np.ndarray) -> np.ndarray:
-    """(N,) largest coordinate without sign; NaN where any is."""
-    x, y, z = np.abs(points.T)
-    return np.maximum(np.maximum(x, y), z)
-
-
 def _view_rotation(points: np.ndarray) -> np.ndarray | None:
-    """None where z is the forward axis; else the axis swap (3, 3) that makes it so."""
-    if not len(points):
+    """None where z is the forward axis of (3, N) points; else the axis swap (3, 3) that makes it
+    so."""
+    if not points.size:
         return None
-    centre = points.mean(axis=0)
+    centre = points.mean(axis=1)
     axis = int(np.argmax(np.abs(centre)))
     if axis == 2 and centre[2] > 0:
         return None
@@ -140,25 +135,22 @@ def _organised_grid(
     pitch.
     """
     row, column = np.divmod(place, shape[1])
+    pixel = np.stack([column, row])
     step = max(1, len(place) // 2000)
-    fits = []
-    for t, index in ((tangent[::step, 0], column[::step]), (tangent[::step, 1], row[::step])):
-        mean_t, mean_i = t.mean(), index.mean()
-        spread = ((index - mean_i) ** 2).sum()
-        if not spread > 0:
-            return None
-        slope = ((t - mean_t) * (index - mean_i)).sum() / spread
-        worst = np.abs(t - mean_t - slope * (index - mean_i)).max()
-        if not (slope > 0 and worst < 0.2 * slope):
-            return None
-        fits.append((slope, mean_t - slope * mean_i))
-    (pitch_x, x0), (pitch_y, y0) = fits
-    if abs(pitch_x / pitch_y - 1) > 0.02:
+    index, some = pixel[:, ::step].astype(float), tangent[:, ::step]
+    mean_i, mean_t = index.mean(axis=1), some.mean(axis=1)
+    index, some = index - mean_i[:, None], some - mean_t[:, None]
+    spread = (index * index).sum(axis=1)
+    if not (spread > 0).all():
         return None
-    pitch = (pitch_x + pitch_y) / 2
-    pixel = np.column_stack([column, row])
+    slope = (some * index).sum(axis=1) / spread
+    worst = np.abs(some - slope[:, None] * index).max(axis=1)
+    if not ((slope > 0) & (worst < 0.2 * slope)).all():
+        return None
+    if abs(slope[0] / slope[1] - 1) > 0.02:
+        return None
     frame = np.array([0, 0, shape[1] - 1, shape[0] - 1])
-    return pixel, 1 / pitch, np.array([x0, y0]), frame
+    return pixel, float(2 / slope.sum()), mean_t - slope * mean_i, frame
 
 
 def _plain_grid(
@@ -170,28 +162,29 @@ def _plain_grid(
     grid is found and every point gets its own pixel; otherwise the pixels are made coarse enough
     to leave few holes.
     """
-    extent = float(np.ptp(tangent, axis=0).max())
+    extent = float(np.ptp(tangent, axis=1).max())
     expected = 1 / focal_px if focal_px else None
-    grid = [_grid_of(tangent[:, axis], expected, extent / _MAX_SIDE_PX) for axis in (0, 1)]
+    grid = [_grid_of(tangent[axis], expected, extent / _MAX_SIDE_PX) for axis in (0, 1)]
     if grid[0] is not None and grid[1] is not None:
         (pitch_x, x0), (pitch_y, y0) = grid[0], grid[1]
         if abs(pitch_x / pitch_y - 1) < 0.02:
             pitch, origin = (pitch_x + pitch_y) / 2, np.array([x0, y0])
-            return np.rint((tangent - origin) / pitch).astype(np.int64), 1 / pitch, origin
+            pixel = np.rint((tangent - origin[:, None]) / pitch).astype(np.int64)
+            return pixel, 1 / pitch, origin
     distance = _nearest_distance(tangent, extent)
     # Points strewn at random: some two to a pixel leave one in seven empty.
-    area = max(extent * float(np.ptp(tangent, axis=0).min()), (extent / 50) ** 2)
-    pitch = max(2 * distance, extent / _MAX_SIDE_PX, np.sqrt(2 * area / len(tangent)))
-    origin = tangent.min(axis=0)
-    return np.rint((tangent - origin) / pitch).astype(np.int64), 1 / pitch, origin
+    area = max(extent * float(np.ptp(tangent, axis=1).min()), (extent / 50) ** 2)
+    pitch = max(2 * distance, extent / _MAX_SIDE_PX, np.sqrt(2 * area / tangent.shape[1]))
+    origin = tangent.min(axis=1)
+    return np.rint((tangent - origin[:, None]) / pitch).astype(np.int64), 1 / pitch, origin
 
 
 def _nearest_distance(tangent: np.ndarray, extent: float) -> float:
     """Median distance of a point to its nearest other one, over at most 500 of them."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  a camera's clouds do without it
 
-    cell = np.rint((tangent - tangent.min(axis=0)) * (1e6 / extent)).astype(np.int64)
-    unique = tangent[np.unique(cell[:, 0] * 2_000_003 + cell[:, 1], return_index=True)[1]]
+    cell = np.rint((tangent - tangent.min(axis=1)[:, None]) * (1e6 / extent)).astype(np.int64)
+    unique = tangent.T[np.unique(cell[0] * 2_000_003 + cell[1], return_index=True)[1]]
     sample = unique[:: max(1, len(unique) // 500)]
     distance = cKDTree(unique).query(sample, k=2)[0][:, 1]
     return float(np.median(distance))
@@ -238,18 +231,18 @@ def _assemble(
     view: np.ndarray | None,
     min_points: int,
 ) -> RangeImage:
-    low = pixel.min(axis=0) - _MARGIN_PX
-    width, height = pixel.max(axis=0) + _MARGIN_PX + 1 - low
-    inverse = np.zeros(height * width, np.float32)
-    index = (pixel[:, 1] - low[1]) * width + pixel[:, 0] - low[0]
-    depth = (1 / used[:, 2]).astype(np.float32)
+    low = pixel.min(axis=1) - _MARGIN_PX
+    width, height = (int(side) for side in pixel.max(axis=1) + _MARGIN_PX + 1 - low)
+    flat = np.zeros(height * width, np.float32)
+    index = pixel[1] * width + (pixel[0] - (low[1] * width + low[0]))
+    depth = (1 / used[2]).astype(np.float32)
     if frame is not None:
-        inverse[index] = depth
+        flat[index] = depth
     else:
         # Of several points in one pixel the nearest counts, whatever their order.
-        np.maximum.at(inverse, index, depth)
-    inverse = inverse.reshape(height, width)
-    frame = _likely_frame(inverse) if frame is None else frame - np.tile(low, 2)
+        np.maximum.at(flat, index, depth)
+    inverse = flat.reshape(height, width)
+    frame = _likely_frame(inverse) if frame is None else frame - np.concatenate([low, low])
     unknown = np.zeros((height, width), bool)
     unknown[: max(frame[1], 0)] = True
     unknown[frame[3] + 1 :] = True
@@ -261,12 +254,12 @@ def _assemble(
     count = int(np.count_nonzero(inverse))
     if count < min_points:
         reason = f"{count} separate directions hang together, {min_points} needed"
-        return _refused(Status.TOO_FEW_POINTS, reason, len(used))
+        return _refused(Status.TOO_FEW_POINTS, reason, used.shape[1])
     corner = origin + low / focal
-    centre = used.mean(axis=0)
+    centre = used.mean(axis=1)
     turn = np.eye(3) if view is None else view
     return RangeImage(
-        Status.OK, "", inverse, unknown, focal, corner, len(used), count, centre, turn
+        Status.OK, "", inverse, unknown, focal, corner, used.shape[1], count, centre, turn
     )
 
 
@@ -293,20 +286,20 @@ def _likely_frame(inverse: np.ndarray) -> np.ndarray:
 
 def _speckle(inverse: np.ndarray, focal: float) -> np.ndarray:
     """Returns that fewer than two of the eight neighbours share: outliers and mixed pixels."""
-    seen = inverse > 0
-    tolerance = inverse * np.float32(_STEEPEST / focal) + np.float32(1e-6)
-    seen_pair = seen[:, 1:] & seen[:, :-1]
-    step = np.abs(np.diff(inverse, axis=1))[seen_pair]
+    width = inverse.shape[1]
+    # No return is far from every return. The margin keeps rows from running into each other.
+    level = np.where(inverse > 0, inverse, np.float32(-1e9)).ravel()
+    seen = level > 0
+    tolerance = level * np.float32(_STEEPEST / focal) + np.float32(1e-6)
+    step = np.abs(level[1:] - level[:-1])[seen[1:] & seen[:-1]]
     if step.size:
         # Ranges noisier than the pixels are wide: half of all neighbours differ by less than the
         # median.
-        tolerance = np.maximum(tolerance, 6 * np.median(step))
-    count = np.zeros(inverse.shape, np.uint8)
-    for dv, du in ((0, 1), (1, -1), (1, 0), (1, 1)):
-        here = (slice(0, -1 if dv else None), slice(1 if du < 0 else 0, -1 if du > 0 else None))
-        there = (slice(1 if dv else 0, None), slice(1 if du > 0 else 0, -1 if du < 0 else None))
-        near = np.abs(inverse[here] - inverse[there]) < tolerance[here]
-        near &= seen[here] & seen[there]
-        count[here] += near
-        count[there] += near
-    return seen & (count < 2)
+        tolerance = np.maximum(tolerance, 6 * np.partition(step, len(step) // 2)[len(step) // 2])
+    tolerance[~seen] = -1
+    count = np.zeros(inverse.size, np.uint8)
+    for ahead in (1, width - 1, width, width + 1):
+        near = np.abs(level[:-ahead] - level[ahead:]) < tolerance[:-ahead]
+        count[:-ahead] += near
+        count[ahead:] += near
+    return (seen & (count < 2)).reshape(inverse.shape)

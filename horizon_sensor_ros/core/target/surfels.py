@@ -26,8 +26,10 @@ def normal_noise(
     pixels; a borrowed plane (``tilt_rad`` not 0) may, the more so at a slant, where pixels lie
     wide apart.
     """
-    bend = 0.05 + np.where(tilt_rad > 0, 0.008 / np.maximum(cosine, MIN_BORROWED_COSINE) ** 2, 0.0)
-    return np.hypot(sigma_m * cosine, footprint_m * bend)
+    slant = np.maximum(cosine, MIN_BORROWED_COSINE)
+    bend = footprint_m * (0.05 + 0.008 * (tilt_rad > 0) / (slant * slant))
+    across = sigma_m * cosine
+    return np.sqrt(across * across + bend * bend)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +60,7 @@ class SurfaceView:
     sigma_m : range noise.  footprint_m : a pixel's width at the target.  size_m : the target's rms
         radius.
     point_map, normal_map : (H W, 3) point and normal (towards the sensor) of the local plane at
-        each pixel.
+        each pixel; without a plane the return itself, and 0.
     plane : (H W) bool, where there is one.  tilt_rad : (H W) of its normal, see Surfels;
         normal_noise_rad : of all.  noise_m : (H W) float32, along the normal, of one measurement.
     surfels, edges : what is registered.
@@ -108,14 +110,7 @@ class SurfaceView:
         plane: normal 0."""
         seen = np.flatnonzero(self.depth_map)
         index = seen[:: max(1, round(len(seen) / count))]
-        points = self.point_map[index]
-        rough = np.flatnonzero(~self.plane[index])
-        if len(rough):
-            row, column = np.divmod(index[rough], self.image.inverse_depth.shape[1])
-            depth = self.depth_map[index[rough]]
-            tan_u, tan_v = self.image.tangents()
-            points[rough] = np.column_stack([tan_u[column] * depth, tan_v[row] * depth, depth])
-        return points, self.normal_map[index]
+        return self.point_map.take(index, axis=0), self.normal_map.take(index, axis=0)
 
 
 def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView:
@@ -125,20 +120,19 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     """
     planes = local_planes(image, sigma_m)
     inverse = image.inverse_depth
-    seen = inverse > 0
-    tilt = np.where(planes.own, np.float32(0), np.float32(_BORROWED_TILT_RAD)).ravel()
+    tilt = np.float32(_BORROWED_TILT_RAD) * ~planes.own.ravel()
     noise = np.zeros(inverse.size, np.float32)
     index = np.flatnonzero(planes.found)
     noise[index] = normal_noise(
         planes.sigma_m, planes.footprint_m, planes.cosine.ravel()[index], tilt[index]
     )
-    row, column = np.nonzero(seen)
-    depth = 1 / inverse[row, column]
-    tan_u, tan_v = (tangent.astype(np.float32) for tangent in image.tangents())
-    size = np.sqrt((tan_u[column] * depth).var() + (tan_v[row] * depth).var() + depth.var())
+    seen = np.flatnonzero(inverse)
+    arm = planes.points.take(seen, axis=0) - image.centroid_m.astype(np.float32)
+    mean = np.ones(len(seen), np.float32) @ arm / len(seen)
+    size = np.sqrt(np.vdot(arm, arm) / len(seen) - mean @ mean)
     depth_map = np.zeros(inverse.size, np.float32)
-    depth_map[row * inverse.shape[1] + column] = depth
-    hidden = (~(seen | image.unknown)).astype(np.uint8)
+    depth_map[seen] = 1 / inverse.ravel()[seen]
+    hidden = ((inverse == 0) & ~image.unknown).view(np.uint8)
     return SurfaceView(
         image, planes.sigma_m, planes.footprint_m, float(size), planes.points, planes.normals,
         planes.found.ravel(), tilt, planes.normal_noise_rad, noise, depth_map,
@@ -162,31 +156,27 @@ def _nearest(plane: np.ndarray) -> np.ndarray:
 
 def _surfels(image: RangeImage, planes: Planes, tilt: np.ndarray, noise_m: np.ndarray) -> Surfels:
     """Planes on a lattice thin enough to keep their number moderate, and bare returns."""
-    row, column = np.nonzero(planes.found)
+    width = planes.found.shape[1]
+    index = np.flatnonzero(planes.found)
     share = 1
-    if len(row) > 1200:
+    if len(index) > 1200:
+        row, column = np.divmod(index, width)
         # Neighbours share most of their window anyway.
         keep = (row + column) % 2 == 0
         share = 2
-        if len(row) > 2400:
-            step = 2 * int(np.ceil(np.sqrt(len(row) / 6000)))
+        if len(index) > 2400:
+            step = 2 * int(np.ceil(np.sqrt(len(index) / 6000)))
             keep = (row % step == 0) & (column % step == 0)
             share = step * step
-        row, column = row[keep], column[keep]
-    index = row * planes.found.shape[1] + column
-    row, column = np.nonzero((image.inverse_depth > 0) & ~planes.found)
-    step = 1 + len(row) // 800
-    row, column = row[::step], column[::step]
-    tan_u, tan_v = image.tangents()
-    ray = np.column_stack([tan_u[column], tan_v[row], np.ones(len(row))])
-    bare = (ray / image.inverse_depth[row, column, None]).astype(np.float32)
+        index = index[keep]
+    bare = np.flatnonzero((image.inverse_depth > 0) & ~planes.found)
+    step = 1 + len(bare) // 800
+    bare = bare[::step]
+    both = np.concatenate([index, bare])
+    weight, sigma, lean = np.empty((3, len(both)), np.float32)
     # Planes of both views are matched with each other twice, once in each direction.
-    counts = [len(index), len(bare)]
-    return Surfels(
-        np.concatenate([planes.points[index], bare]),
-        np.concatenate([planes.normals[index], np.zeros_like(bare)]),
-        np.concatenate([noise_m[index], np.full(len(bare), planes.sigma_m, np.float32)]),
-        np.repeat(np.array([share / 2, step], np.float32), counts),
-        np.concatenate([tilt[index], np.full(len(bare), planes.normal_noise_rad, np.float32)]),
-        len(index),
-    )
+    weight[: len(index)], weight[len(index) :] = share / 2, step
+    sigma[: len(index)], sigma[len(index) :] = noise_m[index], planes.sigma_m
+    lean[: len(index)], lean[len(index) :] = tilt[index], planes.normal_noise_rad
+    points, normals = planes.points.take(both, axis=0), planes.normals.take(both, axis=0)
+    return Surfels(points, normals, sigma, weight, lean, len(index))
