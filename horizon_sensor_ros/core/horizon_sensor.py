@@ -224,7 +224,9 @@ class HorizonSensor:
         figure = self._figure(aiding).aligned(nadir)
         views = [figure.view(frame.view) for frame in frames]
         images = [frame.gray for frame in frames]
-        detection = follow_limb(views, images, self._sphere, nadir, rho, track.sees, track.looks)
+        detection = follow_limb(
+            views, images, self._sphere, nadir, rho, track.sees, track.looks, track.factors
+        )
         if detection is None:
             return None
         detection = replace(detection, candidates=track.samples(images))

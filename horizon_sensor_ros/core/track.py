@@ -21,7 +21,8 @@ class Track:
 
     views, cameras_used : of that set. nadir_base, rho_rad : its disc's cone. last_cone : those of
     the set before, None right after a search. sees : whether each frame's camera saw the limb.
-    looks : of its edge, one per frame, empty where no model fits. skies : one per frame, level and
+    looks : of its edge, one per frame, empty where no model fits. factors : one per frame, by which
+    it is reduced where the limb is followed. skies : one per frame, level and
     noise of empty space as the search measured them. age : sets since the search.
     """
 
@@ -31,6 +32,7 @@ class Track:
     rho_rad: float
     sees: tuple[bool, ...]
     looks: tuple[tuple[EdgeLook, ...], ...]
+    factors: tuple[int, ...]
     skies: tuple[LimbCandidates, ...]
     last_cone: tuple[np.ndarray, float] | None = None
     age: int = 0
@@ -46,7 +48,14 @@ class Track:
         disc = fit.disc
         sees = tuple(limb.status is Status.OK for limb in detection.limbs)
         return cls(
-            tuple(views), fit.cameras, disc.nadir, disc.rho_rad, sees, detection.looks, skies
+            tuple(views),
+            fit.cameras,
+            disc.nadir,
+            disc.rho_rad,
+            sees,
+            detection.looks,
+            detection.factors,
+            skies,
         )
 
     def continued(self, detection: Detection, fit: HorizonFit) -> Track:

@@ -44,6 +44,10 @@ _AGAIN = RefinePass(reach_px=10.0, grid_px=0.5, spacing_px=4.0, guess=False)
 _STRETCHES, _ON_COURSE_PX = 4, 0.6
 # Where it is not known what the edge looks like.
 _FRESH = (_NEAR, _GLOW, _FINAL)
+# A frame comes back to its full size in steps of so much, for as long as neighbouring edges, in
+# pixels of the full frame, do not differ by so many times as much: a limb that is soft for those
+# shows itself better in larger ones.
+_FINER, _MORE_JUMPS = 3, 1.25
 _CANNY_REACH_PX = 2.0
 
 
@@ -53,7 +57,8 @@ class Detection:
 
     observations : one per frame, in order. nadir_base, rho_rad : the cone whose limb the last pass
     refined; NaN where there is none. candidates : step one's, for drawing. consensus : step two's.
-    looks : one per frame, what the limb's edge looks like; none where no model fits it.
+    looks : one per frame, what the limb's edge looks like; none where no model fits it. factors :
+    one per frame, by which it was reduced for the last pass.
     """
 
     observations: tuple[LimbObservation, ...]
@@ -62,6 +67,7 @@ class Detection:
     nadir_base: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     rho_rad: float = np.nan
     looks: tuple[tuple[EdgeLook, ...], ...] = ()
+    factors: tuple[int, ...] = ()
 
     @property
     def limbs(self) -> tuple[LimbPoints, ...]:
@@ -87,8 +93,8 @@ class Detection:
     def on_course(self) -> bool:
         """Whether every limb that was seen lies near the cone that it was measured around."""
         return all(
-            _on_course(seen.rays, self.nadir_base, self.rho_rad)
-            for seen in self.observations
+            _on_course(seen.rays, self.nadir_base, self.rho_rad, _ON_COURSE_PX * factor)
+            for seen, factor in zip(self.observations, self.factors, strict=True)
             if seen.limb.status is Status.OK
         )
 
@@ -117,16 +123,12 @@ def detect_limb(
         none = LimbPoints.none(consensus.status, consensus.reason)
         observations = tuple(LimbObservation(view, none) for view in views)
         return Detection(observations, candidates, consensus)
-    factors = [max(1, int(found.pitch_px) // 2) for found in candidates]
-    looked = _look(
-        views,
-        images,
-        planet,
-        (consensus.nadir_base, consensus.rho_rad),
-        [()] * len(views),
-        (_SEARCH, *_FRESH),
-        factors,
-    )
+    frames = [
+        _Frame(image, max(1, int(found.pitch_px) // 2), rests=False)
+        for image, found in zip(images, candidates, strict=True)
+    ]
+    near = consensus.nadir_base, consensus.rho_rad
+    looked = _look(views, frames, planet, near, [()] * len(views), (_SEARCH, *_FRESH))
     return replace(looked, candidates=candidates, consensus=consensus)
 
 
@@ -138,10 +140,11 @@ def follow_limb(
     rho_rad: float,
     sees: Sequence[bool],
     looks: Sequence[tuple[EdgeLook, ...]],
+    factors: Sequence[int],
 ) -> Detection | None:
     """Find the limb again near a predicted one; None where the prediction is of no help.
 
-    sees : whether each frame's camera saw the limb. looks : of its edge, as in the last detection.
+    sees : whether each frame's camera saw the limb. looks, factors : as in the last detection.
     The last passes of `detect_limb` around the predicted cone; where the limb lies farther off, or
     looks otherwise, a pass or two more, so that the answer is that of a search. Other cameras that
     see the limb than did, or an edge that no model fits and that a search may measure otherwise:
@@ -149,8 +152,11 @@ def follow_limb(
     """
     fresh: list[tuple[EdgeLook, ...]] = [()] * len(views)
     attempts = ((looks, (_GLOW, _FINAL)), (fresh, _FRESH), (fresh, (_AGAIN, *_FRESH)))
+    frames = [
+        _Frame(image, factor, rests=True) for image, factor in zip(images, factors, strict=True)
+    ]
     for start, steps in attempts:
-        found = _look(views, images, planet, (nadir_base, rho_rad), start, steps)
+        found = _look(views, frames, planet, (nadir_base, rho_rad), start, steps)
         if [limb.status is Status.OK for limb in found.limbs] != list(sees):
             continue
         if found.modelled and found.on_course:
@@ -158,40 +164,87 @@ def follow_limb(
     return None
 
 
+class _Frame:
+    """One image, and the size in which its limb shows best.
+
+    factor : by which it is reduced for the next pass. rests : whether that is decided.
+    """
+
+    def __init__(self, gray: np.ndarray, factor: int, *, rests: bool) -> None:
+        self.factor = factor
+        self._rests = rests
+        self._coarser = factor, np.inf  # the last size, and how neighbouring edges differ in it
+        self._reduced = {1: gray}
+
+    def image(self) -> np.ndarray:
+        """Gray levels in that size."""
+        if self.factor not in self._reduced:
+            self._reduced[self.factor] = block_average(self._reduced[1], self.factor)
+        return self._reduced[self.factor]
+
+    def resize(self, limb: LimbPoints) -> int:
+        """Go on to a finer size, 1, or back to the last, -1, by the limb as seen in this; or stay,
+        0.
+        """
+        factor, jumps_px = self._coarser
+        if self._rests:
+            return 0
+        if limb.jumps_px > _MORE_JUMPS * jumps_px:
+            self.factor, self._rests = factor, True
+            return -1
+        if self.factor == 1:
+            self._rests = True
+            return 0
+        self._coarser = self.factor, limb.jumps_px
+        self.factor = max(1, self.factor // _FINER)
+        return 1
+
+
 def _look(
     views: Sequence[CameraView],
-    images: Sequence[np.ndarray],
+    frames: Sequence[_Frame],
     planet: Planet,
     near: tuple[np.ndarray, float],
     looks: Sequence[tuple[EdgeLook, ...]],
     steps: Sequence[RefinePass],
-    factors: Sequence[int] | None = None,
 ) -> Detection:
     """Pass after pass, each around the cone that fits the last one's limb.
 
-    near : nadir (3,) and rho of the first pass. factors : by which each image is reduced in the
-    search's pass. Passes that leave the cone open are the last. The final one is made once more
-    where it finds the limb off its cone.
+    near : nadir (3,) and rho of the first pass. Passes that leave the cone open are the last. The
+    second one is made once more in frames of another size, the final one where it finds the limb
+    off its cone.
     """
     nadir, rho = near
     looks = list(looks)
     held = list(looks)
     found = Detection(())
-    for step in (*steps, _FINAL):
+    passes = [*steps, _FINAL]
+    while passes:
+        step = passes.pop(0)
         if step is _GLOW and not any(look.glow_px > 0 for kinds in looks for look in kinds):
             continue
         seen = []
-        for i, (view, image) in enumerate(zip(views, images, strict=True)):
-            here, part = step, image
-            if step is _SEARCH and factors is not None:
-                here = replace(step, factor=factors[i])
-                part = image if factors[i] == 1 else block_average(image, factors[i])
-            limb, held[i] = refine_limb(part, view, nadir, rho, here, looks[i])
+        for i, (view, frame) in enumerate(zip(views, frames, strict=True)):
+            here = replace(step, factor=frame.factor)
+            limb, held[i] = refine_limb(frame.image(), view, nadir, rho, here, looks[i])
             seen.append(LimbObservation(view, limb))
             looks[i] = held[i] or looks[i]
-        found = Detection(tuple(seen), nadir_base=nadir, rho_rad=rho, looks=tuple(held))
+        found = Detection(
+            tuple(seen),
+            nadir_base=nadir,
+            rho_rad=rho,
+            looks=tuple(held),
+            factors=tuple(frame.factor for frame in frames),
+        )
         if step is _FINAL and (found.on_course or not found.modelled):
             break
+        if step in (_SEARCH, _NEAR):
+            resized = [frame.resize(limb) for frame, limb in zip(frames, found.limbs, strict=True)]
+            if step is _NEAR and any(resized):
+                looks = [()] * len(views)
+                passes.insert(0, _NEAR)
+            if -1 in resized:
+                continue
         rays = gather(seen)
         # Around a consensus that strayed to a cloud edges follow it where the limb is out of reach:
         # then those that are right are found by their agreement, not by where the consensus was.
@@ -205,12 +258,14 @@ def _look(
     return found
 
 
-def _on_course(rays: LimbRays, nadir_base: np.ndarray, rho_rad: float) -> bool:
+def _on_course(
+    rays: LimbRays, nadir_base: np.ndarray, rho_rad: float, tolerance_px: float
+) -> bool:
     """Whether all stretches of one camera's limb lie near a cone."""
     if len(rays) < MIN_INLIERS:
         return False
     off = rays.residuals_px(nadir_base, rho_rad)[rays.along_limb(nadir_base)]
-    return max(abs(median(part)) for part in stretches(off, _STRETCHES)) < _ON_COURSE_PX
+    return max(abs(median(part)) for part in stretches(off, _STRETCHES)) < tolerance_px
 
 
 def canny_limbs(

@@ -23,6 +23,8 @@ class LimbPoints:
     coherent_px : one sigma of the error that neighbours share (air glow bends long stretches).
     shift_px : one sigma of what the whole limb is off by besides (cameras see different air).
     spacing_px : length of limb that each point stands for.
+    jumps_px : by how much neighbouring edges differ, one sigma, before any model smooths them;
+    infinite where that was not measured.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -34,6 +36,7 @@ class LimbPoints:
     coherent_px: float = 0.0
     shift_px: float = 0.0
     spacing_px: float = 1.0
+    jumps_px: float = np.inf
 
     @classmethod
     def none(cls, status: Status, reason: str) -> LimbPoints:

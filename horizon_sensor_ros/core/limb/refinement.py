@@ -187,6 +187,7 @@ def refine_limb(
         reason = f"{num_good} of {len(profiles)} profiles across the limb show an edge"
         return LimbPoints.none(Status.NO_LIMB, reason), ()
     apart = (places.offset_px - steepest.offset_px)[good & _believable(steepest)]
+    jumps_px = scatter_px(steepest.offset_px[good])
     if num_good < len(profiles):
         places, profiles = places.take(good), profiles[good]
         px, normal_px = px[good], normal_px[good]
@@ -223,6 +224,7 @@ def refine_limb(
         coherent * step.factor,
         shift * step.factor,
         spacing_px * step.factor * size,
+        jumps_px * step.factor,
     )
     return points, () if given and model_free else tuple(looks)
 

@@ -1,0 +1,62 @@
+"""The chain of passes: frames are looked at in the size in which their limb shows best."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from limb_frames import CAMERA, CLEAN, PLANET, clouds, draw, limb_views
+from limb_samples import angle_between
+
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
+from horizon_sensor_ros.core.limb.detector import detect_limb
+
+ALTITUDE_M = 420e3
+FINER = 6
+NADIR = np.array([0.0, 0.0, 1.0])
+
+
+def soft_frame(noise_dn: float) -> Frame:
+    """A frame with so many times as many pixels each way as its optics resolve."""
+    (view,) = limb_views(ALTITUDE_M, above_rad=0.1)
+    (drawn,) = draw((view,), ALTITUDE_M, clouds(4), CLEAN)
+    size = CAMERA.width * FINER, CAMERA.height * FINER
+    large = cv2.resize(drawn.image.astype(np.float32), size, interpolation=cv2.INTER_CUBIC)
+    large += np.random.default_rng(0).normal(0.0, noise_dn, large.shape).astype(np.float32)
+    camera = replace(
+        CAMERA,
+        width=size[0],
+        height=size[1],
+        fx=CAMERA.fx * FINER,
+        fy=CAMERA.fy * FINER,
+        cx=(CAMERA.cx + 0.5) * FINER - 0.5,
+        cy=(CAMERA.cy + 0.5) * FINER - 0.5,
+    )
+    image = np.clip(np.rint(large), 0, 255).astype(np.uint8)
+    return Frame(CameraView(view.name, camera, view.rot_base_from_cam), image)
+
+
+def factors(frame: Frame) -> tuple[int, ...]:
+    found = detect_limb([frame.view], [frame.gray], PLANET, rho_min_rad=0.2, rho_max_rad=1.5)
+    return found.factors
+
+
+def test_a_limb_that_is_soft_for_its_pixels_is_looked_at_in_larger_ones() -> None:
+    frame = soft_frame(noise_dn=6.0)
+    assert factors(frame)[0] > 1
+    sensor = HorizonSensor()
+    for following in (False, True):
+        fix = sensor.process([frame])
+        assert fix.ok, fix.reason
+        assert sensor.following is following
+        sigma = np.sqrt(np.linalg.eigvalsh(fix.fit.cov_nadir_altitude[:3, :3])[-1])
+        assert angle_between(fix.fit.nadir_base, NADIR) < 3.0 * sigma
+
+
+def test_a_sharp_limb_is_looked_at_in_the_frames_own_pixels() -> None:
+    camera = replace(CAMERA, width=1920, height=1440, fx=1662.0, fy=1662.0, cx=959.5, cy=719.5)
+    (view,) = limb_views(ALTITUDE_M, camera=camera)
+    (drawn,) = draw((view,), ALTITUDE_M, clouds(4), CLEAN)
+    assert factors(Frame(view, drawn.image)) == (1,)
