@@ -26,7 +26,8 @@ from horizon_sensor_ros.core.limb.edge_model import (
 )
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, pixel_noise, sample_profiles
-from horizon_sensor_ros.core.limb.refinement import RefinePass, refine_limb
+from horizon_sensor_ros.core.limb.refinement import refine_limb
+from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb.steepest import steepest_fall
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import SimFrame

@@ -21,7 +21,8 @@ from horizon_sensor_ros.core.limb.candidates import (
 )
 from horizon_sensor_ros.core.limb.edge_model import EdgeLook
 from horizon_sensor_ros.core.limb.points import LimbPoints
-from horizon_sensor_ros.core.limb.refinement import RefinePass, refine_limb
+from horizon_sensor_ros.core.limb.refinement import refine_limb
+from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb.selection import (
     MIN_INLIERS,
     Consensus,
@@ -258,9 +259,7 @@ def _look(
     return found
 
 
-def _on_course(
-    rays: LimbRays, nadir_base: np.ndarray, rho_rad: float, tolerance_px: float
-) -> bool:
+def _on_course(rays: LimbRays, nadir_base: np.ndarray, rho_rad: float, tolerance_px: float) -> bool:
     """Whether all stretches of one camera's limb lie near a cone."""
     if len(rays) < MIN_INLIERS:
         return False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -85,35 +86,32 @@ def sample_profiles(
     gray : (H, W), already reduced by `factor`; d_px : (J,) in its pixels.
     """
     centre = curve.px if factor == 1 else (curve.px + 0.5) / factor - 0.5
-    x, y = (
-        np.add(at[:, None], np.multiply.outer(normal, d_px), dtype=np.float32)
-        for at, normal in zip(centre.T, curve.normal_px.T, strict=True)
-    )
-    height, width = gray.shape
-    low_x, high_x = _span(x)
-    low_y, high_y = _span(y)
-    valid = (low_x >= 1.0) & (low_y >= 1.0) & (high_x <= width - 2) & (high_y <= height - 2)
-    profiles = np.empty(x.shape, dtype=np.float32)
+    # (2, J, N): the points of the limb run fastest.
+    at = d_px.astype(np.float32)[:, None] * curve.normal_px.T.astype(np.float32)[:, None]
+    at += centre.T.astype(np.float32)[:, None]
+    # Profiles are straight: they reach as far as their ends do.
+    ends = at[:, [0, -1]]
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    last = np.array([[gray.shape[1] - 2], [gray.shape[0] - 2]])
+    valid = ((low >= 1.0) & (high <= last)).all(axis=0)
+    profiles = np.empty(at.shape[1:], dtype=np.float32)
     # Only the part of the image that is looked at is turned into floats (8-bit interpolation would
     # round), a stretch of limb at a time: the box around all of it is most of the image.
-    for first in range(0, len(x), _PIECE):
-        piece = slice(first, first + _PIECE)
-        left, top = (max(0, int(low[piece].min()) - 4) for low in (low_x, low_y))
-        right, bottom = (int(high[piece].max()) + 6 for high in (high_x, high_y))
-        profiles[piece] = cv2.remap(
+    num = len(curve)
+    pieces = max(1, math.ceil(num / _PIECE))
+    first = [i * num // pieces for i in range(pieces)]
+    corner = np.maximum(np.minimum.reduceat(low, first, axis=1).astype(np.intp) - 4, 0)
+    beyond = np.maximum.reduceat(high, first, axis=1).astype(np.intp) + 6
+    for i, (left, top, right, bottom) in enumerate(np.concatenate([corner, beyond]).T.tolist()):
+        piece = slice(first[i], first[i + 1] if i + 1 < pieces else num)
+        profiles[:, piece] = cv2.remap(
             gray[top:bottom, left:right].astype(np.float32),
-            x[piece] - np.float32(left),
-            y[piece] - np.float32(top),
+            at[0, :, piece] - np.float32(left),
+            at[1, :, piece] - np.float32(top),
             cv2.INTER_LANCZOS4,
             borderMode=cv2.BORDER_REPLICATE,
         )
-    return profiles, valid
-
-
-def _span(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and the largest (N,) along straight lines of values (N, J)."""
-    ends = values[:, 0], values[:, -1]
-    return np.minimum(*ends), np.maximum(*ends)
+    return profiles.T, valid
 
 
 def pixel_phase(curve: LimbCurve, factor: int = 1) -> np.ndarray:
@@ -125,7 +123,7 @@ def pixel_phase(curve: LimbCurve, factor: int = 1) -> np.ndarray:
     """
     centre = curve.px if factor == 1 else (curve.px + 0.5) / factor - 0.5
     normal = curve.normal_px
-    out = np.empty((len(curve), 3))
+    out = np.empty((3, len(curve))).T
     at = np.add(centre, _NEAR_EDGE_PX[:, None, None] * normal, dtype=np.float32) * _REMAP_STEPS
     np.einsum("dni,ni,d->n", np.rint(at) - at, normal, _NEAR_EDGE_SHARES, out=out[:, 0])
     steep = np.abs(normal[:, 1]) > np.abs(normal[:, 0])
@@ -135,25 +133,44 @@ def pixel_phase(curve: LimbCurve, factor: int = 1) -> np.ndarray:
     return out
 
 
-def bundle_profiles(
-    profiles: np.ndarray, valid: np.ndarray, size: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Means (M, J) of about `size` neighbouring profiles (N, J) each, and the index (M,) of the
-    middle.
+@dataclass(frozen=True, eq=False)
+class Bundles:
+    """About `size` neighbouring profiles each, of which only the mean is looked at.
 
-    Profiles that are not valid (N,) are left out; all others count in one of the means.
+    index : (K,) those of the profiles that are valid. first, count : (M,) of each bundle among
+    these.
     """
-    index = np.flatnonzero(valid)
-    if size == 1:
-        return profiles[valid], index
-    num = max(1, round(len(index) / size))
-    first = np.arange(num) * len(index) // num
-    counts = np.empty_like(first)
-    np.subtract(first[1:], first[:-1], out=counts[:-1])
-    counts[-1] = len(index) - first[-1]
-    part = profiles if len(index) == len(profiles) else profiles[index]
-    sums = np.add.reduceat(part, first, axis=0)
-    return sums / counts[:, None].astype(profiles.dtype), index[first + counts // 2]
+
+    size: int
+    index: np.ndarray
+    first: np.ndarray
+    count: np.ndarray
+
+    @classmethod
+    def of(cls, valid: np.ndarray, size: int) -> Bundles:
+        """Bundles of the profiles that are valid (N,); all of them count in one."""
+        index = np.flatnonzero(valid)
+        num = max(1, round(len(index) / size))
+        ends = np.arange(num + 1) * len(index) // num
+        return cls(size, index, ends[:-1], ends[1:] - ends[:-1])
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    @cached_property
+    def middle(self) -> np.ndarray:
+        """Number (M,) of the profile in the middle of each."""
+        return self.index[self.first + self.count // 2]
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """Means (M, C) of the profiles' values (N, C)."""
+        values = values.T
+        if len(self.index) < values.shape[1]:
+            values = values[:, self.index]
+        if len(self) == len(self.index):
+            return values.T
+        sums = np.add.reduceat(values, self.first, axis=1)
+        return (sums / self.count.astype(values.dtype)).T
 
 
 def pixel_noise(profiles: np.ndarray, size: int = 1) -> float:

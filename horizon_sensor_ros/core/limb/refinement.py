@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.limb.curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.limb.edge_model import (
     GLOW_LADDER_PX,
     PSF_LADDER_PX,
@@ -19,49 +16,25 @@ from horizon_sensor_ros.core.limb.edge_model import (
     place_edges,
 )
 from horizon_sensor_ros.core.limb.glow_contour import contour_limb
-from horizon_sensor_ros.core.limb.kriging import (
-    KrigedEdges,
-    Stretches,
-    fitted_limb,
-    krige_edges,
-)
+from horizon_sensor_ros.core.limb.kriged_limb import KrigedLimb
+from horizon_sensor_ros.core.limb.kriging import fitted_limb
 from horizon_sensor_ros.core.limb.points import LimbPoints
-from horizon_sensor_ros.core.limb.profiles import (
-    EdgePlaces,
-    ProfileGrid,
-    bundle_profiles,
-    mean_profile,
-    pixel_noise,
-    pixel_phase,
-    sample_profiles,
-    scatter_px,
+from horizon_sensor_ros.core.limb.profiles import EdgePlaces, mean_profile, scatter_px
+from horizon_sensor_ros.core.limb.sample import (
+    MIN_PROFILES,
+    RefinePass,
+    sample_limb,
 )
 from horizon_sensor_ros.core.limb.steepest import steepest_fall
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
 
-_INNER_PX = 6.0  # how far a profile reaches into the planet and into space, beside the search range
-_OUTER_PX = 6.0
-_TAPS_PX = 4.0  # beyond its end that interpolation still looks at
 _MIN_SIGNIFICANCE = 5.0
 _MAX_MISFIT = 6.0
-_MIN_PROFILES = 8
-_LARGE_PX = 1024  # size of a frame up to which every pixel of limb is sampled
-_BUNDLES = 160  # profiles, or means of neighbouring ones, along the limb in a frame
-# Length of limb over which the model is given the profiles' mean: what clouds and ground do hardly
-# changes along it, and shows through less noise. Short limbs are cut into shorter ones, so that
-# there are enough of them for a robust fit; pixels of a frame of `_LARGE_PX`.
-_STRETCH_PX = 16.0
-_LEAST_STRETCHES = 32
 _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that must follow it
-_PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`, which allows for an edge's misfits
-# Off the predicted place: edges are placed one by one, and kriged about the limb that fits those.
-# Kriging about what it found itself would follow the texture further and further.
-_OFF_PX = 0.1
 # So sharp an edge shows itself otherwise wherever it falls in the pixels, which kriging takes for
 # texture; beside ground as even as this there is none to take out.
 _FINE_PSF_PX, _EVEN = 0.6, 0.006
-_FAR_PX = 1.0  # from the limb about which it is done: no place of its edge
 _STRETCHES = 6
 _APART_SHARE = 0.75  # of what separates two kinds of edge along the limb, as measured beside truth
 _CALM, _CALM_PX = 3.0, 0.2  # jumps from profile to profile: over those without a model, and at all
@@ -83,21 +56,6 @@ _USUAL_PSF_PX = (
 )
 
 
-@dataclass(frozen=True)
-class RefinePass:
-    """One pass of refinement: edges within +-reach_px on a grid, a profile every spacing_px.
-
-    All in pixels of the image, which is reduced by `factor`. guess : say what the edge may look
-    like where that was not known.
-    """
-
-    reach_px: float
-    grid_px: float
-    spacing_px: float
-    factor: int = 1
-    guess: bool = True
-
-
 def refine_limb(
     gray: np.ndarray,
     view: CameraView,
@@ -114,56 +72,24 @@ def refine_limb(
     Returns the limb and the look of its edge: after a pass without one, guesses or nothing; nothing
     where a given one does not hold. Too few significant edges: status NO_LIMB, and no looks.
     """
-    # Every pixel of a long limb would cost more than it adds: the edge's texture spans many.
-    spacing_px = step.spacing_px * max(1, round(max(gray.shape) / _LARGE_PX))
-    curve = limb_curve(view, nadir_base, rho_rad, spacing_px=spacing_px * step.factor)
-    if len(curve) < _MIN_PROFILES:
-        return LimbPoints.none(Status.NO_LIMB, "the limb is not in the frame"), ()
-    first = -(step.reach_px + _INNER_PX)
-    num = round(2 * step.reach_px + _INNER_PX + _OUTER_PX) + 1
-    grid = ProfileGrid(first, num, step.reach_px, step.grid_px)
-    profiles, valid = sample_profiles(gray, curve, grid.d_px, step.factor)
-    num_valid = int(np.count_nonzero(valid))
-    if num_valid < _MIN_PROFILES:
-        return LimbPoints.none(Status.NO_LIMB, "the limb runs along the frame's border"), ()
-    if view.mask is not None:
-        valid &= view.mask.clear(curve.px, (_TAPS_PX - first) * step.factor)
-        num_valid = int(np.count_nonzero(valid))
-        if num_valid < _MIN_PROFILES:
-            return LimbPoints.none(Status.NO_LIMB, "the limb is behind the mask"), ()
-    # Neighbours see the same edge: their mean says as much as they do, for a part of the work.
-    size = len(curve) / _BUNDLES
-    if looks:
-        size = max(size, min(_STRETCH_PX / step.spacing_px, num_valid / _LEAST_STRETCHES))
-    size = max(1, min(round(size), num_valid // _MIN_PROFILES))
-    profiles, middle = bundle_profiles(profiles, valid, size)
-    if len(middle) < _MIN_PROFILES:
-        return LimbPoints.none(Status.NO_LIMB, "the limb runs along the frame's border"), ()
-    px, normal_px = curve.px[middle], curve.normal_px[middle]
-    noise = pixel_noise(profiles, size)
+    sample = sample_limb(gray, view, nadir_base, rho_rad, step, modelled=bool(looks))
+    if isinstance(sample, LimbPoints):
+        return sample, ()
+    profiles, grid, noise = sample.profiles, sample.grid, sample.noise
+    px, normal_px = sample.px, sample.normal_px
     places = steepest = steepest_fall(profiles, noise, grid)
     good = _believable(places)
     model_free = True
     shared_px = 0.0
-    if looks and np.count_nonzero(good) >= _MIN_PROFILES:
+    if looks and np.count_nonzero(good) >= MIN_PROFILES:
         if len(looks) > 1:
             looks = (likeliest_look(profiles[good], noise, looks, grid),)
         sharp = looks[0].glow_px == 0.0
-        pitch = step.factor / math.sqrt(view.camera.fx * view.camera.fy)
-        stretches = Stretches(
-            profiles,
-            grid.d_px,
-            _PLAIN_NOISE * noise,
-            looks[0].psf_px,
-            spacing_px * size,
-            pitch / math.tan(max(rho_rad, pitch)),
-            np.column_stack([normal_px, np.ones(len(profiles))]),
-        )
-        means = _Means(gray, curve, valid, size, step.factor, grid.d_px)
+        kriged = KrigedLimb(sample, looks[0], rho_rad)
         kriging = sharp and (
             looks[0].psf_px >= _FINE_PSF_PX or _unevenness(places.step[good]) > _EVEN
         )
-        near, shared_px = _kriged(stretches, means, good) if kriging else (None, 0.0)
+        near, shared_px = kriged.about_prediction(good) if kriging else (None, 0.0)
         likely = place_edges(profiles, noise, looks[0], grid) if near is None else near
         fits = _believable(likely)
         # A model that most of the edges do not follow, that makes them jump about, or that without
@@ -177,13 +103,11 @@ def refine_limb(
         ):
             places, good, model_free = likely, fits, False
             if kriging and near is None:
-                limb = fitted_limb(
-                    stretches.base[good], places.offset_px[good], places.sigma_px[good]
-                )
-                places, shared_px, _ = _kriged_about(limb, stretches, means, good)
+                limb = fitted_limb(kriged.base[good], places.offset_px[good], places.sigma_px[good])
+                places, shared_px = kriged.about(limb, good)
                 good = _believable(places)
     num_good = int(np.count_nonzero(good))
-    if num_good < _MIN_PROFILES:
+    if num_good < MIN_PROFILES:
         reason = f"{num_good} of {len(profiles)} profiles across the limb show an edge"
         return LimbPoints.none(Status.NO_LIMB, reason), ()
     apart = (places.offset_px - steepest.offset_px)[good & _believable(steepest)]
@@ -198,12 +122,12 @@ def refine_limb(
     coherent = _COHERENT_PX[(glows, model_free)] if glows or model_free else shared_px
     if model_free and not glows:
         coherent = min(coherent, scatter_px(places.offset_px))
-    if glows and not model_free and len(apart) >= _MIN_PROFILES:
+    if glows and not model_free and len(apart) >= MIN_PROFILES:
         # Where model and steepest fall move apart along the limb, the model does not hold.
         middles = [median(part) for part in np.array_split(apart, _STRETCHES)]
         coherent = max(coherent, _APART_SHARE * float(np.std(middles)))
     if 0.0 < max((look.glow_px for look in looks), default=0.0) <= _LONGEST_CONTOUR_PX:
-        along = middle[good]
+        along = sample.bundles.middle[good]
         pixel_rad = _pixel_rad(view, px, normal_px)
         # Edges without a model lie the farther out, the darker the ground.
         shared = {"shared_px": coherent} if model_free else {}
@@ -223,84 +147,15 @@ def refine_limb(
         places.sigma_px * step.factor,
         coherent * step.factor,
         shift * step.factor,
-        spacing_px * step.factor * size,
+        sample.stretch_px * step.factor,
         jumps_px * step.factor,
     )
     return points, () if given and model_free else tuple(looks)
 
 
-@dataclass(frozen=True)
-class _Means:
-    """Means of `size` profiles across a limb's curve each, of those that are valid (N,)."""
-
-    gray: np.ndarray
-    curve: LimbCurve
-    valid: np.ndarray
-    size: int
-    factor: int
-    d_px: np.ndarray
-
-    def moved(self, limb: np.ndarray) -> _Means:
-        """The same about a curve moved along its normals as `Stretches.base` has it."""
-        normal = self.curve.normal_px
-        shift = normal @ limb[:2] + limb[2]
-        px = self.curve.px + (self.factor * shift)[:, None] * normal
-        return replace(self, curve=LimbCurve(px, normal))
-
-    def profiles(self) -> np.ndarray:
-        """Gray levels (M, J)."""
-        sampled, _ = sample_profiles(self.gray, self.curve, self.d_px, self.factor)
-        return bundle_profiles(sampled, self.valid, self.size)[0]
-
-    def phase(self) -> np.ndarray:
-        """`pixel_phase` (M, 3)."""
-        return bundle_profiles(pixel_phase(self.curve, self.factor), self.valid, self.size)[0]
-
-
 def _unevenness(step: np.ndarray) -> float:
     """One robust sigma of steps (N,) from one profile to the next, over the step."""
     return scatter_px(step) / median(step)
-
-
-def _kriged(
-    stretches: Stretches, means: _Means, good: np.ndarray
-) -> tuple[EdgePlaces | None, float]:
-    """`_kriged_about` the predicted limb; None where the edge lies too far from it."""
-    places, shared_px, moved = _kriged_about(np.zeros(3), stretches, means, good)
-    if np.abs(stretches.base @ moved).max() <= _OFF_PX:
-        return places, shared_px
-    return None, 0.0
-
-
-def _kriged_about(
-    limb: np.ndarray, stretches: Stretches, means: _Means, good: np.ndarray
-) -> tuple[EdgePlaces, float, np.ndarray]:
-    """Places of the sharp edge in mean profiles (M), the sigma that parts of the limb share, and
-    how far the limb that fits them is from the given one, both as `fitted_limb` has them.
-
-    good : (M,) profiles that show an edge; the others come back as at the border.
-    """
-    if limb.any():
-        means = means.moved(limb)
-        stretches = replace(stretches, profiles=means.profiles())
-    phase = means.phase()
-    found = krige_edges(stretches, good, phase[:, 1] + 1j * phase[:, 2])
-    shift = phase[:, 0] + stretches.base @ limb
-    return _places_of(found, shift, stretches, good), found.shared_px, found.limb
-
-
-def _places_of(
-    found: KrigedEdges, shift_px: np.ndarray, stretches: Stretches, good: np.ndarray
-) -> EdgePlaces:
-    return EdgePlaces(
-        found.offset_px + shift_px,
-        found.sigma_px,
-        found.step,
-        found.step / stretches.noise,
-        found.misfit,
-        ~good | (np.abs(found.offset_px) > _FAR_PX),
-        np.zeros(len(good)),
-    )
 
 
 def _pixel_rad(view: CameraView, px: np.ndarray, normal_px: np.ndarray) -> np.ndarray:

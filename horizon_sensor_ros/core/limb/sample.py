@@ -1,0 +1,160 @@
+"""What one pass of refinement looks at: mean profiles across stretches of the predicted limb."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.limb.curve import LimbCurve, limb_curve
+from horizon_sensor_ros.core.limb.kriging import Stretches
+from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.limb.profiles import (
+    Bundles,
+    ProfileGrid,
+    pixel_noise,
+    pixel_phase,
+    sample_profiles,
+)
+from horizon_sensor_ros.core.status import Status
+
+MIN_PROFILES = 8
+_INNER_PX = 6.0  # how far a profile reaches into the planet and into space, beside the search range
+_OUTER_PX = 6.0
+_TAPS_PX = 4.0  # beyond its end that interpolation still looks at
+_LARGE_PX = 1024  # size of a frame up to which every pixel of limb is sampled
+_BUNDLES = 160  # profiles, or means of neighbouring ones, along the limb in a frame
+# Length of limb over which the model is given the profiles' mean: what clouds and ground do hardly
+# changes along it, and shows through less noise. Short limbs are cut into shorter ones, so that
+# there are enough of them for a robust fit; pixels of a frame of `_LARGE_PX`.
+_STRETCH_PX = 16.0
+_LEAST_STRETCHES = 32
+_PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`, which allows for an edge's misfits
+
+
+@dataclass(frozen=True)
+class RefinePass:
+    """One pass of refinement: edges within +-reach_px on a grid, a profile every spacing_px.
+
+    All in pixels of the image, which is reduced by `factor`. guess : say what the edge may look
+    like where that was not known. expected : the limb is where it is predicted, as far as is known.
+    """
+
+    reach_px: float
+    grid_px: float
+    spacing_px: float
+    factor: int = 1
+    guess: bool = True
+    expected: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class LimbSample:
+    """Mean profiles (M, J) of stretches of the limb, across its curve as predicted.
+
+    gray : the image, reduced by `factor`. bundles : of the curve's points, a stretch each.
+    spacing_px : between those, and pitch_rad : of a pixel, in that image. noise : one sigma of
+    `profiles`, see `pixel_noise`.
+    """
+
+    gray: np.ndarray
+    factor: int
+    curve: LimbCurve
+    bundles: Bundles
+    grid: ProfileGrid
+    spacing_px: float
+    pitch_rad: float
+    profiles: np.ndarray
+    noise: float
+
+    @property
+    def px(self) -> np.ndarray:
+        """Middles (M, 2) of the stretches, pixels of the full image."""
+        return self.curve.px[self.bundles.middle]
+
+    @property
+    def normal_px(self) -> np.ndarray:
+        """Unit normals (M, 2) there, towards space."""
+        return self.curve.normal_px[self.bundles.middle]
+
+    @property
+    def stretch_px(self) -> float:
+        """Length of limb of a stretch, in that image."""
+        return self.spacing_px * self.bundles.size
+
+    def stretches(self, psf_px: float, rho_rad: float) -> Stretches:
+        """Profiles of an edge of a known blur, on a limb of a known radius, as they are kriged."""
+        normal_px = self.normal_px
+        base = np.empty((len(normal_px), 3))
+        base[:, :2] = normal_px
+        base[:, 2] = 1.0
+        return Stretches(
+            self.profiles,
+            self.grid.d_px,
+            _PLAIN_NOISE * self.noise,
+            psf_px,
+            self.stretch_px,
+            self.pitch_rad / math.tan(max(rho_rad, self.pitch_rad)),
+            base,
+        )
+
+    def moved(self, limb: np.ndarray) -> LimbSample:
+        """Profiles about the curve moved along its normals as `Stretches.base` has it, by (3,)."""
+        normal = self.curve.normal_px
+        shift = normal @ limb[:2] + limb[2]
+        curve = LimbCurve(self.curve.px + (self.factor * shift)[:, None] * normal, normal)
+        sampled, _ = sample_profiles(self.gray, curve, self.grid.d_px, self.factor)
+        return replace(self, curve=curve, profiles=self.bundles.mean(sampled))
+
+    def phase(self) -> np.ndarray:
+        """Means (M, 3) of `pixel_phase`."""
+        return self.bundles.mean(pixel_phase(self.curve, self.factor))
+
+
+def sample_limb(
+    gray: np.ndarray,
+    view: CameraView,
+    nadir_base: np.ndarray,
+    rho_rad: float,
+    step: RefinePass,
+    *,
+    modelled: bool,
+) -> LimbSample | LimbPoints:
+    """Sample the limb where it is predicted; no limb, and why, where it cannot be looked at.
+
+    modelled : the edge's look is known, so that profiles are given to a model.
+    """
+    # Every pixel of a long limb would cost more than it adds: the edge's texture spans many.
+    spacing_px = step.spacing_px * max(1, round(max(gray.shape) / _LARGE_PX))
+    curve = limb_curve(view, nadir_base, rho_rad, spacing_px=spacing_px * step.factor)
+    if len(curve) < MIN_PROFILES:
+        return LimbPoints.none(Status.NO_LIMB, "the limb is not in the frame")
+    first = -(step.reach_px + _INNER_PX)
+    num = round(2 * step.reach_px + _INNER_PX + _OUTER_PX) + 1
+    grid = ProfileGrid(first, num, step.reach_px, step.grid_px)
+    profiles, valid = sample_profiles(gray, curve, grid.d_px, step.factor)
+    num_valid = int(np.count_nonzero(valid))
+    if num_valid < MIN_PROFILES:
+        return LimbPoints.none(Status.NO_LIMB, "the limb runs along the frame's border")
+    if view.mask is not None:
+        valid &= view.mask.clear(curve.px, (_TAPS_PX - first) * step.factor)
+        num_valid = int(np.count_nonzero(valid))
+        if num_valid < MIN_PROFILES:
+            return LimbPoints.none(Status.NO_LIMB, "the limb is behind the mask")
+    # Neighbours see the same edge: their mean says as much as they do, for a part of the work.
+    size = len(curve) / _BUNDLES
+    if modelled:
+        size = max(size, min(_STRETCH_PX / step.spacing_px, num_valid / _LEAST_STRETCHES))
+    size = max(1, min(round(size), num_valid // MIN_PROFILES))
+    bundles = Bundles.of(valid, size)
+    if len(bundles) < MIN_PROFILES:
+        return LimbPoints.none(Status.NO_LIMB, "the limb runs along the frame's border")
+    profiles = bundles.mean(profiles)
+    camera = view.camera
+    pitch_rad = step.factor / math.sqrt(camera.fx * camera.fy)
+    noise = pixel_noise(profiles, size)
+    return LimbSample(
+        gray, step.factor, curve, bundles, grid, spacing_px, pitch_rad, profiles, noise
+    )
