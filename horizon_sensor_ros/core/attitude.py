@@ -159,7 +159,7 @@ def pose_covariance(
 
 def tangent_basis(direction: np.ndarray) -> np.ndarray:
     """Two unit vectors perpendicular to a unit vector (3,) and to each other, as columns (3, 2)."""
-    x, y, z = direction
+    x, y, z = direction.tolist()
     # Branch-free but for the sign of z, and never near a singularity (Duff et al. 2017).
     sign = 1.0 if z >= 0 else -1.0
     a = -1.0 / (sign + z)

@@ -325,6 +325,7 @@ class HorizonSensor:
                 view,
                 fit.nadir_base,
                 fit.rho_rad,
+                limb.predicted,
             )
             found_px = len(limb.px) * limb.spacing_px if self.config.limb == "subpixel" else np.inf
             space_share = candidates.space_level / full_scale(frame.gray)

@@ -36,11 +36,14 @@ _MAX_STEPS = 40
 _MAX_HALVINGS = 8
 _MAX_STEP_RAD = 0.3
 _PATIENCE = 8  # steps after which a step is stretched
+_NEAR_MINIMUM = 100.0  # (sigma)^2 of the last step; from here on Newton's are tried
+_NO_STEP = np.full(3, np.nan)
 _SCALE_STEPS = 4  # then the residuals' scale is kept
 # Residual, in sigmas, of a point that says nothing about a cone; finite, so that nothing times it
 # is nothing.
 _NOWHERE = 1e30
-# A step of this many (sigma)^2 is the last; one of `_NEAR_ENOUGH` will do when the steps run out.
+# A step of this many (sigma)^2 is the last; one of `_NEAR_ENOUGH` will do for Newton's method, which
+# leaves hardly anything then, or when the steps run out.
 _CONVERGED = 1e-5
 _NEAR_ENOUGH = 1e-3
 
@@ -148,6 +151,13 @@ def _agreement(rest: np.ndarray) -> float:
     return float((rest * rest) @ rest)
 
 
+def _curvature(rest: np.ndarray) -> np.ndarray:
+    """Second derivatives (N,) of Tukey's biweight by the residuals in sigmas; below zero far
+    off.
+    """
+    return rest * (5.0 * rest - 4.0)
+
+
 def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool, np.ndarray]:
     """Gauss-Newton on two tangent components and rho, reweighted, with step halving.
 
@@ -166,10 +176,15 @@ def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool
         rest = _rest(cone.chi, scale)
         agreement = _agreement(rest)
         rows = cone.rows(rays, basis)
-        weighted = rows * (rest * rest)[:, None]
-        downhill = -(cone.chi @ weighted)
-        step = solve(weighted.T @ rows, downhill)
-        largest = float(np.abs(step).max())
+        downhill = -((cone.chi * (rest * rest)) @ rows)
+        # Reweighting creeps; near the minimum Newton's method does not.
+        step = _NO_STEP
+        if length2 < _NEAR_MINIMUM * max(1.0, scale * scale):
+            step = solve((rows * _curvature(rest)[:, None]).T @ rows, downhill)
+        newton = step[0] < np.inf
+        if not newton:
+            step = solve((rows * (rest * rest)[:, None]).T @ rows, downhill)
+        largest = max(map(abs, step.tolist()))
         if not largest < np.inf:
             break
         if largest > _MAX_STEP_RAD:
@@ -195,7 +210,7 @@ def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool
                 step *= 2.0
         cone = new
         history.append(cone.state)
-        if length2 < _CONVERGED * max(1.0, scale * scale):
+        if length2 < (_NEAR_ENOUGH if newton else _CONVERGED) * max(1.0, scale * scale):
             return cone, True, np.array(history)
     near = scale < np.inf and length2 < _NEAR_ENOUGH * max(1.0, scale * scale)
     return cone, near, np.array(history)

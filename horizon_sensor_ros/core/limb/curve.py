@@ -32,14 +32,21 @@ _COARSE_CIRCLE = _circle(_COARSE_RAD)
 class LimbCurve:
     """Points of the predicted limb inside the frame, evenly spaced along it.
 
-    px : (N, 2) raw pixels. normal_px : (N, 2) unit, across the curve, towards space.
+    px : (N, 2) raw pixels. normal_px : (N, 2) unit, across the curve, towards space. spacing_px :
+    of the points.
     """
 
     px: np.ndarray
     normal_px: np.ndarray
+    spacing_px: float = 1.0
 
     def __len__(self) -> int:
         return len(self.px)
+
+    def thinned(self, spacing_px: float) -> LimbCurve:
+        """Every so many-th point, about `spacing_px` apart."""
+        step = max(1, round(spacing_px / self.spacing_px))
+        return LimbCurve(self.px[::step], self.normal_px[::step], step * self.spacing_px)
 
 
 def limb_curve(
@@ -60,7 +67,7 @@ def limb_curve(
     total = np.zeros(_COARSE)
     np.cumsum(length, out=total[1:])
     if total[-1] < spacing_px:
-        return LimbCurve(np.empty((0, 2)), np.empty((0, 2)))
+        return LimbCurve(np.empty((0, 2)), np.empty((0, 2)), spacing_px)
     azimuth = np.interp(np.arange(0.5 * spacing_px, total[-1], spacing_px), total, _COARSE_RAD)
     circle = _circle(azimuth)
     px, jacobian = camera.project(circle @ cone)
@@ -73,7 +80,7 @@ def limb_curve(
     # A camera does not mirror: out of the limb is to the same side of it in every image.
     normal = tangent[:, ::-1] * _TURNED.T[:, ::-1]
     normal /= np.hypot(tangent[:, 0], tangent[:, 1])[:, None]
-    return LimbCurve(px, normal)
+    return LimbCurve(px, normal, spacing_px)
 
 
 _TURNED = np.array([[-1.0], [1.0]])

@@ -40,6 +40,7 @@ _SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0, guess=False)
 _NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0)
 _GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0)
 _FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0)
+_EXPECTED = replace(_FINAL, expected=True)
 # Where the prediction was off.
 _AGAIN = RefinePass(reach_px=10.0, grid_px=0.5, spacing_px=4.0, guess=False)
 _STRETCHES, _ON_COURSE_PX = 4, 0.6
@@ -152,7 +153,7 @@ def follow_limb(
     None.
     """
     fresh: list[tuple[EdgeLook, ...]] = [()] * len(views)
-    attempts = ((looks, (_GLOW, _FINAL)), (fresh, _FRESH), (fresh, (_AGAIN, *_FRESH)))
+    attempts = ((looks, (_GLOW, _EXPECTED)), (fresh, _FRESH), (fresh, (_AGAIN, *_FRESH)))
     frames = [
         _Frame(image, factor, rests=True) for image, factor in zip(images, factors, strict=True)
     ]
@@ -226,7 +227,7 @@ def _look(
             continue
         seen = []
         for i, (view, frame) in enumerate(zip(views, frames, strict=True)):
-            here = replace(step, factor=frame.factor)
+            here = step if frame.factor == 1 else replace(step, factor=frame.factor)
             limb, held[i] = refine_limb(frame.image(), view, nadir, rho, here, looks[i])
             seen.append(LimbObservation(view, limb))
             looks[i] = held[i] or looks[i]
@@ -237,7 +238,7 @@ def _look(
             looks=tuple(held),
             factors=tuple(frame.factor for frame in frames),
         )
-        if step is _FINAL and (found.on_course or not found.modelled):
+        if step in (_EXPECTED, _FINAL) and (found.on_course or not found.modelled):
             break
         if step in (_SEARCH, _NEAR):
             resized = [frame.resize(limb) for frame, limb in zip(frames, found.limbs, strict=True)]

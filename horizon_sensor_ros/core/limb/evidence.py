@@ -7,18 +7,20 @@ the reduced image of the search.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from horizon_sensor_ros.core.camera import Camera, CameraView
-from horizon_sensor_ros.core.limb.curve import limb_curve
+from horizon_sensor_ros.core.limb.curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.robust import quantile
 
 _SKY_STEPS_PX = np.array([5.0, 7.0, 10.0, 14.0])  # outwards from the limb, working pixels
 _GROUND_STEPS_PX = np.array([-2.0, -4.0, -7.0])
 _STEPS_PX = np.concatenate([_GROUND_STEPS_PX, _SKY_STEPS_PX])
+_LIMB_STEP_PX = 3.0  # from one look at the limb to the next, working pixels
 _GRID_STEP = 6  # working pixels
 _SKY_MARGIN_PX = 8.0  # air glow above the limb is left out
 # Sky that is as clear as this leaves nothing to explain by glare.
@@ -60,13 +62,14 @@ def sky_evidence(
     view: CameraView,
     nadir_base: np.ndarray,
     rho_rad: float,
+    predicted: LimbCurve | None = None,
 ) -> SkyEvidence:
     """Look at both sides of a fitted limb in a reduced image.
 
-    small : (h, w) float32, reduced by `factor`. space_level, noise : of that image.
+    small : (h, w) float32, reduced by `factor`. space_level, noise : of that image. predicted : the
+    limb as it was drawn before it was fitted; it will do where it lies near enough.
     """
-    spacing_px = 3.0 * factor
-    curve = limb_curve(view, nadir_base, rho_rad, spacing_px=spacing_px)
+    curve = _limb(view, nadir_base, rho_rad, factor, predicted)
     px, normal_px = curve.px, curve.normal_px
     if view.mask is not None:
         shown = view.mask.clear(px, _MASK_CLEARANCE_PX)
@@ -75,14 +78,15 @@ def sky_evidence(
         return SkyEvidence(0.0, 0.0, 0.0, np.nan, 0.0, 0.0)
     sides = px.T[:, None] + (factor * _STEPS_PX)[:, None] * normal_px.T[:, None]
     sides = np.floor((sides + 0.5) / factor).astype(np.intp)
-    sky = _sky_pixels(small, factor, view, nadir_base, rho_rad)
+    sky = _sky(small, factor, view, nadir_base, rho_rad)
     usable = None if view.mask is None else view.mask.reduced(factor)
-    limb_px = spacing_px * len(px)
+    limb_px = curve.spacing_px * len(px)
     told = _judged(small, space_level, usable, sides, sky, noise, limb_px)
     if told.bright_sky < _HARDLY_BRIGHT and not told.clear_sky < _SURELY_CLEAR:
         return told
     above = small - np.float32(space_level)
-    glare = _glare(above, sky, told.contrast * noise)
+    sky_px = _grid(view.camera, *small.shape, factor)[0][sky]
+    glare = _glare(above, sky_px, told.contrast * noise)
     return (
         told if glare is None else _judged(above - glare, 0.0, usable, sides, sky, noise, limb_px)
     )
@@ -99,8 +103,8 @@ def _judged(
 ) -> SkyEvidence:
     """Evidence from an image (h, w) in which empty space has a level.
 
-    sides : (2, S, N) x and y of pixels beside the limb, ground first. sky : (M, 2) pixels outside
-    the disc.
+    sides : (2, S, N) x and y of pixels beside the limb, ground first. sky : (M,) which pixels of
+    `_on_grid` lie outside the disc.
     """
     height, width = small.shape
     x, y = sides
@@ -121,8 +125,9 @@ def _judged(
     behind = known[:num_ground] & (brightest > lit)
     dark = behind & (level[:num_ground] < max(0.05 * contrast, 4.0 * noise))
     clear = np.nan
-    if len(sky) >= 0.01 * small.size / _GRID_STEP**2:
-        off = np.abs(small[sky[:, 1], sky[:, 0]] - np.float32(space_level))
+    beyond = _on_grid(small).ravel()[sky]
+    if len(beyond) >= 0.01 * small.size / _GRID_STEP**2:
+        off = np.abs(beyond - np.float32(space_level))
         clear = _share(off < max(0.1 * contrast, 6 * noise))
     return SkyEvidence(
         limb_px,
@@ -138,28 +143,53 @@ def _share(these: np.ndarray) -> float:
     return int(np.count_nonzero(these)) / len(these)
 
 
-def _sky_pixels(
+def _limb(
+    view: CameraView,
+    nadir_base: np.ndarray,
+    rho_rad: float,
+    factor: int,
+    predicted: LimbCurve | None,
+) -> LimbCurve:
+    """The limb, with a point every few working pixels."""
+    spacing_px = _LIMB_STEP_PX * factor
+    if predicted is not None:
+        curve = predicted.thinned(spacing_px)
+        off = view.camera.rays(curve.px) @ (view.rot_base_from_cam.T @ nadir_base)
+        off -= math.cos(rho_rad)
+        if np.abs(off).max() < _pitch(view.camera, factor) * math.sin(rho_rad):
+            return curve
+    return limb_curve(view, nadir_base, rho_rad, spacing_px=spacing_px)
+
+
+def _pitch(camera: Camera, factor: int) -> float:
+    """Angle of a working pixel, rad."""
+    return factor / math.sqrt(camera.fx * camera.fy)
+
+
+def _sky(
     small: np.ndarray, factor: int, view: CameraView, nadir_base: np.ndarray, rho_rad: float
 ) -> np.ndarray:
-    """Pixels (M, 2) of a grid over the working image that lie outside the disc, unmasked."""
-    px, rays = _grid(view.camera, small.shape[1], small.shape[0], factor)
-    pitch = factor / np.sqrt(view.camera.fx * view.camera.fy)
-    limit = np.cos(min(rho_rad + _SKY_MARGIN_PX * pitch, np.pi))
+    """Which pixels (M,) of `_on_grid` lie outside the disc, unmasked."""
+    limit = math.cos(min(rho_rad + _SKY_MARGIN_PX * _pitch(view.camera, factor), math.pi))
+    # A pixel without a ray is not seen outside, nor warned of.
     with np.errstate(invalid="ignore"):
+        rays = _grid(view.camera, *small.shape, factor)[1]
         outside = rays @ (view.rot_base_from_cam.T @ nadir_base) < limit
     if view.mask is not None:
-        outside &= view.mask.reduced(factor)[px[:, 1], px[:, 0]]
-    return px[outside]
+        outside &= _on_grid(view.mask.reduced(factor)).ravel()
+    return outside
+
+
+def _on_grid(small: np.ndarray) -> np.ndarray:
+    """Every so many-th pixel of a working image, down and across."""
+    return small[_GRID_STEP // 2 :: _GRID_STEP, _GRID_STEP // 2 :: _GRID_STEP]
 
 
 @lru_cache(maxsize=8)
-def _grid(camera: Camera, width: int, height: int, factor: int) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (N, 2) of a grid over the working image, and their rays (N, 3) in the camera."""
-    x, y = np.meshgrid(
-        np.arange(_GRID_STEP // 2, width, _GRID_STEP),
-        np.arange(_GRID_STEP // 2, height, _GRID_STEP),
-    )
-    px = np.stack([x.ravel(), y.ravel()], axis=1)
+def _grid(camera: Camera, height: int, width: int, factor: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (M, 2) of `_on_grid`, x and y, and their rays (M, 3) in the camera."""
+    rows, columns = (_on_grid(index) for index in np.indices((height, width)))
+    px = np.stack([columns.ravel(), rows.ravel()], axis=1)
     return px, camera.rays((px + 0.5) * factor - 0.5)
 
 

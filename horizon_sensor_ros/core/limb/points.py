@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from horizon_sensor_ros.core.limb.curve import LimbCurve
 from horizon_sensor_ros.core.status import Status
 
 
@@ -25,6 +26,7 @@ class LimbPoints:
     spacing_px : length of limb that each point stands for.
     jumps_px : by how much neighbouring edges differ, one sigma, before any model smooths them;
     infinite where that was not measured.
+    predicted : the limb all along which these were looked for; None where it was not drawn.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -37,6 +39,7 @@ class LimbPoints:
     shift_px: float = 0.0
     spacing_px: float = 1.0
     jumps_px: float = np.inf
+    predicted: LimbCurve | None = None
 
     @classmethod
     def none(cls, status: Status, reason: str) -> LimbPoints:

@@ -21,7 +21,9 @@ from horizon_sensor_ros.core.limb.kriging import fitted_limb
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, mean_profile, scatter_px
 from horizon_sensor_ros.core.limb.sample import (
+    LEAST_SIGNIFICANCE,
     MIN_PROFILES,
+    LimbSample,
     RefinePass,
     sample_limb,
 )
@@ -29,8 +31,8 @@ from horizon_sensor_ros.core.limb.steepest import steepest_fall
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
 
-_MIN_SIGNIFICANCE = 5.0
 _MAX_MISFIT = 6.0
+_EXPECTED_SHARE = 0.9  # of the profiles that show an edge, the least to be as expected
 _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that must follow it
 # So sharp an edge shows itself otherwise wherever it falls in the pixels, which kriging takes for
 # texture; beside ground as even as this there is none to take out.
@@ -75,6 +77,11 @@ def refine_limb(
     sample = sample_limb(gray, view, nadir_base, rho_rad, step, modelled=bool(looks))
     if isinstance(sample, LimbPoints):
         return sample, ()
+    near = None
+    if step.expected and len(looks) == 1 and looks[0].glow_px == 0.0:
+        limb = _as_expected(sample, looks[0], rho_rad)
+        if limb is not None:
+            return limb, tuple(looks)
     profiles, grid, noise = sample.profiles, sample.grid, sample.noise
     px, normal_px = sample.px, sample.normal_px
     places = steepest = steepest_fall(profiles, noise, grid)
@@ -86,10 +93,9 @@ def refine_limb(
             looks = (likeliest_look(profiles[good], noise, looks, grid),)
         sharp = looks[0].glow_px == 0.0
         kriged = KrigedLimb(sample, looks[0], rho_rad)
-        kriging = sharp and (
-            looks[0].psf_px >= _FINE_PSF_PX or _unevenness(places.step[good]) > _EVEN
-        )
-        near, shared_px = kriged.about_prediction(good) if kriging else (None, 0.0)
+        kriging = sharp and _to_be_kriged(looks[0], places.step[good])
+        if kriging and not step.expected:
+            near, shared_px = kriged.about_prediction(good)
         likely = place_edges(profiles, noise, looks[0], grid) if near is None else near
         fits = _believable(likely)
         # A model that most of the edges do not follow, that makes them jump about, or that without
@@ -139,18 +145,65 @@ def refine_limb(
             places = contour.places(places)
             px, normal_px = px[contour.keep], normal_px[contour.keep]
     shift = (_SHIFT if glows or model_free else _TEXTURE_SHIFT) * coherent
-    points = LimbPoints(
+    points = _points(sample, px, normal_px, places, coherent, shift, jumps_px)
+    return points, () if given and model_free else tuple(looks)
+
+
+def _as_expected(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoints | None:
+    """Limb of a sharp edge that is where it was predicted, and all of it; None if it is not.
+
+    Nothing is asked of the steepest fall, and edges are not placed one by one.
+    """
+    step, good = sample.steps()
+    if np.count_nonzero(good) < MIN_PROFILES or not _to_be_kriged(look, step[good]):
+        return None
+    places, shared_px = KrigedLimb(sample, look, rho_rad).about_prediction(good)
+    if places is None:
+        return None
+    fits = _believable(places)
+    num_fits = int(np.count_nonzero(fits))
+    if num_fits < max(_EXPECTED_SHARE * np.count_nonzero(good), MIN_PROFILES):
+        return None
+    px, normal_px = sample.px, sample.normal_px
+    if num_fits < len(fits):
+        px, normal_px, places = px[fits], normal_px[fits], places.take(fits)
+    jumps_px = scatter_px(places.offset_px)
+    if not jumps_px < _CALM_PX:
+        return None
+    shift = _TEXTURE_SHIFT * shared_px
+    return _points(sample, px, normal_px, places, shared_px, shift, jumps_px)
+
+
+def _points(
+    sample: LimbSample,
+    px: np.ndarray,
+    normal_px: np.ndarray,
+    places: EdgePlaces,
+    coherent: float,
+    shift: float,
+    jumps_px: float,
+) -> LimbPoints:
+    """Limb points (N,) in the full image, of edges near px (N, 2); the rest in pixels of the
+    sample's.
+    """
+    factor = sample.factor
+    return LimbPoints(
         Status.OK,
         "",
-        px + (places.offset_px * step.factor)[:, None] * normal_px,
+        px + (places.offset_px * factor)[:, None] * normal_px,
         normal_px,
-        places.sigma_px * step.factor,
-        coherent * step.factor,
-        shift * step.factor,
-        sample.stretch_px * step.factor,
-        jumps_px * step.factor,
+        places.sigma_px * factor,
+        coherent * factor,
+        shift * factor,
+        sample.stretch_px * factor,
+        jumps_px * factor,
+        sample.curve,
     )
-    return points, () if given and model_free else tuple(looks)
+
+
+def _to_be_kriged(look: EdgeLook, step: np.ndarray) -> bool:
+    """Whether kriging is for a sharp edge with such steps (N,) along it."""
+    return look.psf_px >= _FINE_PSF_PX or _unevenness(step) > _EVEN
 
 
 def _unevenness(step: np.ndarray) -> float:
@@ -167,7 +220,7 @@ def _pixel_rad(view: CameraView, px: np.ndarray, normal_px: np.ndarray) -> np.nd
 
 def _believable(places: EdgePlaces) -> np.ndarray:
     return (
-        (places.significance > _MIN_SIGNIFICANCE)
+        (places.significance > LEAST_SIGNIFICANCE)
         & ~places.at_border
         & (places.misfit < _MAX_MISFIT)
     )

@@ -21,6 +21,7 @@ from horizon_sensor_ros.core.limb.profiles import (
 from horizon_sensor_ros.core.status import Status
 
 MIN_PROFILES = 8
+LEAST_SIGNIFICANCE = 5.0  # of an edge: its step over the noise
 _INNER_PX = 6.0  # how far a profile reaches into the planet and into space, beside the search range
 _OUTER_PX = 6.0
 _TAPS_PX = 4.0  # beyond its end that interpolation still looks at
@@ -99,6 +100,13 @@ class LimbSample:
             self.pitch_rad / math.tan(max(rho_rad, self.pitch_rad)),
             base,
         )
+
+    def steps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Gray levels (M,) from space to just inside the predicted limb, and which show an edge."""
+        profiles, num_inside = self.profiles, round(-self.grid.first_px)
+        inside = profiles[:, num_inside - 2 : num_inside].sum(axis=1)
+        step = 0.5 * inside - profiles[:, -3:].sum(axis=1) / 3.0
+        return step, step > LEAST_SIGNIFICANCE * self.noise
 
     def moved(self, limb: np.ndarray) -> LimbSample:
         """Profiles about the curve moved along its normals as `Stretches.base` has it, by (3,)."""
