@@ -42,8 +42,8 @@ _SCALE_STEPS = 4  # then the residuals' scale is kept
 # Residual, in sigmas, of a point that says nothing about a cone; finite, so that nothing times it
 # is nothing.
 _NOWHERE = 1e30
-# A step of this many (sigma)^2 is the last; one of `_NEAR_ENOUGH` will do for Newton's method, which
-# leaves hardly anything then, or when the steps run out.
+# A step of this many (sigma)^2 is the last. One of `_NEAR_ENOUGH` will do when steps run out, or
+# of Newton's method, which then leaves hardly anything.
 _CONVERGED = 1e-5
 _NEAR_ENOUGH = 1e-3
 
