@@ -79,9 +79,9 @@ def refine_limb(
         return sample, ()
     near = None
     if step.expected and len(looks) == 1 and looks[0].glow_px == 0.0:
-        limb = _as_expected(sample, looks[0], rho_rad)
-        if limb is not None:
-            return limb, tuple(looks)
+        followed = _as_expected(sample, looks[0], rho_rad)
+        if followed is not None:
+            return followed, tuple(looks)
     profiles, grid, noise = sample.profiles, sample.grid, sample.noise
     px, normal_px = sample.px, sample.normal_px
     places = steepest = steepest_fall(profiles, noise, grid)
