@@ -1,9 +1,9 @@
 """Pose of a target of unknown shape from point clouds.
 
 The default: ``range_image`` (any cloud as an image of inverse depth), ``planes``, ``edges`` and
-``surfels`` (what is in it), ``search`` and ``refinement`` (motion between two views),
-``consistency``, ``alternatives`` and ``judgement`` (whether to believe it), ``registration`` (all
-of it), ``tracker`` (clouds in order of time); ``config`` (their parameters).
+``surfels`` (what is in it), ``search``, ``pairs``, ``refinement`` and ``attempts`` (motion between
+two views), ``consistency``, ``alternatives`` and ``judgement`` (whether to believe it),
+``registration`` (all of it), ``tracker`` (clouds in order of time); ``config`` (their parameters).
 
 Paper D: ``inertia_frame``, ``section_pattern``, ``direct_search``.
 """

@@ -31,10 +31,10 @@ def project(view: SurfaceView, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> n
     image = view.image
     height, width = image.inverse_depth.shape
     scale = np.float32(image.focal_px) / np.maximum(z, np.float32(1e-3))
-    origin = (image.origin * image.focal_px).astype(np.float32) - np.float32(0.5)
+    left, top = (np.float32(image.focal_px * side - 0.5) for side in image.origin.tolist())
     # Truncation of what is shifted half a pixel is rounding, as nothing negative is left.
-    column = np.clip(x * scale - origin[0], 0, width - 1).astype(np.int32)
-    row = np.clip(y * scale - origin[1], 0, height - 1).astype(np.int32)
+    column = np.minimum(np.maximum(x * scale - left, 0), width - 1).astype(np.intp)
+    row = np.minimum(np.maximum(y * scale - top, 0), height - 1).astype(np.intp)
     return row * width + column
 
 

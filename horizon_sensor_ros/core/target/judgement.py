@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.target.refinement import Refined, jacobian
+from horizon_sensor_ros.core.target.pairs import Pairs
+from horizon_sensor_ros.core.target.refinement import jacobian
 from horizon_sensor_ros.core.target.rigid import skew
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 
@@ -35,8 +36,8 @@ class Uncertainty:
     rms_residual_m: float
 
 
-def uncertainty(refined: Refined, b: SurfaceView) -> Uncertainty:
-    """Covariance of a refined motion from its pairs.
+def uncertainty(pairs: Pairs, robust: np.ndarray, b: SurfaceView) -> Uncertainty:
+    """Covariance of a refined motion from its pairs and their robust weights.
 
     The normals of both views carry independent noise, so the products of one view's Jacobian with
     the other's have the true information as their mean; the usual J^T J adds the noise of the
@@ -44,37 +45,44 @@ def uncertainty(refined: Refined, b: SurfaceView) -> Uncertainty:
     comes a sandwich of the residuals, summed over blocks of surface within which they err alike;
     it carries what no noise model knows.
     """
-    pairs = refined.pairs
     centre = b.image.centroid_m
-    weight = refined.robust * pairs.weight / pairs.sigma_m**2
+    weight = robust * pairs.weight / pairs.sigma_m**2
     j_a = jacobian(pairs.point_a, pairs.normal_a, centre)
     j_b = jacobian(pairs.point_a, pairs.normal_b, centre)
-    product = (j_a * weight[:, None]).T @ j_b
-    information = (product + product.T) / 2 - _feigned(pairs.point_a - centre, weight * pairs.tilt2)
-    information -= pairs.without_thickness((j_a + j_b) / 2, weight)
+    product = (j_a * weight) @ j_b.T
+    arm = pairs.point_a - centre[:, None]
+    information = (product + product.T) / 2 - _feigned(arm, weight * pairs.tilt2)
+    j = (j_a + j_b) / 2
+    information -= pairs.without_thickness(j, weight)
     residual = pairs.residual
     rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else np.nan
     block = np.floor(pairs.point_b / (_BLOCK_PX * b.footprint_m)).astype(np.int64)
-    key = ((block[:, 0] * 4099 + block[:, 1]) * 4099 + block[:, 2]) * 8 + pairs.kind
-    label = np.unique(key, return_inverse=True)[1].ravel()
-    score = (j_a + j_b) * (0.5 * weight * residual)[:, None]
-    sums = np.stack([np.bincount(label, column) for column in score.T], axis=1)
+    key = ((block[0] * 4099 + block[1]) * 4099 + block[2]) * 8 + pairs.kind
+    order = np.argsort(key)
+    first = np.flatnonzero(np.diff(key[order], prepend=-1))
+    score = j * (weight * residual)
+    sums = np.add.reduceat(score[:, order], first, axis=1) if len(first) else score
     # In units of turns at the target's rms radius, in which all six directions compare.
     scale = np.array([1 / b.size_m] * 3 + [1.0] * 3)
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     # Nothing is less known than to the target's size.
     values = np.maximum(values, 1 / b.size_m**2)
     inverse = (vectors / values) @ vectors.T * np.outer(scale, scale)
-    covariance = _MEASURED * (inverse + inverse @ (sums.T @ sums) @ inverse)
+    covariance = _MEASURED * (inverse + inverse @ (sums @ sums.T) @ inverse)
     return Uncertainty((covariance + covariance.T) / 2, information, centre, rms)
 
 
 def _feigned(arm: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(6, 6) sum of ``weight`` times the squared motion of each point, whatever its direction."""
-    moved = weight[:, None] * arm
-    turn = np.eye(3) * (moved * arm).sum() - moved.T @ arm
-    cross = skew(moved.sum(axis=0))
-    return np.block([[turn, cross], [-cross, np.eye(3) * weight.sum()]])
+    """(6, 6) sum of ``weight`` times the squared motion of each point (3, N), whatever its
+    direction."""
+    moved = weight * arm
+    spread = moved @ arm.T
+    total = np.zeros((6, 6))
+    total[:3, :3] = np.eye(3) * spread.trace() - spread
+    total[3:, 3:] = np.eye(3) * weight.sum()
+    total[:3, 3:] = skew(moved.sum(axis=1))
+    total[3:, :3] = -total[:3, 3:]
+    return total
 
 
 def weak_directions(

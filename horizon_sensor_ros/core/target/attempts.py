@@ -1,0 +1,186 @@
+"""Tries of one registration: from the prior, from no turn, from all over the search, each refined
+and seen how well the views agree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from horizon_sensor_ros.core.target.config import RegistrationConfig
+from horizon_sensor_ros.core.target.consistency import view_consistency
+from horizon_sensor_ros.core.target.judgement import Uncertainty, uncertainty, weak_directions
+from horizon_sensor_ros.core.target.pairs import Matcher, Pairs
+from horizon_sensor_ros.core.target.refinement import Refined, refine
+from horizon_sensor_ros.core.target.rigid import rotation_from_vector
+from horizon_sensor_ros.core.target.search import align_batch, rotation_starts
+from horizon_sensor_ros.core.target.surfels import SurfaceView
+
+# View consistency, of clouds without odd returns, from which a motion is taken without a search.
+_SURE = 0.95
+# And one from which the search goes no further.
+_LIKELY = 0.9
+# And one beyond which nothing else can be better.
+BEYOND_DOUBT = 0.98
+# Of the share of odd returns in both clouds so much is missing from the score of the true motion.
+SCORE_LOST = 0.6
+# Reach, in rms radii of the target, of the look along a direction that is not observed, and the
+# gain that counts.
+_SLIDE = 0.4
+_BETTER = 0.01
+# A direction known worse than allowed by a factor between these stays so, wherever it comes to
+# rest; one that is not known at all may lack pairs that the next step finds.
+_HOPELESS = (1.5, 30.0)
+# One whose information, in units of what is allowed, is above this is never known so badly.
+_DOUBTFUL = 2.0
+# Starts of the search lie so far apart.
+_START_SPACING_RAD = np.radians(18.0)
+# Reach of the coarse alignments, step by step, in rms radii of the target.
+_SINGLE_GATES = np.array([0.3, 0.3, 0.22, 0.22, 0.15, 0.15, 0.1, 0.08])
+_FIRST_GATES = np.array([0.16, 0.16, 0.12, 0.1])
+_WIDE_GATES = np.array([0.3, 0.3, 0.25, 0.2, 0.15])
+_SECOND_GATES = np.array([0.16, 0.12, 0.1, 0.08])
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A refined motion to view ``b``, and how well the views agree with it.
+
+    searched : whether the search was needed.  expected : whether it comes from a prior.
+    """
+
+    refined: Refined
+    b: SurfaceView
+    score: float
+    overlap: float
+    searched: bool
+    expected: bool
+
+    @property
+    def merit(self) -> float:
+        """By which tries are compared."""
+        return self.score * np.sqrt(self.overlap)
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """How well the motion is known."""
+        return uncertainty(self.refined.pairs, self.refined.robust, self.b)
+
+    def sound(self, config: RegistrationConfig) -> bool:
+        """Whether it came to rest where every direction is observed."""
+        limits = config.max_rotation_std_rad, config.max_shift_std_m
+        return self.refined.converged and not len(
+            weak_directions(self.uncertainty.covariance, *limits)
+        )
+
+
+class Finder:
+    """Tries of one registration, from the cheapest start to the dearest."""
+
+    def __init__(self, a: SurfaceView, b: SurfaceView, config: RegistrationConfig) -> None:
+        self._a, self._b, self._config = a, b, config
+        self._matcher = Matcher(a, b)
+        unit = 2 * b.footprint_m + 4 * np.hypot(a.sigma_m, b.sigma_m)
+        self._gates = (unit, 0.4 * unit)
+        self._odd = odd_share(a, b)
+
+    def find(self, prior: tuple[np.ndarray, np.ndarray] | None) -> Found:
+        """The first motion that convinces, or the best of all; prior : rotation and shift."""
+        a, b, config = self._a, self._b, self._config
+        tried = []
+        if prior is not None:
+            tried.append(self._finish(*prior, False, True))
+            # What a good start leads to need not be better than what is accepted in the end.
+            if tried[-1].score >= config.min_score and tried[-1].refined.converged:
+                return tried[-1]
+        shift = b.image.centroid_m - a.image.centroid_m
+        first = align_batch(a, b, np.eye(3)[None], shift[None], b.size_m * _SINGLE_GATES, 250)
+        tried.append(self._settle(first[0][0], first[1][0], False))
+        sure = _SURE - SCORE_LOST * self._odd
+        if tried[-1].score >= sure and tried[-1].refined.converged:
+            return tried[-1]
+        # A second candidate, and another reach, only where there is no likely answer yet.
+        for reach in (_FIRST_GATES, _WIDE_GATES):
+            for rotation, translation in _search(a, b, config.search_rad, reach):
+                tried.append(self._settle(rotation, translation, True))
+                if tried[-1].score >= _LIKELY and tried[-1].sound(config):
+                    return max(tried, key=lambda found: found.merit)
+        return max(tried, key=lambda found: found.merit)
+
+    def _finish(
+        self,
+        rotation: np.ndarray,
+        translation: np.ndarray,
+        searched: bool,
+        expected: bool = False,
+    ) -> Found:
+        refined = refine(self._matcher, rotation, translation, self._gates, self._hopeless)
+        seen = view_consistency(
+            self._a, self._b, refined.rotation[None], refined.translation_m[None], 600
+        )
+        score, overlap = float(seen.score[0]), float(seen.overlap[0])
+        return Found(refined, self._b, score, overlap, searched, expected)
+
+    def _hopeless(self, information: np.ndarray, pairs: Pairs, robust: np.ndarray) -> bool:
+        """Whether some direction is known so badly that no further step can mend it."""
+        config = self._config
+        scale = np.repeat([config.max_rotation_std_rad, config.max_shift_std_m], 3)
+        if np.linalg.eigvalsh(information * np.outer(scale, scale))[0] > _DOUBTFUL:
+            return False
+        covariance = uncertainty(pairs, robust, self._b).covariance
+        worst = np.linalg.eigvalsh(covariance / np.outer(scale, scale))[-1]
+        return bool(_HOPELESS[0] ** 2 < worst < _HOPELESS[1] ** 2)
+
+    def _settle(self, rotation: np.ndarray, translation: np.ndarray, searched: bool) -> Found:
+        """Refine; where a direction is not observed, or the views do not quite agree, look along
+        the weakest direction for what agrees better."""
+        found = self._finish(rotation, translation, searched)
+        clear = found.score > BEYOND_DOUBT - SCORE_LOST * self._odd
+        if clear and found.sound(self._config):
+            return found
+        rotations, translations = _along_weakest(found, self._b)
+        seen = view_consistency(self._a, self._b, rotations, translations, 300)
+        merit = seen.score * np.sqrt(seen.overlap)
+        best = int(np.argmax(merit))
+        if merit[best] < merit[len(merit) // 2] + _BETTER:
+            return found
+        again = self._finish(rotations[best], translations[best], searched)
+        return max(found, again, key=lambda one: one.merit)
+
+
+def odd_share(a: SurfaceView, b: SurfaceView) -> float:
+    """Share of both clouds' points that share their surface with no other."""
+    return 1 - (a.image.num_used / a.image.num_points + b.image.num_used / b.image.num_points) / 2
+
+
+def _along_weakest(found: Found, b: SurfaceView) -> tuple[np.ndarray, np.ndarray]:
+    """Motions (C, 3, 3), (C, 3) to both sides of the found one (the middle one) in the direction
+    that is observed least, in steps of a pixel's width."""
+    scale = np.array([b.size_m] * 3 + [1.0] * 3)
+    vectors = np.linalg.eigh(found.uncertainty.covariance * np.outer(scale, scale))[1]
+    count = int(np.ceil(_SLIDE * b.size_m / b.footprint_m))
+    steps = np.arange(-count, count + 1)[:, None] * b.footprint_m * vectors[:, -1] / scale
+    turns, centre = rotation_from_vector(steps[:, :3]), b.image.centroid_m
+    rotations = turns @ found.refined.rotation
+    moved = turns @ (found.refined.translation_m - centre) + centre + steps[:, 3:]
+    return rotations, moved
+
+
+def _search(
+    a: SurfaceView, b: SurfaceView, search_rad: float, reach: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The most consistent motions found from starts all over a ball of rotations, best first."""
+    rotations = rotation_starts(search_rad, _START_SPACING_RAD)
+    translations = b.image.centroid_m - rotations @ a.image.centroid_m
+    for gates, align_samples, view_samples, kept in (
+        (reach, 150, 200, 8),
+        (_SECOND_GATES, 250, 400, 2),
+    ):
+        rotations, translations = align_batch(
+            a, b, rotations, translations, b.size_m * gates, align_samples
+        )
+        seen = view_consistency(a, b, rotations, translations, view_samples, 1.0)
+        best = np.argsort(-seen.score * np.sqrt(seen.overlap), kind="stable")[:kept]
+        rotations, translations = rotations[best], translations[best]
+    return list(zip(rotations, translations, strict=True))

@@ -1,0 +1,247 @@
+"""Pairs between two views for any motion between them: planes seen in the same direction, edges
+that are near."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from horizon_sensor_ros.core.target.consistency import project
+from horizon_sensor_ros.core.target.surfels import SurfaceView
+
+# Cosines between side normals, and between directions, of edges that may be one.
+_SAME_SIDE, _SAME_LINE = 0.6, 0.93
+# Kinds of pairs.
+FACE, EDGE, THIN, FAR_SIDE, EDGE_ON = range(5)
+# Cosine to the normal at which a plate is seen edge on: its rim may be what was returned.
+_EDGE_ON_COSINE = 0.1
+# Thickness of plates, in pixel widths.
+_PLATE_PX = 1.0
+# What a plate seen from its far side, and one seen edge on, lies behind its face by, and how
+# uncertain that is, in thicknesses.
+_BEHIND_FACE = {FAR_SIDE: (1.0, 1.0), EDGE_ON: (0.5, 0.7)}
+# What differs from place to place of that, in pixel widths, by kind.
+_ROUGH_PX = np.array([0, 0, 0, _PLATE_PX / 6, _PLATE_PX / 2], np.float32)
+# Cosine between normals of what may be one plane.
+_SAME_NORMAL = 0.85
+# point_a, point_b, normal_a, normal_b (N, 3), sigma_m, weight, tilt2 and kind of some pairs.
+_Set = tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """N correspondences: a's points moved into b's frame and b's points, with both normals, (3, N)
+    each.
+
+    sigma_m : (N,) of the distance along the normal, for one raw measurement in each view.
+    weight : (N,) raw measurements that the pair stands for.  tilt2 : (N,) covariance (rad^2) of
+        both normals' errors.
+    kind : (N,) FACE, EDGE, THIN (part), FAR_SIDE: a plate that one view sees from the one side
+        and the other view from the other; it is as thick as the others, and nobody knows how thick.
+        EDGE_ON: a plate's face, and its rim or either face in the other view.
+    plate_m : thickness to be expected of a plate before it is measured.
+    """
+
+    point_a: np.ndarray
+    point_b: np.ndarray
+    normal_a: np.ndarray
+    normal_b: np.ndarray
+    sigma_m: np.ndarray
+    weight: np.ndarray
+    tilt2: np.ndarray
+    kind: np.ndarray
+    plate_m: float
+
+    @cached_property
+    def _behind(self) -> list[tuple[np.ndarray, float, float]]:
+        """Plates: their pairs, the thickness to be expected, and its standard deviation."""
+        found = []
+        for kind, (mean, deviation) in _BEHIND_FACE.items():
+            rows = np.flatnonzero(self.kind == kind)
+            if len(rows):
+                found.append((rows, mean * self.plate_m, deviation * self.plate_m))
+        return found
+
+    @cached_property
+    def residual(self) -> np.ndarray:
+        """(N,) distances along the mean normal, metres; of plates beyond what all of a kind have in
+        common."""
+        distance = np.einsum("ij,ij->j", self.point_a - self.point_b, self.normal)
+        for rows, mean, deviation in self._behind:
+            known = (self.weight[rows] / self.sigma_m[rows] ** 2).sum()
+            prior = deviation**-2
+            distance[rows] -= (np.median(distance[rows]) * known - mean * prior) / (known + prior)
+        return distance
+
+    def without_thickness(self, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """(6, 6) information on the motion of ``rows`` (6, N) that the unknown thicknesses take."""
+        taken = np.zeros((6, 6))
+        for plates, _, deviation in self._behind:
+            of_kind = weight[plates]
+            total = rows[:, plates] @ of_kind
+            taken += np.outer(total, total) / (of_kind.sum() + deviation**-2)
+        return taken
+
+    @cached_property
+    def normal(self) -> np.ndarray:
+        """(3, N) mean of both normals."""
+        normal = self.normal_a + self.normal_b
+        return normal / np.sqrt(np.einsum("ij,ij->j", normal, normal))
+
+    def moved(self, rotation: np.ndarray, translation_m: np.ndarray) -> Pairs:
+        """The same pairs after a small further motion of a."""
+        return replace(
+            self, point_a=rotation @ self.point_a + translation_m[:, None],
+            normal_a=rotation @ self.normal_a,
+        )  # fmt: skip
+
+
+class Matcher:
+    """Finds pairs between two views for any motion between them; made once a registration."""
+
+    def __init__(self, a: SurfaceView, b: SurfaceView) -> None:
+        from scipy.spatial import cKDTree  # noqa: PLC0415  heavy to import, and only used here
+
+        self.a, self.b = a, b
+        self._tree = cKDTree(b.edges.points)
+
+    def pairs(
+        self, rotation: np.ndarray, translation: np.ndarray, gate_m: float, step: int = 1
+    ) -> Pairs:
+        """Pairs whose distance along the normal is below ``gate_m``; of planes and edges
+        each ``step``-th."""
+        a, b = self.a, self.b
+        turn, shift = rotation.astype(np.float32), translation.astype(np.float32)
+        sets = [
+            _to_planes(a, b, turn, shift, gate_m, step),
+            _turned_back(_to_planes(b, a, turn.T, -shift @ turn, gate_m, step), turn, shift),
+        ]
+        if len(a.edges) and len(b.edges):
+            sets += self._edges(rotation, translation, gate_m, step)
+        parts = [np.concatenate(part) for part in zip(*sets, strict=True)]
+        point_a, point_b, normal_a, normal_b = (
+            np.array(part.T, np.float64, order="C") for part in parts[:4]
+        )
+        sigma, weight, tilt2, kind = parts[4:]
+        return Pairs(
+            point_a, point_b, normal_a, normal_b, sigma, weight, tilt2, kind,
+            _PLATE_PX * b.footprint_m,
+        )  # fmt: skip
+
+    def _edges(
+        self, rotation: np.ndarray, translation: np.ndarray, gate_m: float, step: int
+    ) -> list[_Set]:
+        a, b = self.a.edges, self.b.edges
+        point = a.points[::step] @ rotation.T + translation
+        reach = max(3 * self.b.footprint_m, gate_m)
+        distance, index = self._tree.query(point, distance_upper_bound=reach)
+        near = np.flatnonzero(distance < np.inf)
+        of_a, of_b = step * near, index[near]
+        thin = np.isfinite(a.fronts.take(of_a * 3))
+        keep = thin == np.isfinite(b.fronts.take(of_b * 3))
+        # Where both views see both faces of a crease, their planes say it all.
+        keep &= ~(a.creases[of_a] & b.creases[of_b])
+        near, of_a, of_b, thin = near[keep], of_a[keep], of_b[keep], thin[keep]
+        point, other = point.take(near, axis=0), b.points.take(of_b, axis=0)
+        side, n = a.sides.take(of_a, axis=0) @ rotation.T, b.sides.take(of_b, axis=0)
+        line = a.directions.take(of_a, axis=0) @ rotation.T
+        keep = _dots(side, n) > _SAME_SIDE
+        keep &= np.abs(_dots(line, b.directions.take(of_b, axis=0))) > _SAME_LINE
+        keep &= np.abs(_dots(point - other, n)) < max(gate_m, self.b.footprint_m)
+        keep = np.flatnonzero(keep)
+        of_a, of_b = of_a[keep], of_b[keep]
+        point, other = point.take(keep, axis=0), other.take(keep, axis=0)
+        side, n = side.take(keep, axis=0), n.take(keep, axis=0)
+        sigma_a, sigma_b = a.sigma_m[of_a], b.sigma_m[of_b]
+        sigma = np.sqrt(sigma_a * sigma_a + sigma_b * sigma_b)
+        sides = (point, other, side, n, sigma, *_alike(len(of_a), EDGE, step))
+        keep = np.flatnonzero(thin[keep])
+        if not len(keep):
+            return [sides]
+        front_a = a.fronts.take(of_a[keep], axis=0) @ rotation.T
+        front_b = b.fronts.take(of_b[keep], axis=0)
+        same = np.flatnonzero(_dots(front_a, front_b) > 0.7)
+        keep, front_a, front_b = keep[same], front_a[same], front_b[same]
+        noise = np.hypot(np.hypot(self.a.sigma_m, self.b.sigma_m), 0.1 * self.b.footprint_m)
+        fronts = (point[keep], other[keep], front_a, front_b, np.full(len(keep), noise),
+                  *_alike(len(keep), THIN, step))  # fmt: skip
+        return [sides, fronts]
+
+
+def _alike(count: int, kind: int, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weight, tilt2 and kind of pairs of edges."""
+    return np.full(count, float(step)), np.zeros(count), np.full(count, kind, np.int8)
+
+
+def _dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(N,) products of the rows of (N, 3)."""
+    return np.einsum("ij,ij->i", a, b)
+
+
+def _turned_back(pairs: _Set, rotation: np.ndarray, translation: np.ndarray) -> _Set:
+    """Pairs of b's surfels with a's planes, as pairs of a with b in b's frame."""
+    point_b, point_a, normal_b, normal_a, *rest, kind = pairs
+    point_a, point_b = point_a @ rotation.T + translation, point_b @ rotation.T + translation
+    normal_a, normal_b = normal_a @ rotation.T, normal_b @ rotation.T
+    # Behind a plate's face is the same sign, whichever view sees the face.
+    plate = np.flatnonzero(kind != FACE)
+    normal_a[plate] *= -1
+    normal_b[plate] *= -1
+    return point_a, point_b, normal_a, normal_b, *rest, kind
+
+
+def _to_planes(
+    a: SurfaceView,
+    b: SurfaceView,
+    rotation: np.ndarray,
+    translation: np.ndarray,
+    gate_m: float,
+    step: int,
+) -> _Set:
+    """a's surfels, moved into b's frame, against the planes that b sees in the same direction.
+
+    Single precision does: a micrometre at some metres.
+    """
+    surfels = a.surfels
+    turned = surfels.points[::step] @ rotation.T
+    point = turned + translation
+    index = project(b, *point.T)
+    seen = np.flatnonzero(b.plane[index])
+    index, point, near = index[seen], point.take(seen, axis=0), seen * step
+    other, n = b.point_map.take(index, axis=0), b.normal_map.take(index, axis=0)
+    off = _dots(point - other, n)
+    # Bare returns come last.
+    planes = int(np.searchsorted(near, surfels.num_planes))
+    normal = n.copy()
+    np.matmul(surfels.normals.take(near[:planes], axis=0), rotation.T, out=normal[:planes])
+    along = _dots(normal[:planes], n[:planes])
+    # A thin plate's far side is another surface: a bare return must have been able to see the
+    # plane.
+    ray = turned.take(seen[planes:], axis=0)
+    sight = _dots(n[planes:], ray) / np.sqrt(_dots(ray, ray))
+    kind = np.full(len(near), FACE, np.int8)
+    kind[planes:][np.abs(sight) < _EDGE_ON_COSINE] = EDGE_ON
+    far = np.flatnonzero(along < -_SAME_NORMAL)
+    kind[far] = FAR_SIDE
+    normal[far] *= -1
+    agree = off > -gate_m
+    agree[far] = off[far] > -max(gate_m, 2 * _PLATE_PX * b.footprint_m)
+    agree &= off < gate_m
+    agree[:planes] &= np.abs(along) > _SAME_NORMAL
+    agree[planes:] &= sight < _EDGE_ON_COSINE
+    kept = np.flatnonzero(agree)
+    planes = int(np.searchsorted(kept, planes))
+    near, index, kind = near[kept], index[kept], kind[kept]
+    point, other, n, normal = (part.take(kept, axis=0) for part in (point, other, n, normal))
+    noise = b.noise_m[index]
+    own = surfels.sigma_m[near]
+    own[planes:] = noise[planes:]
+    variance = own * own + noise * noise
+    plate = np.flatnonzero(kind)
+    variance[plate] += (_ROUGH_PX[kind[plate]] * np.float32(b.footprint_m)) ** 2
+    tilt = b.tilt_rad[index]
+    tilt[planes:] = b.normal_noise_rad
+    tilt *= surfels.tilt_rad[near]
+    return point, other, normal, n, np.sqrt(variance), step * surfels.weight[near], tilt, kind
