@@ -192,11 +192,11 @@ class Camera:
                 x, y, _ = self._normalised(rays)
                 if not self._undistorted:
                     x, y = self._tilt(*self._distort(x, y)[:2])
-            out = np.empty((len(rays), 2))
-            np.multiply(x, self.fx, out=out[:, 0])
-            np.multiply(y, self.fy, out=out[:, 1])
-            out += self._centre_px
-        return out
+            out = np.empty((2, len(rays)))
+            np.multiply(x, self.fx, out=out[0])
+            np.multiply(y, self.fy, out=out[1])
+            out += self._centre_px[:, None]
+        return out.T
 
     def pixel_jacobian(self, rays_unit: np.ndarray) -> np.ndarray:
         """Derivative (N, 2, 3) of the pixel by its ray's components, at unit rays (N, 3).
@@ -220,6 +220,26 @@ class Camera:
         px += self._centre_px
         jacobian *= self._focal_px[:, None]
         return px, jacobian
+
+    def project_along(
+        self, rays_unit: np.ndarray, along: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return `pixels` (N, 2) of unit rays (N, 3), and how they move (N, 2) as the rays do along
+        vectors (N, 3).
+        """
+        if self.model == "equidistant" or not self._undistorted:
+            px, jacobian = self.project(rays_unit)
+            return px, np.einsum("nij,nj->ni", jacobian, along)
+        rays = _rows(rays_unit, 3, "rays_unit")
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            x, y, inverse_z = self._normalised(rays)
+            px = np.stack([x, y])
+            moved = along.T[:2] - px * along.T[2]
+            moved *= inverse_z
+        moved *= self._focal_px[:, None]
+        px *= self._focal_px[:, None]
+        px += self._centre_px[:, None]
+        return px.T, moved.T
 
     def in_frame(self, px: np.ndarray) -> np.ndarray:
         """Whether pixels (N, 2) lie on the image, [-0.5, size - 0.5); (N,) bool, False for NaN."""

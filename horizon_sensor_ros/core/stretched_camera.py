@@ -37,6 +37,13 @@ class StretchedCamera(Camera):
         px, jacobian = self.original.project(np.asarray(rays_unit, dtype=float) @ self.inverse)
         return px, (jacobian.reshape(-1, 3) @ self.inverse).reshape(-1, 2, 3)
 
+    def project_along(
+        self, rays_unit: np.ndarray, along: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels, and how they move with the stretched rays; see `Camera.project_along`."""
+        rays = np.asarray(rays_unit, dtype=float) @ self.inverse
+        return self.original.project_along(rays, along @ self.inverse)
+
 
 def stretched_view(view: CameraView, axis_base: np.ndarray, ratio: float) -> CameraView:
     """Return a view whose rays are ``ratio`` times as long along an axis (3,), unit."""

@@ -75,7 +75,7 @@ def fit_arc(
     if not np.all(np.isfinite(nadir)):
         return refuse(Status.ILL_CONDITIONED, "no circle through the limb points of any camera")
     basis = tangent_basis(nadir)
-    refused_here = refusal(rays, nadir, rho, rays.design(nadir, basis))
+    refused_here = refusal(nadir, rho, rays.angles(nadir)[1], rays.design(nadir, basis))
     if refused_here:
         return refuse(*refused_here)
     cov = _jackknife(rays, rotations, rho_known, nadir, basis)

@@ -77,12 +77,15 @@ def covariance_nadir_altitude(
 
 
 def refusal(
-    rays: LimbRays, nadir_base: np.ndarray, rho_rad: float, design: np.ndarray
+    nadir_base: np.ndarray, rho_rad: float, growth: np.ndarray, design: np.ndarray
 ) -> tuple[Status, str] | None:
-    """Why this cone cannot be the planet's limb as these points saw it; None if it can."""
-    if not (np.all(np.isfinite(nadir_base)) and np.isfinite(rho_rad)):
+    """Why this cone cannot be the planet's limb as its points saw it; None if it can.
+
+    growth (N,), design (N, 3) : of the points' angles, see `LimbRays`.
+    """
+    if not math.isfinite(float(nadir_base @ nadir_base) + rho_rad):
         return Status.ILL_CONDITIONED, "the limb points do not determine a cone"
-    if rho_rad <= 0 or median(rays.angles(nadir_base)[1]) <= 0:
+    if rho_rad <= 0 or median(growth) <= 0:
         return Status.WRONG_POLARITY, "the limb normals point into the fitted disc"
     if rho_rad > _LARGEST_RHO_RAD:
         return Status.WRONG_POLARITY, "the limb is straight or curved the wrong way"
@@ -144,7 +147,7 @@ def assess_least_squares(
     """
     basis = tangent_basis(nadir_base) if np.all(np.isfinite(nadir_base)) else np.zeros((3, 2))
     design = rays.design(nadir_base, basis)
-    refused = refusal(rays, nadir_base, rho_rad, design)
+    refused = refusal(nadir_base, rho_rad, rays.angles(nadir_base)[1], design)
     if refused:
         return HorizonFit.none(*refused, method, rays.num_points)
     residual = rays.residuals_px(nadir_base, rho_rad)

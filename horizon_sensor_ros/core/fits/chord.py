@@ -98,7 +98,7 @@ def _fit(
     rho = float(np.mean(theta[close])) if close.any() else rho
     basis = tangent_basis(nadir)
     design = rays.design(nadir, basis)
-    refused_here = refusal(rays, nadir, rho, design)
+    refused_here = refusal(nadir, rho, rays.angles(nadir)[1], design)
     if refused_here:
         return refuse(*refused_here)
     residual = rays.residuals_px(nadir, rho)

@@ -72,11 +72,12 @@ def refine(
         return refused
     nadir, rho = robust_circle_on_sphere(rays) if initial is None else initial
     nadir = np.asarray(nadir, dtype=float)
-    if not (np.all(np.isfinite(nadir)) and np.isfinite(rho) and np.any(nadir)):
+    length = math.sqrt(nadir @ nadir)
+    if not (0.0 < length < math.inf and math.isfinite(rho)):
         reason = "the limb points do not determine a cone"
         return HorizonFit.none(Status.ILL_CONDITIONED, reason, METHOD, rays.num_points)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        found = _iterate(rays, nadir / np.linalg.norm(nadir), float(rho))
+        found = _iterate(rays, nadir / length, float(rho))
         return _assess(rays, planet, *found)
 
 
@@ -96,10 +97,15 @@ class _Cone:
 
     def rows(self, rays: LimbRays, basis: np.ndarray) -> np.ndarray:
         """(N, 3): how chi moves with nadir's components along a basis (3, 2), and with rho."""
+        rows = self.design(rays, basis)
+        rows /= self.growth[:, None]
+        return rows
+
+    def design(self, rays: LimbRays, basis: np.ndarray) -> np.ndarray:
+        """`LimbRays.design` (N, 3)."""
         out = np.empty((len(rays), 3))
-        per_sigma = -1.0 / self.growth
-        np.multiply(rays.rays_base @ basis, (per_sigma / self.sine)[:, None], out=out[:, :2])
-        out[:, 2] = per_sigma
+        np.divide(rays.rays_base @ basis, -self.sine[:, None], out=out[:, :2])
+        out[:, 2] = -1.0
         return out
 
     @property
@@ -231,7 +237,9 @@ def _assess(
 
     nadir, rho, chi = cone.nadir, cone.rho, cone.chi
     basis = tangent_basis(nadir)
-    refused = refusal(rays, nadir, rho, rays.design(nadir, basis))
+    design = cone.design(rays, basis)
+    growth = (rays.outward_base @ nadir) / -cone.sine
+    refused = refusal(nadir, rho, growth, design)
     if refused:
         return refuse(*refused)
     if not converged:
@@ -246,7 +254,7 @@ def _assess(
         return refuse(Status.POOR_FIT, f"only {num_inliers} of {len(rays)} points on one limb")
     order = rays.along_limb(nadir)
     order = order[inlying[order]]
-    rows, along = cone.rows(rays, basis)[order], chi[order]
+    rows, along = (design / cone.growth[:, None])[order], chi[order]
     ratio2 = np.square(along / (_TUKEY * scale))
     rest = 1.0 - ratio2
     psi = along * (rest * rest)

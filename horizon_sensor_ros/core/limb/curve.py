@@ -14,11 +14,11 @@ _CONCENTRATION = 5.0  # how much denser the coarse azimuths lie near the optical
 
 
 def _circle(azimuth_rad: np.ndarray) -> np.ndarray:
-    """Rows (N, 3) of one, cosine and sine: once round a cone, in axes of its own."""
-    out = np.empty((len(azimuth_rad), 3))
-    out[:, 0] = 1.0
-    np.cos(azimuth_rad, out=out[:, 1])
-    np.sin(azimuth_rad, out=out[:, 2])
+    """One, cosine and sine (3, N): once round a cone, in axes of its own."""
+    out = np.empty((3, len(azimuth_rad)))
+    out[0] = 1.0
+    np.cos(azimuth_rad, out=out[1])
+    np.sin(azimuth_rad, out=out[2])
     return out
 
 
@@ -58,11 +58,11 @@ def limb_curve(
     """
     camera = view.camera
     cone = _cone(view.rot_base_from_cam.T @ nadir_base, rho_rad)
-    px = camera.pixels(_COARSE_CIRCLE @ cone)
+    px = camera.pixels((cone @ _COARSE_CIRCLE).T)
     inside = _within(camera, px)
     # A cell counts when either end is inside; its length comes from the chord of its two ends.
-    chord = px[1:] - px[:-1]
-    length = np.hypot(chord[:, 0], chord[:, 1])
+    chord = px.T[:, 1:] - px.T[:, :-1]
+    length = np.hypot(*chord)
     length[~((inside[:-1] | inside[1:]) & (length < np.inf))] = 0.0
     total = np.zeros(_COARSE)
     np.cumsum(length, out=total[1:])
@@ -70,24 +70,27 @@ def limb_curve(
         return LimbCurve(np.empty((0, 2)), np.empty((0, 2)), spacing_px)
     azimuth = np.interp(np.arange(0.5 * spacing_px, total[-1], spacing_px), total, _COARSE_RAD)
     circle = _circle(azimuth)
-    px, jacobian = camera.project(circle @ cone)
     # Along the limb, by azimuth: minus the sine, and the cosine.
-    along = circle[:, 2:0:-1] @ (cone[1:] * _TURNED)
-    tangent = np.einsum("nij,nj->ni", jacobian, along)
-    keep = _within(camera, px)
-    if not keep.all():
-        px, tangent = px[keep], tangent[keep]
+    along = (cone[:, 1:] * _TURNED) @ circle[2:0:-1]
+    px, tangent = camera.project_along((cone @ circle).T, along.T)
+    keep = np.flatnonzero(_within(camera, px))
+    if len(keep) < len(px):
+        # One arc, as a rule.
+        whole = len(keep) > 0 and keep[-1] - keep[0] + 1 == len(keep)
+        part = slice(keep[0], keep[-1] + 1) if whole else keep
+        px, tangent = px[part], tangent[part]
     # A camera does not mirror: out of the limb is to the same side of it in every image.
-    normal = tangent[:, ::-1] * _TURNED.T[:, ::-1]
-    normal /= np.hypot(tangent[:, 0], tangent[:, 1])[:, None]
-    return LimbCurve(px, normal, spacing_px)
+    x, y = tangent.T
+    normal = np.stack([y, -x])
+    normal /= np.hypot(x, y)
+    return LimbCurve(px, normal.T, spacing_px)
 
 
-_TURNED = np.array([[-1.0], [1.0]])
+_TURNED = np.array([-1.0, 1.0])
 
 
 def _cone(nadir: np.ndarray, rho_rad: float) -> np.ndarray:
-    """Rows (3, 3): a cone's axis and the two vectors that turn about it, so long that together they
+    """Columns (3, 3): a cone's axis and two vectors that turn about it, so long that together they
     are its rays.
 
     Azimuth zero is where the limb comes nearest to the optical axis.
@@ -101,15 +104,16 @@ def _cone(nadir: np.ndarray, rho_rad: float) -> np.ndarray:
     a, b, c = size * a, size * b, size * c
     return np.array(
         [
-            [along * x, along * y, along * z],
-            [a, b, c],
-            [y * c - z * b, z * a - x * c, x * b - y * a],
+            [along * x, a, y * c - z * b],
+            [along * y, b, z * a - x * c],
+            [along * z, c, x * b - y * a],
         ]
     )
 
 
 def _within(camera: Camera, px: np.ndarray) -> np.ndarray:
     """Whether pixels (N, 2) lie between the centres of the frame's outermost; not where NaN."""
-    x, y = px.T
+    half = np.array([[camera.width - 1.0], [camera.height - 1.0]]) * 0.5
     with np.errstate(invalid="ignore"):
-        return (x >= 0) & (x <= camera.width - 1) & (y >= 0) & (y <= camera.height - 1)
+        inside = np.abs(px.T - half) <= half
+    return np.asarray(inside[0] & inside[1])

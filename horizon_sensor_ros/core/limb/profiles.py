@@ -121,16 +121,18 @@ def pixel_phase(curve: LimbCurve, factor: int = 1) -> np.ndarray:
     the reduced image; cosine and sine of the place between two rows or columns of it, whichever run
     rather with the limb. Along a limb that runs with them all of it is the same for long stretches.
     """
-    centre = curve.px if factor == 1 else (curve.px + 0.5) / factor - 0.5
-    normal = curve.normal_px
-    out = np.empty((3, len(curve))).T
+    centre = (curve.px if factor == 1 else (curve.px + 0.5) / factor - 0.5).T
+    normal = curve.normal_px.T
+    out = np.empty((3, len(curve)))
     at = np.add(centre, _NEAR_EDGE_PX[:, None, None] * normal, dtype=np.float32) * _REMAP_STEPS
-    np.einsum("dni,ni,d->n", np.rint(at) - at, normal, _NEAR_EDGE_SHARES, out=out[:, 0])
-    steep = np.abs(normal[:, 1]) > np.abs(normal[:, 0])
-    angle = (2.0 * np.pi) * np.where(steep, centre[:, 1], centre[:, 0])
-    np.cos(angle, out=out[:, 1])
-    np.sin(angle, out=out[:, 2])
-    return out
+    off = (_NEAR_EDGE_SHARES @ (np.rint(at) - at).reshape(len(at), -1)).reshape(normal.shape)
+    off *= normal
+    np.add(*off, out=out[0])
+    across = np.where(np.abs(normal[1]) > np.abs(normal[0]), centre[1], centre[0])
+    angle = ((2.0 * np.pi) * (across - np.rint(across))).astype(np.float32)
+    np.cos(angle, out=out[1])
+    np.sin(angle, out=out[2])
+    return out.T
 
 
 @dataclass(frozen=True, eq=False)
