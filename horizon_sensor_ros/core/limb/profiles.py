@@ -127,7 +127,7 @@ def pixel_phase(curve: LimbCurve, factor: int = 1) -> np.ndarray:
     at = np.add(centre, _NEAR_EDGE_PX[:, None, None] * normal, dtype=np.float32) * _REMAP_STEPS
     off = (_NEAR_EDGE_SHARES @ (np.rint(at) - at).reshape(len(at), -1)).reshape(normal.shape)
     off *= normal
-    np.add(*off, out=out[0])
+    np.add(off[0], off[1], out=out[0])
     across = np.where(np.abs(normal[1]) > np.abs(normal[0]), centre[1], centre[0])
     angle = ((2.0 * np.pi) * (across - np.rint(across))).astype(np.float32)
     np.cos(angle, out=out[1])
