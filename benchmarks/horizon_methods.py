@@ -1,4 +1,4 @@
-"""All methods over the sets A and B and over pairs of perpendicular cameras."""
+"""All methods over the sets A to D and over pairs of perpendicular cameras."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, Horizon
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import Imaging
 from horizon_sensor_ros.sim.frame_truth import FrameTruth
-from horizon_sensor_ros.sim.scene_sets import SceneCase, set_a, set_b, set_c, two_camera_set
+from horizon_sensor_ros.sim.scene_sets import SceneCase, set_a, set_b, set_c, set_d, two_camera_set
 
 # Percent of errors within one, two, three sigma, for two degrees of freedom.
 NORMAL_SHARES = " ".join(f"{100.0 * (1.0 - np.exp(-0.5 * k * k)):.0f}" for k in (1, 2, 3))
@@ -267,17 +267,19 @@ NOTES = (
     "Sets: sphere, altitude 300-6000 km (log-uniform), field of view 40-80 deg, 400 x 400 to 1024 "
     "x 1024, any roll. A: uniform planet, noise 2 DN; B: clouds of the contrast at which the "
     "published figures of plain fits are met, noise 4 DN; C: clouds of full contrast, 50 to 250 DN "
-    "right up to the limb; two cameras: as B, axes perpendicular.",
+    "right up to the limb; D: brightness that changes gently over the ground, by 30 % (one sigma), "
+    "noise 4 DN; two cameras: as B, axes perpendicular.",
 )
 
 
 def run(options: Options) -> list[Table]:
-    """Sets A, B and C for one camera, and half as many pairs as in B."""
+    """Sets A to D for one camera, and half as many pairs as in B."""
     n, pairs, seed = options.frames, max(1, options.frames // 2), options.seed
     tables = [
         compare("Set A", set_a(n, seed), n, ONE_CAMERA, 2.0, BARS_A),
         compare("Set B", set_b(n, seed), n, ONE_CAMERA, 4.0, BARS_B),
         compare("Set C", set_c(n, seed), n, ONE_CAMERA, 4.0, Bars()),
+        compare("Set D", set_d(n, seed), n, ONE_CAMERA, 4.0, Bars()),
         compare("Two cameras", two_camera_set(pairs, seed), pairs, TWO_CAMERAS, 4.0, BARS_TWO),
     ]
     last = tables[-1]

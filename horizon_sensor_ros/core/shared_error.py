@@ -19,6 +19,7 @@ from horizon_sensor_ros.core.symmetric3 import inverse
 
 _STRETCHES = 6
 _MEDIAN_VARIANCE = np.pi / 2.0  # of a median of normal errors, over that of their mean
+_SURE = 2.0  # times the points' own variance: what chance makes of it
 
 
 def with_shared_error(
@@ -63,7 +64,7 @@ def _coherent_covariance(
         # seems: the fit has bent to them.
         freedom = max(1.0 - 3.0 / (_STRETCHES * len(fit.cameras)), 0.25)
         own2 = _MEDIAN_VARIANCE * median(rays.sigma_px) ** 2 * _STRETCHES / len(rays)
-        bend2 = max(bend_px(fit, rays) ** 2 / freedom - own2, 0.0)
+        bend2 = max(bend_px(fit, rays) ** 2 / freedom - _SURE * own2, 0.0)
         coherent_px = max(claimed_px, np.sqrt(bend2))
         rows = rays.design(fit.nadir_base, basis) / rays.angles(fit.nadir_base)[1][:, None]
         weight = _STRETCHES / (len(rays) * coherent_px**2)

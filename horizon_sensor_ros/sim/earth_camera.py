@@ -26,6 +26,7 @@ from horizon_sensor_ros.sim.frame_truth import (
 )
 from horizon_sensor_ros.sim.recording import digitise, expose, occlusion
 from horizon_sensor_ros.sim.sky import add_flare, add_moon, add_stars, add_sun
+from horizon_sensor_ros.sim.smooth_texture import smooth_field
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -33,6 +34,7 @@ Image = NDArray[np.float32]
 
 _SUBPIXELS = 8
 _TWILIGHT = 0.02  # half-width of the terminator in the cosine of the Sun's zenith angle
+_DARKEST_GROUND = 0.08  # of smooth ground, over its mean brightness
 _FAINTEST_AIR = 12.0  # scale heights up to which the air's glow is drawn
 _STEP_INSIDE_PX, _STEP_OUTSIDE_PX = 2.5, 4.0  # where the brightness step at the limb is measured
 
@@ -103,6 +105,10 @@ class _World:
             if scene.cloud_contrast != 1.0:
                 middle = np.float32(scene.uniform_dn)
                 light = middle + np.float32(scene.cloud_contrast) * (light - middle)
+        elif scene.texture == "smooth":
+            field = smooth_field(points, scene.texture_seed)
+            light = np.float32(scene.uniform_dn) * (1.0 + np.float32(scene.smooth_contrast) * field)
+            light = np.maximum(light, np.float32(_DARKEST_GROUND * scene.uniform_dn))
         else:
             light = np.full(len(points), scene.uniform_dn, np.float32)
         if self.lamp is not None:

@@ -15,7 +15,7 @@ from horizon_sensor_ros.core.planet import Planet
 
 Vector3 = tuple[float, float, float]
 
-TEXTURES = ("uniform", "clouds")
+TEXTURES = ("uniform", "clouds", "smooth")
 
 
 def unit_vector(vector: Sequence[float] | np.ndarray) -> Vector3:
@@ -35,11 +35,12 @@ class EarthScene:
 
     texture: str = "uniform"  # one of TEXTURES
     texture_seed: int = 0
-    uniform_dn: float = 195.0  # the planet's brightness where texture is "uniform"
+    uniform_dn: float = 195.0  # brightness of a "uniform" planet, mean brightness of a "smooth" one
     ground_dn: float = 50.0
     cloud_dn: float = 250.0
     cloud_cover: float = 0.5  # 0..1, share of the surface that is clouded
     cloud_contrast: float = 1.0  # of clouds and ground about uniform_dn; 0: a uniform planet
+    smooth_contrast: float = 0.3  # of a "smooth" planet, one sigma over uniform_dn
 
     sun_direction: Vector3 | None = None  # None: the whole planet is evenly lit
     even_light: bool = False  # the Sun is in the sky, but the planet is lit evenly all the same

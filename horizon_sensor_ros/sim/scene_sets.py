@@ -1,7 +1,8 @@
-"""Random sets of frames for benchmarks: A (uniform planet), B and C (clouds), B for two cameras.
+"""Random sets of frames for benchmarks: A (uniform planet), B and C (clouds), D (smooth ground), B
+for two cameras.
 
 All sets: sphere, altitude 300 to 6000 km (log-uniform), field of view 40 to 80 deg, 400 x 400 to
-1024 x 1024 pixels, any roll, PSF sigma 0.7 px. Set A: noise 2 DN. Sets B and C: noise 4 DN. The
+1024 x 1024 pixels, any roll, PSF sigma 0.7 px. Set A: noise 2 DN. Sets B, C and D: noise 4 DN. The
 cameras are aimed so that the limb crosses the frame well. Frame i of a seed is the same whatever n
 is.
 """
@@ -58,6 +59,11 @@ def set_c(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
     )
 
 
+def set_d(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
+    """Draw n frames as in set B of ground whose brightness changes gently, by 30 % (one sigma)."""
+    return (_one_camera("d", i, seed, _smooth(seed, i), Imaging(noise_dn=4.0)) for i in range(n))
+
+
 def two_camera_set(n: int = 200, seed: int = 0, planet: Planet = _SPHERE) -> Iterator[SceneCase]:
     """Draw n pairs as in set B, axes perpendicular; the base frame is camera 1's optical one.
 
@@ -90,6 +96,11 @@ def _clouds(seed: int, i: int, contrast: float = _SET_B_CONTRAST) -> EarthScene:
         cloud_cover=float(rng.uniform(0.35, 0.75)),
         cloud_contrast=contrast,
     )
+
+
+def _smooth(seed: int, i: int) -> EarthScene:
+    rng = np.random.default_rng([seed, i, 0xD])
+    return EarthScene(texture="smooth", texture_seed=int(rng.integers(2**31)))
 
 
 def _distance(rng: np.random.Generator) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from horizon_sensor_ros.sim.hard_scenes import KINDS, HardScene, hard_scenes
-from horizon_sensor_ros.sim.scene_sets import SceneCase, set_a, set_b, set_c, two_camera_set
+from horizon_sensor_ros.sim.scene_sets import SceneCase, set_a, set_b, set_c, set_d, two_camera_set
 
 
 @pytest.fixture(scope="module")
@@ -12,7 +12,7 @@ def every_kind() -> list[HardScene]:
     return list(hard_scenes(len(KINDS), seed=5))
 
 
-@pytest.mark.parametrize("draw", [set_a, set_b])
+@pytest.mark.parametrize("draw", [set_a, set_b, set_d])
 def test_single_camera_sets_keep_their_definition(draw) -> None:
     cases: list[SceneCase] = list(draw(8, seed=2))
     for case in cases:
@@ -31,7 +31,8 @@ def test_single_camera_sets_keep_their_definition(draw) -> None:
 
 
 def test_noise_and_texture_of_the_sets() -> None:
-    for draw, noise, least in ((set_a, 2.0, 1.8), (set_b, 4.0, 8.0), (set_c, 4.0, 40.0)):
+    least_of = ((set_a, 2.0, 1.8), (set_b, 4.0, 8.0), (set_c, 4.0, 40.0), (set_d, 4.0, 20.0))
+    for draw, noise, least in least_of:
         (case,) = draw(1, seed=3)
         frame = case.frames[0]
         camera, image = case.views[0].camera, frame.image.astype(float)

@@ -8,6 +8,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.edge_model import EdgeLook
 from horizon_sensor_ros.core.limb.kriging import KrigedEdges, Stretches, krige_edges
+from horizon_sensor_ros.core.limb.points import SharedError
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces
 from horizon_sensor_ros.core.limb.sample import LimbSample
 
@@ -30,23 +31,23 @@ class KrigedLimb:
         self._stretches = sample.stretches(look.psf_px, rho_rad)
         self.base = self._stretches.base
 
-    def about_prediction(self, good: np.ndarray) -> tuple[EdgePlaces | None, float]:
-        """Places of the edges about the predicted limb, and the sigma that parts of it share; None
-        where the limb lies too far from it.
+    def about_prediction(self, good: np.ndarray) -> tuple[EdgePlaces | None, SharedError]:
+        """Places of the edges about the predicted limb, and their shared error; None where the limb
+        lies too far from it.
 
         good : (M,) profiles that show an edge; the others come back as at the border.
         """
         found, shift = self._kriged(self._sample, self._stretches, good)
         if np.abs(self.base @ found.limb).max() > _OFF_PX:
-            return None, 0.0
-        return _places(found, shift, self._stretches, good), found.shared_px
+            return None, found.shared
+        return _places(found, shift, self._stretches, good), found.shared
 
-    def about(self, limb: np.ndarray, good: np.ndarray) -> tuple[EdgePlaces, float]:
+    def about(self, limb: np.ndarray, good: np.ndarray) -> tuple[EdgePlaces, SharedError]:
         """The same about a limb that is moved from the predicted one by (3,), wherever it lies."""
         sample = self._sample.moved(limb)
         stretches = sample.stretches(self._look.psf_px, self._rho_rad)
         found, shift = self._kriged(sample, stretches, good)
-        return _places(found, shift + self.base @ limb, stretches, good), found.shared_px
+        return _places(found, shift + self.base @ limb, stretches, good), found.shared
 
     @staticmethod
     def _kriged(

@@ -5,10 +5,10 @@ Stretches of limb are taken together with their neighbours: the brightness insid
     I_i(d) = background + level F(d) + e_i step_i F'(d) + a_i T_i(d) + noise
 
 to first order in the edge's distance e_i from a predicted place; T is a Gaussian process over the
-ground, of one correlation length everywhere, seen at grazing incidence: a pixel across the limb
-spans many times the ground that one along it does. Solved for e_i with level and background free,
-this is kriging. The strength a_i of the texture is what makes the stretch and those nearby
-most likely, once the edges are on one limb: an edge that texture has moved off it counts as
+ground, seen at grazing incidence: a pixel across the limb spans many times the ground that one
+along it does. Solved for e_i with level and background free, this is kriging. The texture's kind,
+rough as cloud edges or smooth, and its strength a_i are those that make the stretch and those
+nearby most likely, once the edges are on one limb: an edge that texture has moved off it counts as
 textured, which its own profile cannot tell.
 Source: derived here; for Gaussian processes with unknown means see Rasmussen & Williams 2006, 2.7.
 """
@@ -21,25 +21,25 @@ from functools import lru_cache
 
 import numpy as np
 
+from horizon_sensor_ros.core.limb import ground_texture
 from horizon_sensor_ros.core.limb.edge_model import MAX_LEVEL, normal_cdf
+from horizon_sensor_ros.core.limb.points import SharedError
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.symmetric3 import solve
 
 _INNER_PX, _OUTER_PX = 4.0, 5.0  # the part of a profile that is used
 _BESIDE_PX = (-2.0, -1.0)  # where the planet beside the edge is seen
 _SPACE_PX = 2.5  # from where on space is
-_STRENGTHS = np.array([0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0])  # over the noise
-# Of texture, over the planet's radius: its correlation length, and along how much limb its strength
-# is the same.
-_LENGTH, _WINDOW = 0.06, 0.03
+_WINDOW = 0.03  # over the planet's radius; along so much limb the texture is the same
 _LEAST_WINDOW = 0.7  # stretches
-_ANYWHERE = 0.05  # what a stretch elsewhere says about the strength, over what a near one does
-_MOST_EVIDENCE = 8.0  # of one stretch, for one strength over another
+_ANYWHERE = 0.1  # what a stretch elsewhere says about the texture, over what a near one does
+_MOST_EVIDENCE = 8.0  # of one stretch, for one texture over another
 _LEVEL_SIGMA = 30.0  # over the noise; of a stretch's brightness about that of three
-_NO_TEXTURE = 3.0  # log odds beforehand of a limb without texture, to one of a given strength
+_NO_TEXTURE = 5.0  # log odds beforehand of a limb without texture, to any one texture
+_LAG = 0.06  # over the planet's radius; brightness is compared along so much limb
+_STEP_VARIANCE = 0.5  # over that of a pixel of a profile: two of them are beside the edge
 _NODES = 40  # of the integral over the blur, in the root of the depth
-_SHARED = 0.75  # correlation of the errors that texture makes, over that of the texture
-_CLEAN = 1.5  # variance over that without texture, up to which there may be none
+_SHARED = 1.1  # what neighbours share of texture's error, over what the texture's covariance says
 _PARTS = 6  # of the limb, between which nothing is shared
 _FAR_OFF = 6.0  # times the median distance, from which on an edge is not the limb's
 _BLUR_SIGMA_PX = 0.03  # how well it is known beforehand
@@ -72,17 +72,18 @@ class Stretches:
 
 @dataclass(frozen=True)
 class _Tables:
-    """For each of S strengths of texture over the noise, and profiles over it.
+    """For each of S textures, and profiles over the noise.
 
     weights (3 J, 2 S) : of a profile with its two neighbours, for ``e step`` and for ``w step``
-    where w is what the blur lacks; sigma, widening_sigma (S,) : of these. lean (S,) : by which w
-    moves e. residual (J, S J) : whitened residual projectors of one profile whose edge is known;
-    log_det (S,). slope, widening (J,) : derivatives of a unit step by e and w; rise : what there is
-    of it beside the edge.
+    where w is what the blur lacks; sigma, widening_sigma (S,) : of these. textured (S,) : the part
+    of sigma that is the texture's. lean (S,) : by which w moves e. residual (J, S J) : whitened
+    residual projectors of one profile whose edge is known; log_det (S,). slope, widening (J,) :
+    derivatives of a unit step by e and w; rise : what there is of it beside the edge.
     """
 
     weights: np.ndarray
     sigma: np.ndarray
+    textured: np.ndarray
     widening_sigma: np.ndarray
     lean: np.ndarray
     residual: np.ndarray
@@ -97,8 +98,8 @@ class KrigedEdges:
     """Places (N,) of the edge along the normals from the predicted ones and their sigmas, pixels.
 
     limb (3,) : unknowns of the limb that fits them. misfit (N,) : cost over the degrees of freedom.
-    step (N,) : gray levels from space to the planet beside the limb. shared_px : sigma that a sixth
-    of the limb has in common by its texture.
+    step (N,) : gray levels from space to the planet beside the limb. shared : of texture's error,
+    what a sixth of the limb has in common, and what the whole of it has.
     """
 
     offset_px: np.ndarray
@@ -106,7 +107,7 @@ class KrigedEdges:
     limb: np.ndarray
     misfit: np.ndarray
     step: np.ndarray
-    shared_px: float
+    shared: SharedError
 
 
 def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> KrigedEdges:
@@ -140,7 +141,7 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     over_step = noise / step
     solved = _with_neighbours(scaled, good) @ tables.weights
     solved *= over_step[:, None]
-    places, wider = solved[:, : len(_STRENGTHS)], solved[:, len(_STRENGTHS) :]
+    places, wider = solved[:, : ground_texture.NUM], solved[:, ground_texture.NUM :]
     variance = np.square(tables.sigma * over_step[:, None])
     wider_information = np.square((good / over_step)[:, None] / tables.widening_sigma)
     # Stretches of the same phase have the same error, and count as one.
@@ -151,7 +152,7 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     # What the pixels' phase does to a profile is not texture.
     nearby = _nearness(len(good), max(_LEAST_WINDOW, _WINDOW / ground)) + _ANYWHERE
     nearby *= good * np.maximum(1.0 - _PHASE_WEIGHT * phase, 0.0)
-    k = int(np.abs(_STRENGTHS - _deviation(sure(step)) / noise).argmin())
+    k = ground_texture.likely(_deviation(sure(step)) / noise)
     blur = _common_blur(wider[:, k], wider_information[:, k])
     place = places[:, k] - tables.lean[k] * blur
     limb = fitted_limb(
@@ -159,12 +160,13 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     )
     chi2 = _cost(scaled, stretches.base @ limb / over_step, blur / over_step, tables)
     evidence = -0.5 * (chi2 + tables.log_det)
+    evidence[good] += _level_evidence(sure(step) / noise, ground)
     evidence -= evidence.max(axis=1, keepdims=True)
     evidence = nearby @ np.maximum(evidence, -_MOST_EVIDENCE)
-    evidence[:, 0] += _NO_TEXTURE
+    evidence[:, ground_texture.NONE] += _NO_TEXTURE
     share = np.exp(evidence - evidence.max(axis=1, keepdims=True))
     share /= share.sum(axis=1, keepdims=True)
-    # Averaged over the strengths, as likely as each is.
+    # Averaged over the textures, as likely as each is.
     blur = _common_blur(wider, share * wider_information)
     places -= tables.lean * blur
     place = (share * places).sum(axis=1)
@@ -173,24 +175,45 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     misfit = (share * chi2).sum(axis=1) / (scaled.shape[1] - 3)
     misfit /= 1.0 + np.square((_SHAPE_ERROR + _PHASE_SIGMA_PX * phase) / over_step)
     spread2 += phase2
-    shared_px = _shared_sigma(sure(spread2), sure(variance[:, 0] + phase2), ground)
-    return KrigedEdges(place, np.sqrt(spread2), limb, misfit, step, shared_px)
+    # What weighs less moves the limb less.
+    weight = good / spread2
+    textured = (weight * np.square(over_step)) @ share * np.square(tables.textured) / weight.sum()
+    shared = _shared_error(textured, int(np.count_nonzero(good)), ground)
+    return KrigedEdges(place, np.sqrt(spread2), limb, misfit, step, shared)
 
 
-def _shared_sigma(variance: np.ndarray, clean: np.ndarray, ground: float) -> float:
-    """Sigma that a sixth of the limb shares: of what texture adds to variances (N,), so much as
-    its errors are alike. clean (N,) : those without. ground : length of a stretch.
+def _level_evidence(step: np.ndarray, ground: float) -> np.ndarray:
+    """Log likelihood (N, S) of each texture by how brightness changes along the limb.
+
+    step : (N,) over the noise, of stretches of a length of ``ground``.
     """
-    count = len(variance)
-    inverse, clean_inverse = (float((1.0 / of).sum()) / count for of in (variance, clean))
-    texture2 = max(1.0 / inverse - _CLEAN / clean_inverse, 0.0)
-    if texture2 == 0.0:
-        return 0.0
-    part = max(1, count // _PARTS)
-    # The mean of exp(-|i - j|) over pairs of stretches, as many as there are of each distance.
-    away = np.arange(1, part)
-    pairs = 2.0 * float((part - away) @ np.exp(away * (-ground / _LENGTH)))
-    return _SHARED * math.sqrt((part + pairs) / part**2 * texture2)
+    lag = min(max(1, round(_LAG / ground)), len(step) - 1)
+    change2 = 0.5 * np.square(step[lag:] - step[:-lag])
+    index = np.arange(len(step))
+    ahead, behind = np.minimum(index, len(change2) - 1), np.maximum(index - lag, 0)
+    change2 = 0.5 * (change2[ahead] + change2[behind])
+    expected = _STEP_VARIANCE + ground_texture.variogram(lag * ground)
+    # Changes over stretches in common are one.
+    return -0.5 * (change2[:, None] / expected + np.log(expected)) / lag
+
+
+def _shared_error(variance: np.ndarray, count: int, ground: float) -> SharedError:
+    """What edges have in common: so much of each texture's variance (S,) as it is alike.
+
+    count : stretches of limb, of a length of ``ground``.
+    """
+    part, whole = (
+        _SHARED * math.sqrt(float(variance @ _alike(max(1, number), ground)))
+        for number in (round(count / _PARTS), count)
+    )
+    return SharedError(part, whole)
+
+
+def _alike(count: int, ground: float) -> np.ndarray:
+    """Mean correlation (S,) of each texture over all pairs of so many stretches."""
+    away = np.arange(count)
+    pairs = np.where(away > 0, 2.0, 1.0) * (count - away) / count**2
+    return ground_texture.correlation(away * ground) @ pairs
 
 
 def _common_blur(wider: np.ndarray, information: np.ndarray) -> float:
@@ -218,7 +241,7 @@ def _distances2(count: int) -> np.ndarray:
 
 
 def _cost(scaled: np.ndarray, edge: np.ndarray, blur: np.ndarray, tables: _Tables) -> np.ndarray:
-    """Cost (N, S) of each strength for profiles whose edge and blur (N,), in their steps over the
+    """Cost (N, S) of each texture for profiles whose edge and blur (N,), in their steps over the
     noise, are known.
     """
     known = scaled - edge[:, None] * tables.slope - blur[:, None] * tables.widening
@@ -281,13 +304,10 @@ def _tables(
     spacing = np.sqrt(4.0 * psf_px - x_px[0]) / _NODES
     root = (np.arange(_NODES) + 0.5) * spacing
     # Ground distance along the sight grows with the root of the depth below the limb.
-    ground = root * (np.sqrt(2.0 * px_over_radius) / _LENGTH)
-    across = np.exp(-np.abs(ground[:, None] - ground))
+    across = root * np.sqrt(2.0 * px_over_radius)
     blur = _normal_law((x_px[:, None] + root * root) / psf_px) / psf_px * (2.0 * spacing * root)
-    texture = blur @ across @ blur.T
-    index = np.arange(3)
-    along = np.exp(-np.abs(index[:, None] - index) * (length_px * px_over_radius / _LENGTH))
-    strength2 = (_STRENGTHS**2)[:, None, None]
+    along = np.arange(3) * (length_px * px_over_radius)
+    texture, together = ground_texture.covariances(blur, across, along)
     slope = _normal_law(x_px / psf_px) / psf_px
     widening = slope * (x_px / psf_px)
     free = np.stack([normal_cdf(-x_px / psf_px), np.ones(num)], axis=1)
@@ -295,14 +315,14 @@ def _tables(
     design = np.column_stack([design, np.tile(widening, 3)])
     # Light may change from stretch to stretch even where there is no texture.
     own_level = _LEVEL_SIGMA**2 * np.kron(np.eye(3), np.outer(free[:, 0], free[:, 0]))
-    cov = strength2 * np.kron(along, texture) + own_level + np.eye(3 * num)
+    cov = together + own_level + np.eye(3 * num)
     weighted = np.linalg.solve(cov, design[None])
     information = np.swapaxes(weighted, 1, 2) @ design
     # The edge's place for a known blur, and the blur.
     known = np.linalg.inv(information[:, :-1, :-1])
     weights = np.einsum("sk,sjk->sj", known[:, 1], weighted[..., :-1])
     whole = np.linalg.inv(information)
-    lower = np.linalg.cholesky(strength2 * texture + np.eye(num))
+    lower = np.linalg.cholesky(texture + np.eye(num))
     whiten = np.linalg.inv(lower)
     q, r = np.linalg.qr(whiten @ free)
     diagonals = np.diagonal(lower, axis1=1, axis2=2), np.diagonal(r, axis1=1, axis2=2)
@@ -310,6 +330,7 @@ def _tables(
     return _Tables(
         np.concatenate([weights, np.einsum("sk,sjk->sj", whole[:, -1], weighted)]).T.copy(),
         np.sqrt(known[:, 1, 1]),
+        np.sqrt(np.einsum("sj,sjk,sk->s", weights, together, weights)),
         np.sqrt(whole[:, -1, -1]),
         weights @ design[:, -1],
         residual.reshape(-1, num).T.copy(),

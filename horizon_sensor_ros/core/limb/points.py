@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,13 @@ from horizon_sensor_ros.core.status import Status
 
 def _empty(columns: int) -> np.ndarray:
     return np.empty((0, columns))
+
+
+class SharedError(NamedTuple):
+    """Sigmas of what points of a limb are off by together: of a stretch of it, and of the whole."""
+
+    coherent_px: float
+    shift_px: float
 
 
 @dataclass(frozen=True)

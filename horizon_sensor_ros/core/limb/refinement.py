@@ -18,7 +18,7 @@ from horizon_sensor_ros.core.limb.edge_model import (
 from horizon_sensor_ros.core.limb.glow_contour import contour_limb
 from horizon_sensor_ros.core.limb.kriged_limb import KrigedLimb
 from horizon_sensor_ros.core.limb.kriging import fitted_limb
-from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.limb.points import LimbPoints, SharedError
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, mean_profile, scatter_px
 from horizon_sensor_ros.core.limb.sample import (
     LEAST_SIGNIFICANCE,
@@ -49,8 +49,7 @@ _COHERENT_PX = {
     (True, False): 0.2,
     (True, True): 0.4,
 }
-# Error of a camera's whole limb, over that of its stretches: where air glows, and beside texture.
-_SHIFT, _TEXTURE_SHIFT = 1.5, 0.5
+_SHIFT = 1.5  # error of a camera's whole limb, over that of its stretches, where air glows
 # Brightness left 2.5 px outside the edge, over the step, from which air glow is taken to be there.
 _GLOW_SHARE = 0.04
 _USUAL_PSF_PX = (
@@ -87,7 +86,7 @@ def refine_limb(
     places = steepest = steepest_fall(profiles, noise, grid)
     good = _believable(places)
     model_free = True
-    shared_px = 0.0
+    shared = SharedError(0.0, 0.0)
     if looks and np.count_nonzero(good) >= MIN_PROFILES:
         if len(looks) > 1:
             looks = (likeliest_look(profiles[good], noise, looks, grid),)
@@ -95,7 +94,7 @@ def refine_limb(
         kriged = KrigedLimb(sample, looks[0], rho_rad)
         kriging = sharp and _to_be_kriged(looks[0], places.step[good])
         if kriging and not step.expected:
-            near, shared_px = kriged.about_prediction(good)
+            near, shared = kriged.about_prediction(good)
         likely = place_edges(profiles, noise, looks[0], grid) if near is None else near
         fits = _believable(likely)
         # A model that most of the edges do not follow, that makes them jump about, or that without
@@ -110,7 +109,7 @@ def refine_limb(
             places, good, model_free = likely, fits, False
             if kriging and near is None:
                 limb = fitted_limb(kriged.base[good], places.offset_px[good], places.sigma_px[good])
-                places, shared_px = kriged.about(limb, good)
+                places, shared = kriged.about(limb, good)
                 good = _believable(places)
     num_good = int(np.count_nonzero(good))
     if num_good < MIN_PROFILES:
@@ -125,7 +124,8 @@ def refine_limb(
     if step.guess and not given:
         looks = guess_looks(profiles, grid.d_px, places)
     glows = any(look.glow_px > 0 for look in looks)
-    coherent = _COHERENT_PX[(glows, model_free)] if glows or model_free else shared_px
+    modelled = not glows and not model_free
+    coherent = shared.coherent_px if modelled else _COHERENT_PX[(glows, model_free)]
     if model_free and not glows:
         coherent = min(coherent, scatter_px(places.offset_px))
     if glows and not model_free and len(apart) >= MIN_PROFILES:
@@ -136,16 +136,17 @@ def refine_limb(
         along = sample.bundles.middle[good]
         pixel_rad = _pixel_rad(view, px, normal_px)
         # Edges without a model lie the farther out, the darker the ground.
-        shared = {"shared_px": coherent} if model_free else {}
+        alike = {"shared_px": coherent} if model_free else {}
         contour = contour_limb(
-            profiles, grid.d_px, places, noise, along, normal_px, pixel_rad, **shared
+            profiles, grid.d_px, places, noise, along, normal_px, pixel_rad, **alike
         )
         if contour is not None:
             coherent = contour.coherent_px
             places = contour.places(places)
             px, normal_px = px[contour.keep], normal_px[contour.keep]
-    shift = (_SHIFT if glows or model_free else _TEXTURE_SHIFT) * coherent
-    points = _points(sample, px, normal_px, places, coherent, shift, jumps_px)
+    if not modelled:
+        shared = SharedError(coherent, _SHIFT * coherent)
+    points = _points(sample, px, normal_px, places, shared, jumps_px)
     return points, () if given and model_free else tuple(looks)
 
 
@@ -157,7 +158,7 @@ def _as_expected(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoin
     step, good = sample.steps()
     if np.count_nonzero(good) < MIN_PROFILES or not _to_be_kriged(look, step[good]):
         return None
-    places, shared_px = KrigedLimb(sample, look, rho_rad).about_prediction(good)
+    places, shared = KrigedLimb(sample, look, rho_rad).about_prediction(good)
     if places is None:
         return None
     fits = _believable(places)
@@ -170,8 +171,7 @@ def _as_expected(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoin
     jumps_px = scatter_px(places.offset_px)
     if not jumps_px < _CALM_PX:
         return None
-    shift = _TEXTURE_SHIFT * shared_px
-    return _points(sample, px, normal_px, places, shared_px, shift, jumps_px)
+    return _points(sample, px, normal_px, places, shared, jumps_px)
 
 
 def _points(
@@ -179,8 +179,7 @@ def _points(
     px: np.ndarray,
     normal_px: np.ndarray,
     places: EdgePlaces,
-    coherent: float,
-    shift: float,
+    shared: SharedError,
     jumps_px: float,
 ) -> LimbPoints:
     """Limb points (N,) in the full image, of edges near px (N, 2); the rest in pixels of the
@@ -193,8 +192,8 @@ def _points(
         px + (places.offset_px * factor)[:, None] * normal_px,
         normal_px,
         places.sigma_px * factor,
-        coherent * factor,
-        shift * factor,
+        shared.coherent_px * factor,
+        shared.shift_px * factor,
         sample.stretch_px * factor,
         jumps_px * factor,
         sample.curve,

@@ -1,0 +1,65 @@
+"""What brightness may do over the ground beside the limb: textures of two kinds, in strengths.
+
+Gaussian processes over distance along the ground, in planet radii; a texture is one of `NUM`, the
+rough ones first, and among these none at all. Strengths are one sigma, over an image's noise.
+Source: Rasmussen & Williams 2006, 4.2 (exponential and Matern 3/2 covariance).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+NONE = 0
+_ROUGH = np.array([0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0])
+_SMOOTH = np.array([3.0, 10.0, 30.0, 100.0])
+_ROUGH_LENGTH, _SMOOTH_LENGTH = 0.06, 0.2
+NUM = len(_ROUGH) + len(_SMOOTH)
+
+
+def likely(strength: float) -> int:
+    """The rough texture that comes nearest to a strength."""
+    return int(np.abs(_ROUGH - strength).argmin())
+
+
+def variogram(apart: float) -> np.ndarray:
+    """Half the mean squares (NUM,) of the textures' changes over a distance."""
+    return _of_kinds(1.0 - _rough(np.array(apart)), 1.0 - _smooth(np.array(apart)))
+
+
+def correlation(apart: np.ndarray) -> np.ndarray:
+    """Of the textures (NUM, N) over distances (N,)."""
+    kinds = np.stack([_rough(apart), _smooth(apart)])
+    return kinds.repeat([len(_ROUGH), len(_SMOOTH)], axis=0)
+
+
+def covariances(
+    blur: np.ndarray, across: np.ndarray, along: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Covariances (NUM, J, J) of the textures in a blurred profile across the limb, and of several
+    profiles' together (NUM, K J, K J).
+
+    blur : (J, M) by which a profile sees the ground at the distances across (M,) from the limb.
+    along : (K,) where the profiles lie along it. The two directions are taken apart.
+    """
+    across, along = across[:, None] - across, along[:, None] - along
+    rough, smooth = (blur @ kind(across) @ blur.T for kind in (_rough, _smooth))
+    together = np.kron(_rough(along), rough), np.kron(_smooth(along), smooth)
+    return _of_kinds(rough, smooth), _of_kinds(*together)
+
+
+def _of_kinds(rough: np.ndarray, smooth: np.ndarray) -> np.ndarray:
+    """What is given for strength one, for all textures."""
+    return np.concatenate(
+        [np.multiply.outer(_ROUGH**2, rough), np.multiply.outer(_SMOOTH**2, smooth)]
+    )
+
+
+def _rough(apart: np.ndarray) -> np.ndarray:
+    """Correlation of texture with edges, as of clouds."""
+    return np.asarray(np.exp(-np.abs(apart) / _ROUGH_LENGTH))
+
+
+def _smooth(apart: np.ndarray) -> np.ndarray:
+    """Correlation of texture without any."""
+    scaled = np.sqrt(3.0) * np.abs(apart) / _SMOOTH_LENGTH
+    return np.asarray((1.0 + scaled) * np.exp(-scaled))
