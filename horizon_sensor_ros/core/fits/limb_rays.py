@@ -27,7 +27,8 @@ class LimbRays:
     rays_base : (N, 3) unit. outward_base : (N, 3) step of the ray, towards space and straight away
     from the limb, that moves its image one pixel along the limb normal; radians per pixel.
     sigma_px : (N,) along that normal. camera : (N,) index into cameras, the names. num_points :
-    before unusable ones (not finite, or without a ray) were dropped.
+    before unusable ones (not finite, or without a ray) were dropped. ordered : the points are known
+    to come camera by camera, and along the limb.
     """
 
     rays_base: np.ndarray
@@ -36,6 +37,7 @@ class LimbRays:
     camera: np.ndarray
     cameras: tuple[str, ...]
     num_points: int
+    ordered: bool = False
 
     def __len__(self) -> int:
         return len(self.rays_base)
@@ -92,6 +94,8 @@ class LimbRays:
 
     def along_limb(self, nadir_base: np.ndarray) -> np.ndarray:
         """Order (N,) of the points: camera by camera, then along the limb."""
+        if self.ordered:
+            return np.arange(len(self))
         across = self.rays_base @ tangent_basis(nadir_base)
         # Measured from the mean direction, so that the cut at +-pi falls into a gap if there is
         # one.
@@ -117,6 +121,7 @@ def gather(observations: Sequence[LimbObservation]) -> LimbRays:
         np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
         tuple(name for part in parts for name in part.cameras),
         num_points,
+        all(part.ordered for part in parts),
     )
 
 
@@ -140,7 +145,8 @@ def rays_of(view: CameraView, limb: LimbPoints) -> LimbRays:
     outward = outward_per_px(view.camera.pixel_jacobian(rays), normal)
     rot = view.rot_base_from_cam.T
     index = np.zeros(len(rays), dtype=int)
-    return LimbRays(rays @ rot, outward @ rot, sigma, index, (view.name,), len(px))
+    ordered = limb.predicted is not None
+    return LimbRays(rays @ rot, outward @ rot, sigma, index, (view.name,), len(px), ordered)
 
 
 def outward_per_px(jacobian: np.ndarray, normal_px: np.ndarray) -> np.ndarray:

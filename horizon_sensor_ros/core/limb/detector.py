@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
+from horizon_sensor_ros.core.fits.limb_rays import gather
 from horizon_sensor_ros.core.fits.maximum_likelihood import refine
 from horizon_sensor_ros.core.fits.result import LimbObservation
 from horizon_sensor_ros.core.limb.air_layer import ground_under_airglow
@@ -40,7 +39,7 @@ _SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0, guess=False)
 _NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0)
 _GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0)
 _FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0)
-_EXPECTED = replace(_FINAL, expected=True)
+_EXPECTED = replace(_FINAL, expected=True, inner_px=4.0)
 # Where the prediction was off.
 _AGAIN = RefinePass(reach_px=10.0, grid_px=0.5, spacing_px=4.0, guess=False)
 _STRETCHES, _ON_COURSE_PX = 4, 0.6
@@ -91,13 +90,13 @@ class Detection:
             for limb, look in zip(self.limbs, self.looks, strict=True)
         )
 
-    @cached_property
+    @property
     def on_course(self) -> bool:
         """Whether every limb that was seen lies near the cone that it was measured around."""
         return all(
-            _on_course(seen.rays, self.nadir_base, self.rho_rad, _ON_COURSE_PX * factor)
-            for seen, factor in zip(self.observations, self.factors, strict=True)
-            if seen.limb.status is Status.OK
+            _on_course(limb, _ON_COURSE_PX * factor)
+            for limb, factor in zip(self.limbs, self.factors, strict=True)
+            if limb.status is Status.OK
         )
 
 
@@ -260,12 +259,10 @@ def _look(
     return found
 
 
-def _on_course(rays: LimbRays, nadir_base: np.ndarray, rho_rad: float, tolerance_px: float) -> bool:
-    """Whether all stretches of one camera's limb lie near a cone."""
-    if len(rays) < MIN_INLIERS:
-        return False
-    off = rays.residuals_px(nadir_base, rho_rad)[rays.along_limb(nadir_base)]
-    return max(abs(median(part)) for part in stretches(off, _STRETCHES)) < tolerance_px
+def _on_course(limb: LimbPoints, tolerance_px: float) -> bool:
+    """Whether all stretches of one camera's limb lie near where they were looked for."""
+    parts = stretches(limb.offset_px, _STRETCHES)
+    return len(limb.px) >= MIN_INLIERS and max(abs(median(p)) for p in parts) < tolerance_px
 
 
 def canny_limbs(

@@ -76,8 +76,7 @@ def sky_evidence(
         px, normal_px = px[shown], normal_px[shown]
     if len(px) == 0:
         return SkyEvidence(0.0, 0.0, 0.0, np.nan, 0.0, 0.0)
-    sides = px.T[:, None] + (factor * _STEPS_PX)[:, None] * normal_px.T[:, None]
-    sides = np.floor((sides + 0.5) / factor).astype(np.intp)
+    sides = ((px.T + 0.5) / factor)[:, None] + _STEPS_PX[:, None] * normal_px.T[:, None]
     sky = _sky(small, factor, view, nadir_base, rho_rad)
     usable = None if view.mask is None else view.mask.reduced(factor)
     limb_px = curve.spacing_px * len(px)
@@ -103,14 +102,13 @@ def _judged(
 ) -> SkyEvidence:
     """Evidence from an image (h, w) in which empty space has a level.
 
-    sides : (2, S, N) x and y of pixels beside the limb, ground first. sky : (M,) which pixels of
+    sides : (2, S, N) x and y of places beside the limb, in pixels from the image's corner, ground
+    first. sky : (M,) which pixels of
     `_on_grid` lie outside the disc.
     """
-    height, width = small.shape
-    x, y = sides
-    known = (x >= 0) & (y >= 0) & (x < width) & (y < height)
-    if not known.all():
-        x, y = np.where(known, sides, 0)
+    within = (sides >= 0.0) & (sides < np.array(small.shape[::-1])[:, None, None])
+    known = within[0] & within[1]
+    x, y = np.where(known, sides, 0.0).astype(np.intp)
     if usable is not None:
         known &= usable[y, x]
     level = small[y, x] - np.float32(space_level)

@@ -35,6 +35,7 @@ class LimbPoints:
     jumps_px : by how much neighbouring edges differ, one sigma, before any model smooths them;
     infinite where that was not measured.
     predicted : the limb all along which these were looked for; None where it was not drawn.
+    offset_px : (N,) how far outside it these lie, in order along it.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -48,6 +49,7 @@ class LimbPoints:
     spacing_px: float = 1.0
     jumps_px: float = np.inf
     predicted: LimbCurve | None = None
+    offset_px: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def none(cls, status: Status, reason: str) -> LimbPoints:

@@ -186,10 +186,11 @@ def _points(
     sample's.
     """
     factor = sample.factor
+    offset_px = places.offset_px * factor
     return LimbPoints(
         Status.OK,
         "",
-        px + (places.offset_px * factor)[:, None] * normal_px,
+        px + offset_px[:, None] * normal_px,
         normal_px,
         places.sigma_px * factor,
         shared.coherent_px * factor,
@@ -197,6 +198,7 @@ def _points(
         sample.stretch_px * factor,
         jumps_px * factor,
         sample.curve,
+        offset_px,
     )
 
 

@@ -22,8 +22,7 @@ from horizon_sensor_ros.core.status import Status
 
 MIN_PROFILES = 8
 LEAST_SIGNIFICANCE = 5.0  # of an edge: its step over the noise
-_INNER_PX = 6.0  # how far a profile reaches into the planet and into space, beside the search range
-_OUTER_PX = 6.0
+_OUTER_PX = 6.0  # how far a profile reaches into space, beside the search range
 _TAPS_PX = 4.0  # beyond its end that interpolation still looks at
 _LARGE_PX = 1024  # size of a frame up to which every pixel of limb is sampled
 _BUNDLES = 160  # profiles, or means of neighbouring ones, along the limb in a frame
@@ -41,6 +40,7 @@ class RefinePass:
 
     All in pixels of the image, which is reduced by `factor`. guess : say what the edge may look
     like where that was not known. expected : the limb is where it is predicted, as far as is known.
+    inner_px : how far a profile reaches into the planet, beside the search range.
     """
 
     reach_px: float
@@ -49,6 +49,7 @@ class RefinePass:
     factor: int = 1
     guess: bool = True
     expected: bool = False
+    inner_px: float = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +140,8 @@ def sample_limb(
     curve = limb_curve(view, nadir_base, rho_rad, spacing_px=spacing_px * step.factor)
     if len(curve) < MIN_PROFILES:
         return LimbPoints.none(Status.NO_LIMB, "the limb is not in the frame")
-    first = -(step.reach_px + _INNER_PX)
-    num = round(2 * step.reach_px + _INNER_PX + _OUTER_PX) + 1
+    first = -(step.reach_px + step.inner_px)
+    num = round(2 * step.reach_px + step.inner_px + _OUTER_PX) + 1
     grid = ProfileGrid(first, num, step.reach_px, step.grid_px)
     profiles, valid = sample_profiles(gray, curve, grid.d_px, step.factor)
     num_valid = int(np.count_nonzero(valid))
