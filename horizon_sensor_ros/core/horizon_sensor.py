@@ -229,7 +229,8 @@ class HorizonSensor:
         )
         if detection is None:
             return None
-        detection = replace(detection, candidates=track.samples(images))
+        samples = track.samples(images)
+        detection = replace(detection, candidates=samples, layer_rad=track.layer_rad)
         fix, doubtful = self._judge(frames, detection, figure, aiding)
         if doubtful or fix.cameras_used != track.cameras_used or fix.fit.disc is None:
             return None
@@ -326,6 +327,7 @@ class HorizonSensor:
                 fit.nadir_base,
                 fit.rho_rad,
                 limb.predicted,
+                detection.layer_rad,
             )
             found_px = len(limb.px) * limb.spacing_px if self.config.limb == "subpixel" else np.inf
             space_share = candidates.space_level / full_scale(frame.gray)

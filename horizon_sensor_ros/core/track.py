@@ -22,8 +22,9 @@ class Track:
     views, cameras_used : of that set. nadir_base, rho_rad : its disc's cone. last_cone : those of
     the set before, None right after a search. sees : whether each frame's camera saw the limb.
     looks : of its edge, one per frame, empty where no model fits. factors : one per frame, by which
-    it is reduced where the limb is followed. skies : one per frame, level and
-    noise of empty space as the search measured them. age : sets since the search.
+    it is reduced where the limb is followed. skies : one per frame, level and noise of empty space
+    as the search measured them. layer_rad : height of airglow above the limb. age : sets since the
+    search.
     """
 
     views: tuple[CameraView, ...]
@@ -34,6 +35,7 @@ class Track:
     looks: tuple[tuple[EdgeLook, ...], ...]
     factors: tuple[int, ...]
     skies: tuple[LimbCandidates, ...]
+    layer_rad: float
     last_cone: tuple[np.ndarray, float] | None = None
     age: int = 0
 
@@ -56,6 +58,7 @@ class Track:
             detection.looks,
             detection.factors,
             skies,
+            detection.layer_rad,
         )
 
     def continued(self, detection: Detection, fit: HorizonFit) -> Track:

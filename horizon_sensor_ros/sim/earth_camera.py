@@ -130,6 +130,11 @@ class _World:
             )
             glow *= scene.air_dn * scene.air_inside * self._air_light(points)
             light += glow.astype(np.float32)
+        if scene.airglow_dn > 0.0:
+            # The ground hides the far half of the layer.
+            depth = (1.0 - self.distance * np.sqrt(1.0 - sight.cos_nadir**2)) * self.radius_m
+            layer = airglow_layer(-depth, scene.airglow_height_m, scene.airglow_thickness_m)
+            light += (0.5 * scene.airglow_dn * layer).astype(np.float32)
         return light
 
     def sky(self, sight: _Sight) -> Image:

@@ -94,6 +94,8 @@ class Imaging:
     bits: int = 8  # 8: uint8, up to 16: uint16
     vignetting: float = 0.0  # loss of light in the corners, 0..1
     flare_dn: float = 0.0  # ghosts of the Sun mirrored about the image centre
+    stray_dn: float = 0.0  # stray light, evenly brighter from one end of the frame to the other ...
+    stray_angle_rad: float = 0.0  # ... and towards where, from x right to y down
     banding: float = 0.0  # rolling brightness: relative amplitude, over rows
     banding_period_px: float = 80.0
     hot_pixels: int = 0

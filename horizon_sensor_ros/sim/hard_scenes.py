@@ -315,6 +315,22 @@ def _airglow(draft: _Draft, rng: np.random.Generator) -> _Draft:
     )
 
 
+def _moonlit(draft: _Draft, rng: np.random.Generator) -> _Draft:
+    """Long exposures by moonlight: airglow above the limb, lamps, stars, stray light."""
+    shown = _night(draft, rng).show(
+        airglow_dn=float(rng.uniform(20.0, 80.0)),
+        airglow_height_m=float(rng.uniform(85e3, 100e3)),
+        night_light=float(rng.uniform(0.3, 0.7)),
+        city_dn=float(rng.choice([0.0, 300.0])),
+        star_count=10000,
+    )
+    return shown.record(
+        noise_dn=float(rng.uniform(1.0, 2.5)),
+        stray_dn=float(rng.uniform(0.0, 15.0)),
+        stray_angle_rad=float(rng.uniform(-np.pi, np.pi)),
+    )
+
+
 def _hot_pixels(draft: _Draft, rng: np.random.Generator) -> _Draft:
     return draft.record(hot_pixels=int(rng.integers(100, 3000)))
 
@@ -351,6 +367,7 @@ KINDS: dict[str, Callable[[_Draft, np.random.Generator], _Draft]] = {
     "earth": _earth,
     "city": _city,
     "airglow": _airglow,
+    "moonlit": _moonlit,
     "flare": _flare,
     "hot_pixels": _hot_pixels,
     "vignetting": _vignetting,

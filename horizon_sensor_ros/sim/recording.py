@@ -30,7 +30,9 @@ def occlusion(occluders: tuple[Occluder, ...], shape: tuple[int, int]) -> tuple[
 
 
 def expose(light: Image, imaging: Imaging, rng: np.random.Generator) -> Image:
-    """Signal in DN without noise: vignetting, PSF, gain, rolling brightness, background."""
+    """Signal in DN without noise: vignetting, PSF, gain, rolling brightness, stray light,
+    background.
+    """
     height, width = light.shape
     signal = light
     if imaging.vignetting > 0.0:
@@ -48,7 +50,19 @@ def expose(light: Image, imaging: Imaging, rng: np.random.Generator) -> Image:
         phase = rng.uniform(0.0, 2.0 * np.pi)
         rows = np.arange(height) * (2.0 * np.pi / imaging.banding_period_px) + phase
         signal = signal * (1.0 + imaging.banding * np.sin(rows)).astype(np.float32)[:, None]
+    if imaging.stray_dn > 0.0:
+        ramp = _ramp(signal.shape, imaging.stray_angle_rad)
+        signal = signal + np.float32(imaging.stray_dn) * ramp
     return signal + np.float32(imaging.background_dn)
+
+
+def _ramp(shape: tuple[int, ...], angle_rad: float) -> Image:
+    """From 0 to 1 across a frame (H, W), corner to corner at most, in a direction."""
+    height, width = shape
+    x = np.cos(angle_rad) * np.linspace(-0.5, 0.5, width) * width
+    y = np.sin(angle_rad) * np.linspace(-0.5, 0.5, height) * height
+    along = x + y[:, None]
+    return np.asarray((along - along.min()) / (along.max() - along.min()), np.float32)
 
 
 def digitise(

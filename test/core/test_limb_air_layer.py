@@ -26,8 +26,9 @@ NOISE = Imaging(noise_dn=1.5)
 
 
 def night(seed: int, **changes: float) -> EarthScene:
-    """Airglow over the side of the planet that is away from the Sun, `draw`'s."""
-    return replace(clouds(seed), sun_direction=(-0.6, -0.64, -0.48), airglow_dn=45.0, **changes)  # type: ignore[arg-type]
+    """Airglow and stars over the side of the planet that is away from the Sun, `draw`'s."""
+    dark = replace(clouds(seed), sun_direction=(-0.6, -0.64, -0.48), star_count=3000)
+    return replace(dark, airglow_dn=45.0, **changes)  # type: ignore[arg-type]
 
 
 def fixed(scene: EarthScene) -> HorizonFix:
@@ -60,9 +61,24 @@ def test_the_layers_edge_is_left_for_the_grounds() -> None:
 def test_a_layer_without_ground_is_no_limb() -> None:
     before, after = searched(night(1))
     assert before.status is Status.OK
-    assert after.status is Status.NO_LIMB
+    assert after.status is Status.POOR_FIT
     assert "airglow" in after.reason
     assert not fixed(night(1)).ok
+
+
+@pytest.mark.parametrize("stars", [0, 3000])
+def test_only_stars_tell_a_layer_from_bright_air_over_a_dark_sea(stars: int) -> None:
+    before, after = searched(replace(night(1), star_count=stars))
+    assert (after is before) is (stars == 0)
+
+
+def test_the_sky_begins_above_the_layer() -> None:
+    before, after = searched(night(1, night_light=0.5))
+    assert before.layer_rad == 0.0
+    distance_m = np.sqrt((PLANET.radius_m + ALTITUDE_M) ** 2 - PLANET.radius_m**2)
+    assert after.layer_rad * distance_m == pytest.approx(95e3, rel=0.15)
+    # Brighter than much of the ground, it would be a cloud in the sky.
+    assert fixed(replace(night(1, night_light=0.25), airglow_dn=70.0)).ok
 
 
 @pytest.mark.parametrize("air_dn", [0.0, 100.0])

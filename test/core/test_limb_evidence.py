@@ -138,6 +138,14 @@ def test_the_suns_glare_is_no_cloud_in_the_sky() -> None:
     assert told.bright_sky < 0.1
 
 
+@pytest.mark.parametrize("angle_rad", [0.0, 1.0, 2.5])
+def test_a_little_stray_light_is_no_cloud_in_the_sky(angle_rad: float) -> None:
+    view, frame = drawn(EarthScene(uniform_dn=150.0), stray_dn=40.0, stray_angle_rad=angle_rad)
+    told = evidence(frame.image, view)
+    assert told.clear_sky > 0.9
+    assert told.bright_sky < 0.1
+
+
 def test_light_that_no_sun_explains_counts_against_the_sky() -> None:
     view, frame = drawn(EarthScene(uniform_dn=90.0))
     ramp = np.linspace(0.0, 80.0, frame.image.shape[1])

@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 from limb_measurement import half_height_crossings, inside_frame
@@ -294,6 +295,19 @@ def test_night_city_lights_and_airglow() -> None:
     sine = np.linalg.norm(np.cross(PINHOLE.rays(brightest), glow.truth.nadir_cam), axis=1)
     height = np.linalg.norm(glow.truth.position_ecef_m) * sine - RADIUS
     assert np.median(height) == pytest.approx(95e3, abs=8e3)
+    limb = glow.truth.limb
+    below, above = (
+        cv2.remap(
+            grey(glow).astype(np.float32),
+            *(limb.px + offset * limb.normal_px).astype(np.float32).T[:, None],
+            cv2.INTER_LINEAR,
+        )
+        for offset in (-2.0, 2.0)
+    )
+    background = Imaging().background_dn
+    # The ground hides the far half of the layer, which fades downwards besides.
+    ratio = np.median(below - background) / np.median(above - background)
+    assert 0.38 < ratio < 0.5
 
 
 def test_limb_height_raises_the_limb_but_not_the_altitude() -> None:

@@ -61,6 +61,18 @@ def test_banding_runs_over_rows() -> None:
     np.testing.assert_allclose(rows[:60], rows[60:120], atol=1.0)
 
 
+@pytest.mark.parametrize("angle_rad", [0.0, 0.8, -2.0])
+def test_stray_light_rises_evenly_from_one_end_of_the_frame_to_the_other(angle_rad: float) -> None:
+    how = Imaging(
+        stray_dn=60.0, stray_angle_rad=angle_rad, gain=0.5, noise_dn=0.0, background_dn=4.0, bits=16
+    )
+    light = record(np.zeros((240, 320)), how) * (255.0 / 65535.0) - 4.0
+    assert light.min() == pytest.approx(0.0, abs=0.01)
+    assert light.max() == pytest.approx(60.0, abs=0.01)
+    down, right = (float(np.diff(light, axis=axis).mean()) for axis in (0, 1))
+    assert np.arctan2(down, right) == pytest.approx(angle_rad, abs=1e-3)
+
+
 def test_hot_pixels_and_jpeg() -> None:
     hot = record(GREY, Imaging(hot_pixels=30, noise_dn=0.0, background_dn=0.0))
     assert 20 <= np.count_nonzero(hot > 140) <= 30

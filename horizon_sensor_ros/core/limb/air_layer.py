@@ -2,7 +2,9 @@
 
 By night the outermost edge is that layer's upper side. What gives it away: behind the edge the
 brightness falls again, and rises once more where the ground begins, all along the limb at the same
-height. Cloud does not keep its distance from the limb; the ground does.
+height. Cloud does not keep its distance from the limb; the ground does. Where no ground shows, the
+layer is told from daylit air over dark sea by the stars above it, and by being the same all along
+the limb.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import numpy as np
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.selection import Consensus, RayCandidates
+from horizon_sensor_ros.core.limb.stars import count_stars
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
@@ -22,12 +25,15 @@ _LAYER_M = 95e3  # height of the layer; depths below its edge are counted in thi
 _COLUMNS = 48  # places along the limb that are looked at, a camera
 _GLANCE = 8  # ... and those that a first look takes
 _DEPTHS_M = np.arange(-12e3, 156e3, 6e3)
-_CREST_M, _TROUGH_M, _GROUND_M = 45e3, (20e3, 110e3), 110e3  # where each is looked for
+_CREST_M, _TROUGH_M = 45e3, (20e3, 110e3)  # where each is looked for
 _FALL, _RISE = 0.75, 1.25  # the trough over the crest, the ground over the trough
 _SIGMAS = 6.0  # of noise that make a difference
 _APART_M = 14e3  # how far the ground may lie from the middle of where it does
 _SHARE = 0.7  # of the columns, from which it is a layer (cloud: a third, two thirds at most)
-_DARK = 0.07  # brightness farther in, over the crest's, below which nothing lies behind
+# Behind its crest the layer fades in all columns alike: between these depths at least to such a
+# share, and within so much of the crest as in most of the others.
+_FADES_M, _FADED, _ALIKE = (25e3, 70e3), 0.8, 0.2
+_STARS = 8  # that show an exposure for the night
 
 
 def ground_under_airglow(
@@ -40,7 +46,7 @@ def ground_under_airglow(
     """The consensus, moved to the ground's limb where it holds the airglow's edge for it.
 
     candidates : those of every view, with their reduced images. Where the layer is seen but no
-    ground behind it: status NO_LIMB.
+    ground behind it: status POOR_FIT.
     """
     if consensus.status is not Status.OK:
         return consensus
@@ -78,10 +84,21 @@ def ground_under_airglow(
         if np.count_nonzero(together) >= _SHARE * len(level):
             rays = _rays(found.rays[np.concatenate(columns)[together]], consensus, depths)
             return _cone(rays[np.arange(len(rays)), at[together]], consensus, scale)
-    inner = np.median(level[:, _DEPTHS_M > _GROUND_M], axis=1)
-    if falls.mean() > 0.9 and np.median(inner / crest) < _DARK:
-        return Consensus(Status.NO_LIMB, "a layer of airglow, and no ground behind it")
+    beyond = consensus.rho_rad + scale
+    if _is_layer(level, falls, crest) and any(
+        count_stars(view, seen, consensus.nadir_base, beyond) >= _STARS
+        for view, seen in zip(views, candidates, strict=True)
+    ):
+        return Consensus(Status.POOR_FIT, "a layer of airglow, and no ground behind it")
     return consensus
+
+
+def _is_layer(level: np.ndarray, falls: np.ndarray, crest: np.ndarray) -> bool:
+    """Whether columns (N, D) fade behind their crests (N,) as a layer does."""
+    band = (level / crest[:, None])[:, (_FADES_M[0] <= _DEPTHS_M) & (_FADES_M[1] >= _DEPTHS_M)]
+    usual = np.median(band, axis=0)
+    alike = np.abs(band - usual).max(axis=1) < _ALIKE
+    return bool(falls.mean() > 0.9 and usual[-1] < _FADED * usual[0] and alike.mean() > 0.6)
 
 
 def _rays(rays: np.ndarray, consensus: Consensus, depths: np.ndarray) -> np.ndarray:
@@ -134,4 +151,4 @@ def _cone(rays: np.ndarray, consensus: Consensus, depth_rad: float) -> Consensus
     aside = float(np.linalg.norm(np.cross(nadir, consensus.nadir_base)))
     if aside > depth_rad or abs(consensus.rho_rad - depth_rad - rho) > depth_rad:
         return consensus
-    return replace(consensus, nadir_base=nadir, rho_rad=rho)
+    return replace(consensus, nadir_base=nadir, rho_rad=rho, layer_rad=depth_rad)

@@ -59,7 +59,8 @@ class Detection:
     observations : one per frame, in order. nadir_base, rho_rad : the cone whose limb the last pass
     refined; NaN where there is none. candidates : step one's, for drawing. consensus : step two's.
     looks : one per frame, what the limb's edge looks like; none where no model fits it. factors :
-    one per frame, by which it was reduced for the last pass.
+    one per frame, by which it was reduced for the last pass. layer_rad : how far above the limb a
+    layer of airglow lies, 0 without one.
     """
 
     observations: tuple[LimbObservation, ...]
@@ -69,6 +70,7 @@ class Detection:
     rho_rad: float = np.nan
     looks: tuple[tuple[EdgeLook, ...], ...] = ()
     factors: tuple[int, ...] = ()
+    layer_rad: float = 0.0
 
     @property
     def limbs(self) -> tuple[LimbPoints, ...]:
@@ -130,7 +132,9 @@ def detect_limb(
     ]
     near = consensus.nadir_base, consensus.rho_rad
     looked = _look(views, frames, planet, near, [()] * len(views), (_SEARCH, *_FRESH))
-    return replace(looked, candidates=candidates, consensus=consensus)
+    return replace(
+        looked, candidates=candidates, consensus=consensus, layer_rad=consensus.layer_rad
+    )
 
 
 def follow_limb(

@@ -15,11 +15,12 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.limb.curve import LimbCurve, limb_curve
-from horizon_sensor_ros.core.robust import quantile
+from horizon_sensor_ros.core.robust import quantile, robust_sigma
+from horizon_sensor_ros.core.symmetric3 import solve
 
 _SKY_STEPS_PX = np.array([5.0, 7.0, 10.0, 14.0])  # outwards from the limb, working pixels
 _GROUND_STEPS_PX = np.array([-2.0, -4.0, -7.0])
-_STEPS_PX = np.concatenate([_GROUND_STEPS_PX, _SKY_STEPS_PX])
+_LAYER = 1.2  # top of a layer of airglow, over its height
 _LIMB_STEP_PX = 3.0  # from one look at the limb to the next, working pixels
 _GRID_STEP = 6  # working pixels
 _SKY_MARGIN_PX = 8.0  # air glow above the limb is left out
@@ -29,6 +30,8 @@ _RING_PX = 10.0  # width of the rings about the Sun, working pixels
 # What the Sun floods: so many working pixels at least, within so many of its middle (a star, a lamp
 # or the Moon less), and at most such a share of the sky.
 _LEAST_SUN_PX, _NEAR_SUN_PX, _LARGEST_SUN = 120, 20, 0.15
+_MOST_SLOPE = 0.3  # of the contrast: brighter than that the sky's brighter side is no stray light
+_SLOPE_ROUNDS, _LEAST_SKY = 6, 40
 _MASK_CLEARANCE_PX = 11.0  # nearer to a mask, pixels of the full image, no limb is looked for
 
 
@@ -43,7 +46,8 @@ class SkyEvidence:
     outside. contrast : gray levels from space to the planet beside the limb, over the noise.
     dark_ground : behind the lit part of the limb, share of the ground that is at the level of
     space; between a night side's lamps it is.
-    The Sun's glare counts neither as planet nor as sky.
+    The Sun's glare counts neither as planet nor as sky; nor does stray light, which makes one side
+    of the sky a little brighter than the other (twilight and moonlight do, on long exposures).
     """
 
     limb_px: float
@@ -63,11 +67,13 @@ def sky_evidence(
     nadir_base: np.ndarray,
     rho_rad: float,
     predicted: LimbCurve | None = None,
+    layer_rad: float = 0.0,
 ) -> SkyEvidence:
     """Look at both sides of a fitted limb in a reduced image.
 
     small : (h, w) float32, reduced by `factor`. space_level, noise : of that image. predicted : the
-    limb as it was drawn before it was fitted; it will do where it lies near enough.
+    limb as it was drawn before it was fitted; it will do where it lies near enough. layer_rad : how
+    far above the limb a layer of airglow lies; the sky begins beyond it.
     """
     curve = _limb(view, nadir_base, rho_rad, factor, predicted)
     px, normal_px = curve.px, curve.normal_px
@@ -76,8 +82,10 @@ def sky_evidence(
         px, normal_px = px[shown], normal_px[shown]
     if len(px) == 0:
         return SkyEvidence(0.0, 0.0, 0.0, np.nan, 0.0, 0.0)
-    sides = ((px.T + 0.5) / factor)[:, None] + _STEPS_PX[:, None] * normal_px.T[:, None]
-    sky = _sky(small, factor, view, nadir_base, rho_rad)
+    layer_px = _LAYER * layer_rad / _pitch(view.camera, factor)
+    steps_px = np.concatenate([_GROUND_STEPS_PX, _SKY_STEPS_PX + layer_px])
+    sides = ((px.T + 0.5) / factor)[:, None] + steps_px[:, None] * normal_px.T[:, None]
+    sky = _sky(small, factor, view, nadir_base, rho_rad + _LAYER * layer_rad)
     usable = None if view.mask is None else view.mask.reduced(factor)
     limb_px = curve.spacing_px * len(px)
     told = _judged(small, space_level, usable, sides, sky, noise, limb_px)
@@ -85,9 +93,11 @@ def sky_evidence(
         return told
     above = small - np.float32(space_level)
     sky_px = _grid(view.camera, *small.shape, factor)[0][sky]
-    glare = _glare(above, sky_px, told.contrast * noise)
+    light = _glare(above, sky_px, told.contrast * noise)
+    if light is None:
+        light = _stray_light(above, sky_px, told.contrast * noise)
     return (
-        told if glare is None else _judged(above - glare, 0.0, usable, sides, sky, noise, limb_px)
+        told if light is None else _judged(above - light, 0.0, usable, sides, sky, noise, limb_px)
     )
 
 
@@ -219,3 +229,25 @@ def _glare(above: np.ndarray, sky: np.ndarray, contrast: float) -> np.ndarray | 
     x, y = np.arange(above.shape[1]) - centre[0], np.arange(above.shape[0]) - centre[1]
     distance = np.hypot(x, y[:, None]) / _RING_PX - 0.5
     return np.interp(distance, np.arange(len(fading)), fading).astype(np.float32)
+
+
+def _stray_light(above: np.ndarray, sky: np.ndarray, contrast: float) -> np.ndarray | None:
+    """Gray levels (h, w) of light that rises evenly across the sky; None where it rises too far.
+
+    A planet that is taken for sky is no plane, and brighter.
+    """
+    if len(sky) < _LEAST_SKY:
+        return None
+    place = np.column_stack([sky, np.ones(len(sky))])
+    level = above[sky[:, 1], sky[:, 0]].astype(np.float64)
+    weight = np.ones(len(sky))
+    for _ in range(_SLOPE_ROUNDS):
+        weighted = place * weight[:, None]
+        plane = solve(weighted.T @ place, weighted.T @ level)
+        off = level - place @ plane
+        weight = 1.0 / (1.0 + np.square(off / (2.0 * max(robust_sigma(off), 1e-3))))
+    height, width = above.shape
+    light = plane[0] * np.arange(width) + plane[1] * np.arange(height)[:, None] + plane[2]
+    if not (place @ plane).max() < _MOST_SLOPE * contrast:
+        return None
+    return light.astype(np.float32)

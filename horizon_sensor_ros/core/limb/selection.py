@@ -49,7 +49,7 @@ class RayCandidates:
 @dataclass(frozen=True)
 class Consensus:
     """The winning hypothesis; `inliers` is a mask over the ray candidates. Not OK: NaN and a
-    reason.
+    reason. layer_rad : how far above the limb a layer of airglow lies; 0 where there is none.
     """
 
     status: Status
@@ -57,6 +57,7 @@ class Consensus:
     nadir_base: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     rho_rad: float = np.nan
     inliers: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=bool))
+    layer_rad: float = 0.0
 
 
 def rays_of_candidates(
