@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -37,7 +38,14 @@ def with_shared_error(
 
 def bend_px(fit: HorizonFit, rays: LimbRays) -> float:
     """How far stretches of one camera's limb lie off the fitted one, RMS of their medians."""
-    residual = rays.residuals_px(fit.nadir_base, fit.rho_rad)[rays.along_limb(fit.nadir_base)]
+    # Covariance and judgement ask the same.
+    return _bend_px(rays, tuple(fit.nadir_base.tolist()), fit.rho_rad)
+
+
+@lru_cache(maxsize=8)
+def _bend_px(rays: LimbRays, nadir_base: tuple[float, ...], rho_rad: float) -> float:
+    nadir = np.array(nadir_base)
+    residual = rays.residuals_px(nadir, rho_rad)[rays.along_limb(nadir)]
     medians = [median(part) for part in stretches(residual, _STRETCHES)]
     bend = math.sqrt(sum(middle * middle for middle in medians) / _STRETCHES)
     return bend if bend < math.inf else 9.0

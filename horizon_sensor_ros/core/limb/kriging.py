@@ -160,7 +160,11 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     )
     chi2 = _cost(scaled, stretches.base @ limb / over_step, blur / over_step, tables)
     evidence = -0.5 * (chi2 + tables.log_det)
-    evidence[good] += _level_evidence(sure(step) / noise, ground)
+    told = _level_evidence(sure(step) / noise, ground)
+    if every:
+        evidence += told
+    else:
+        evidence[good] += told
     evidence -= evidence.max(axis=1, keepdims=True)
     evidence = nearby @ np.maximum(evidence, -_MOST_EVIDENCE)
     evidence[:, ground_texture.NONE] += _NO_TEXTURE
@@ -192,7 +196,7 @@ def _level_evidence(step: np.ndarray, ground: float) -> np.ndarray:
     index = np.arange(len(step))
     ahead, behind = np.minimum(index, len(change2) - 1), np.maximum(index - lag, 0)
     change2 = 0.5 * (change2[ahead] + change2[behind])
-    expected = _STEP_VARIANCE + ground_texture.variogram(lag * ground)
+    expected = _STEP_VARIANCE + _variogram(lag, _rounded(ground))
     # Changes over stretches in common are one.
     return -0.5 * (change2[:, None] / expected + np.log(expected)) / lag
 
@@ -203,12 +207,25 @@ def _shared_error(variance: np.ndarray, count: int, ground: float) -> SharedErro
     count : stretches of limb, of a length of ``ground``.
     """
     part, whole = (
-        _SHARED * math.sqrt(float(variance @ _alike(max(1, number), ground)))
+        _SHARED * math.sqrt(float(variance @ _alike(max(1, number), _rounded(ground))))
         for number in (round(count / _PARTS), count)
     )
     return SharedError(part, whole)
 
 
+def _rounded(ground: float) -> float:
+    """A length of ground to two digits: near enough for how alike texture is, and often the same as
+    in the last frame.
+    """
+    return float(f"{ground:.2g}")
+
+
+@lru_cache(maxsize=64)
+def _variogram(lag: int, ground: float) -> np.ndarray:
+    return ground_texture.variogram(lag * ground)
+
+
+@lru_cache(maxsize=64)
 def _alike(count: int, ground: float) -> np.ndarray:
     """Mean correlation (S,) of each texture over all pairs of so many stretches."""
     away = np.arange(count)
