@@ -1,4 +1,4 @@
-"""All methods over the sets A to D and over pairs of perpendicular cameras."""
+"""All methods over the sets A to E and over pairs of perpendicular cameras."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from horizon_errors import FitErrors, canny_seconds, fit_errors, nadir_bound_deg
+from sloped_step import sloped_step_fit
 from tables import Options, Table, number, percentile, root_mean_square, verdict
 from tqdm import tqdm
 
@@ -18,7 +19,15 @@ from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, Horizon
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import Imaging
 from horizon_sensor_ros.sim.frame_truth import FrameTruth
-from horizon_sensor_ros.sim.scene_sets import SceneCase, set_a, set_b, set_c, set_d, two_camera_set
+from horizon_sensor_ros.sim.scene_sets import (
+    SceneCase,
+    set_a,
+    set_b,
+    set_c,
+    set_d,
+    set_e,
+    two_camera_set,
+)
 
 # Percent of errors within one, two, three sigma, for two degrees of freedom.
 NORMAL_SHARES = " ".join(f"{100.0 * (1.0 - np.exp(-0.5 * k * k)):.0f}" for k in (1, 2, 3))
@@ -57,6 +66,7 @@ BARS_B = Bars(rms_deg=0.005, max_deg=0.03, altitude_percent=0.05)
 BARS_TWO = Bars(rms_deg=0.003)
 
 BareFit = Callable[[Sequence[LimbObservation], FrameTruth], HorizonFit]
+FrameFit = Callable[[Sequence[Frame], FrameTruth], HorizonFit]
 
 
 @dataclass(frozen=True)
@@ -64,16 +74,18 @@ class Contenders:
     """What is compared over a set.
 
     sensors : by row, the sensor so configured; what it publishes counts. bare : by row, a fit that
-    nothing judges, and the row of the sensor whose limb points it takes.
+    nothing judges, and the row of the sensor whose limb points it takes. told : by row, a fit that
+    is told where the limb is.
     """
 
     sensors: dict[str, HorizonConfig]
     bare: dict[str, tuple[str, BareFit]]
+    told: dict[str, FrameFit] = field(default_factory=dict)
 
     @property
     def rows(self) -> list[str]:
         """Names in the table's order."""
-        return [*self.bare, *self.sensors]
+        return [*self.bare, *self.told, *self.sensors]
 
 
 def _arc_at_known_altitude(
@@ -82,11 +94,18 @@ def _arc_at_known_altitude(
     return fit_arc(observations, truth.planet, truth.altitude_m)
 
 
+def _sloped_steps(frames: Sequence[Frame], truth: FrameTruth) -> HorizonFit:
+    (frame,) = frames
+    blur_px = float(np.hypot(Imaging().psf_sigma_px, np.sqrt(1.0 / 12.0)))
+    return sloped_step_fit(frame.gray, frame.view, truth, blur_px)
+
+
 def _bare(method: str) -> BareFit:
     return lambda observations, truth: fit_horizon(observations, truth.planet, method)
 
 
 PAPER_C = "gauss_newton, Canny (paper C)"
+SLOPED_STEPS = "sloped steps, limb known*"
 DEFAULT = f"{HorizonConfig.method}, sub-pixel (default)"
 _SENSORS = {
     PAPER_C: HorizonConfig(method="gauss_newton", limb="canny"),
@@ -99,6 +118,7 @@ ONE_CAMERA = Contenders(
         "arc, Canny, altitude known*": (PAPER_C, _arc_at_known_altitude),
         "arc, Canny (paper B)*": (PAPER_C, _bare("arc")),
     },
+    {SLOPED_STEPS: _sloped_steps},
 )
 TWO_CAMERAS = Contenders(
     _SENSORS,
@@ -227,6 +247,10 @@ def compare(
             start = time.process_time()
             fit = bare_fit(observations, truth)
             scores[name].add(case, fit, truth, bound_deg, taken + time.process_time() - start)
+        for name, frame_fit in contenders.told.items():
+            start = time.process_time()
+            fit = frame_fit(frames, truth)
+            scores[name].add(case, fit, truth, bound_deg, time.process_time() - start)
         canny_s.append(float(np.median(passes)))
     rows = [score.row(name, np.array(canny_s)) for name, score in scores.items()]
     edge = float(np.nanmedian(sigmas_px))
@@ -264,22 +288,27 @@ NOTES = (
     "search found, which is why they are no faster; a star's row has that of its "
     "limb points' row and its own fit's.",
     "arc, altitude known: paper B's circle with the true altitude given.",
+    "sloped steps, limb known: blurred steps on a sloped inside, profile by profile across the "
+    "true limb, then the robust fit: of all sub-pixel edges published for sets A and B the best, with "
+    "0.0024 and 0.0063 deg RMS there (60 frames). Where it is far worse here, the clouds here are "
+    "harder; set E has the contrast at which it is not.",
     "Sets: sphere, altitude 300-6000 km (log-uniform), field of view 40-80 deg, 400 x 400 to 1024 "
     "x 1024, any roll. A: uniform planet, noise 2 DN; B: clouds of the contrast at which the "
     "published figures of plain fits are met, noise 4 DN; C: clouds of full contrast, 50 to 250 DN "
     "right up to the limb; D: brightness that changes gently over the ground, by 30 % (one sigma), "
-    "noise 4 DN; two cameras: as B, axes perpendicular.",
+    "noise 4 DN; E: B with a seventh of its contrast; two cameras: as B, axes perpendicular.",
 )
 
 
 def run(options: Options) -> list[Table]:
-    """Sets A to D for one camera, and half as many pairs as in B."""
+    """Sets A to E for one camera, and half as many pairs as in B."""
     n, pairs, seed = options.frames, max(1, options.frames // 2), options.seed
     tables = [
         compare("Set A", set_a(n, seed), n, ONE_CAMERA, 2.0, BARS_A),
         compare("Set B", set_b(n, seed), n, ONE_CAMERA, 4.0, BARS_B),
         compare("Set C", set_c(n, seed), n, ONE_CAMERA, 4.0, Bars()),
         compare("Set D", set_d(n, seed), n, ONE_CAMERA, 4.0, Bars()),
+        compare("Set E", set_e(n, seed), n, ONE_CAMERA, 4.0, BARS_B),
         compare("Two cameras", two_camera_set(pairs, seed), pairs, TWO_CAMERAS, 4.0, BARS_TWO),
     ]
     last = tables[-1]

@@ -48,10 +48,17 @@ def test_parts_print_their_tables_and_write_them(tmp_path: Path) -> None:
         assert written.startswith("## ")
         assert written in done.stdout
     methods = (tmp_path / "out" / "horizon_methods.md").read_text()
-    for heading in ("Set A (2)", "Set B (2)", "Set C (2)", "Set D (2)", "Two cameras (1)"):
+    for heading in (
+        "Set A (2)",
+        "Set B (2)",
+        "Set C (2)",
+        "Set D (2)",
+        "Set E (2)",
+        "Two cameras (1)",
+    ):
         assert heading in methods
     default = [line for line in methods.splitlines() if "(default) " in line]
-    assert len(default) == 5
+    assert len(default) == 6
     assert "nan" not in methods
     paper_c = (tmp_path / "out" / "paper_c.md").read_text().splitlines()
     steps = [line for line in paper_c if line.startswith("|") and "as the paper" in line]

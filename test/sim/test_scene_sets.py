@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from horizon_sensor_ros.sim.hard_scenes import KINDS, HardScene, hard_scenes
-from horizon_sensor_ros.sim.scene_sets import SceneCase, set_a, set_b, set_c, set_d, two_camera_set
+from horizon_sensor_ros.sim.scene_sets import (
+    SceneCase,
+    set_a,
+    set_b,
+    set_c,
+    set_d,
+    set_e,
+    two_camera_set,
+)
 
 
 @pytest.fixture(scope="module")
@@ -12,7 +20,7 @@ def every_kind() -> list[HardScene]:
     return list(hard_scenes(len(KINDS), seed=5))
 
 
-@pytest.mark.parametrize("draw", [set_a, set_b, set_d])
+@pytest.mark.parametrize("draw", [set_a, set_b, set_d, set_e])
 def test_single_camera_sets_keep_their_definition(draw) -> None:
     cases: list[SceneCase] = list(draw(8, seed=2))
     for case in cases:
