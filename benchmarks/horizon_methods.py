@@ -289,9 +289,9 @@ NOTES = (
     "limb points' row and its own fit's.",
     "arc, altitude known: paper B's circle with the true altitude given.",
     "sloped steps, limb known: blurred steps on a sloped inside, profile by profile across the "
-    "true limb, then the robust fit: of all sub-pixel edges published for sets A and B the best, with "
-    "0.0024 and 0.0063 deg RMS there (60 frames). Where it is far worse here, the clouds here are "
-    "harder; set E has the contrast at which it is not.",
+    "true limb, then the robust fit: of all sub-pixel edges published for sets A and B the best, "
+    "with 0.0024 and 0.0063 deg RMS there (60 frames). Where it is far worse here, the clouds here "
+    "are harder; set E has the contrast at which it is not.",
     "Sets: sphere, altitude 300-6000 km (log-uniform), field of view 40-80 deg, 400 x 400 to 1024 "
     "x 1024, any roll. A: uniform planet, noise 2 DN; B: clouds of the contrast at which the "
     "published figures of plain fits are met, noise 4 DN; C: clouds of full contrast, 50 to 250 DN "

@@ -63,9 +63,7 @@ def set_c(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
 
 
 def set_d(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
-    """Draw n frames as in set B of ground whose brightness changes gently, by 30 % (one sigma); hardly
-    any of it saturates.
-    """
+    """Draw n frames as in set B of ground whose brightness changes gently, by 30 % (one sigma)."""
     return (_one_camera("d", i, seed, _smooth(seed, i), Imaging(noise_dn=4.0)) for i in range(n))
 
 
