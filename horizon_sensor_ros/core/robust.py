@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+_FEW = 400  # values that are put in order sooner than in parts
 MAD_TO_SIGMA = 1.4826  # of a Gaussian, from the median of the absolute deviations
 
 
@@ -15,10 +16,12 @@ def median(values: np.ndarray) -> float:
     if count == 0:
         return np.nan
     half = count // 2
-    if count % 2:
-        return float(np.partition(values, half)[half])
-    parted = np.partition(values, (half - 1, half))
-    return 0.5 * float(parted[half - 1] + parted[half])
+    ordered = values.copy()
+    if count < _FEW:
+        ordered.sort()
+    else:
+        ordered.partition((half - 1, half))
+    return float(ordered[half]) if count % 2 else 0.5 * float(ordered[half - 1] + ordered[half])
 
 
 def stretches(values: np.ndarray, count: int) -> list[np.ndarray]:

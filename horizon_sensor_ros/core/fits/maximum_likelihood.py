@@ -38,7 +38,7 @@ _MAX_STEP_RAD = 0.3
 _PATIENCE = 8  # steps after which a step is stretched
 _NEAR_MINIMUM = 100.0  # (sigma)^2 of the last step; from here on Newton's are tried
 _NO_STEP = np.full(3, np.nan)
-_SCALE_STEPS = 4  # then the residuals' scale is kept
+_SCALE_STEPS = 3  # then the residuals' scale is kept
 # Residual, in sigmas, of a point that says nothing about a cone; finite, so that nothing times it
 # is nothing.
 _NOWHERE = 1e30
@@ -180,7 +180,6 @@ def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool
             break
         basis = tangent_basis(cone.nadir)
         rest = _rest(cone.chi, scale)
-        agreement = _agreement(rest)
         rows = cone.rows(rays, basis)
         downhill = -((cone.chi * (rest * rest)) @ rows)
         # Reweighting creeps; near the minimum Newton's method does not.
@@ -196,8 +195,13 @@ def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool
         if largest > _MAX_STEP_RAD:
             step *= _MAX_STEP_RAD / largest
         length2 = float(step @ downhill)
+        # Within a sigma of the minimum Newton's step needs no second look.
+        sure = newton and length2 < scale * scale
+        agreement = -np.inf if sure else _agreement(rest)
         for _ in range(_MAX_HALVINGS):
             new = sight.moved(cone, basis, step)
+            if sure:
+                break
             new_agreement = _agreement(_rest(new.chi, scale))
             if 0 < new.rho < np.pi and new_agreement >= agreement - 1e-9 * len(rays):
                 break
@@ -205,7 +209,7 @@ def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool
         else:
             # No descent left: at the minimum to within rounding, or lost.
             return cone, length2 < 1e-3 * max(1.0, scale * scale), np.array(history)
-        if count >= _PATIENCE:
+        if count >= _PATIENCE and not newton:
             # Along a valley reweighted steps creep: the same way on, while it leads downwards.
             while np.abs(step).max() < 0.5 * _MAX_STEP_RAD:
                 far = sight.moved(new, basis, step)
