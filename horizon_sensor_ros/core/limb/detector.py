@@ -35,7 +35,7 @@ from horizon_sensor_ros.core.status import Status
 # From the consensus, good to a grid step or two, to the last tenths of a pixel. Where air glows the
 # ground's edge lies farther from the steepest fall, where the first two look, than the last does.
 # The search sees a reduced image, whose edges look sharper than they are.
-_SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0, guess=False)
+_SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0, contour=False)
 _NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0)
 _GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0)
 _FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0)
@@ -49,6 +49,7 @@ _FRESH = (_NEAR, _GLOW, _FINAL)
 # pixels of the full frame, do not differ by so many times as much: a limb that is soft for those
 # shows itself better in larger ones.
 _FINER, _MORE_JUMPS = 3, 1.25
+_STEADY_PX = 0.3  # jumps from edge to edge of a limb that shows itself well at once
 _CANNY_REACH_PX = 2.0
 
 
@@ -238,7 +239,8 @@ def _look(
             tuple(seen),
             nadir_base=nadir,
             rho_rad=rho,
-            looks=tuple(held),
+            # The search's pass guesses, and fits no model.
+            looks=tuple(() if step is _SEARCH else kinds for kinds in held),
             factors=tuple(frame.factor for frame in frames),
         )
         if step in (_EXPECTED, _FINAL) and (found.on_course or not found.modelled):
@@ -260,7 +262,23 @@ def _look(
         if not nearer.ok:
             break
         nadir, rho = nearer.nadir_base, nearer.rho_rad
+        if step is _SEARCH:
+            if _shows_all(found, looks):
+                passes.remove(_NEAR)
+            else:
+                looks = [()] * len(views)
     return found
+
+
+def _shows_all(found: Detection, looks: Sequence[tuple[EdgeLook, ...]]) -> bool:
+    """Whether the search's pass, in whole frames, shows what the next one would: edges that lie
+    steadily, without glow.
+    """
+    return (
+        max(found.factors) == 1
+        and not any(look.glow_px > 0.0 for kinds in looks for look in kinds)
+        and all(limb.jumps_px < _STEADY_PX for limb in found.limbs if limb.status is Status.OK)
+    )
 
 
 def _on_course(limb: LimbPoints, tolerance_px: float) -> bool:

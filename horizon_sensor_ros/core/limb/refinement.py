@@ -132,7 +132,8 @@ def refine_limb(
         # Where model and steepest fall move apart along the limb, the model does not hold.
         middles = [median(part) for part in np.array_split(apart, _STRETCHES)]
         coherent = max(coherent, _APART_SHARE * float(np.std(middles)))
-    if 0.0 < max((look.glow_px for look in looks), default=0.0) <= _LONGEST_CONTOUR_PX:
+    glow_px = max((look.glow_px for look in looks), default=0.0)
+    if step.contour and 0.0 < glow_px <= _LONGEST_CONTOUR_PX:
         along = sample.bundles.middle[good]
         pixel_rad = _pixel_rad(view, px, normal_px)
         # Edges without a model lie the farther out, the darker the ground.

@@ -40,7 +40,8 @@ class RefinePass:
 
     All in pixels of the image, which is reduced by `factor`. guess : say what the edge may look
     like where that was not known. expected : the limb is where it is predicted, as far as is known.
-    inner_px : how far a profile reaches into the planet, beside the search range.
+    inner_px : how far a profile reaches into the planet, beside the search range. contour : where
+    air glows its contour draws the limb.
     """
 
     reach_px: float
@@ -50,6 +51,7 @@ class RefinePass:
     guess: bool = True
     expected: bool = False
     inner_px: float = 6.0
+    contour: bool = True
 
 
 @dataclass(frozen=True, eq=False)
