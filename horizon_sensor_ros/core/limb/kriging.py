@@ -27,7 +27,7 @@ from horizon_sensor_ros.core.limb.points import SharedError
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.symmetric3 import solve
 
-_INNER_PX, _OUTER_PX = 4.0, 5.0  # the part of a profile that is used
+INNER_PX, OUTER_PX = 4.0, 5.0  # the part of a profile that is used
 _BESIDE_PX = (-2.0, -1.0)  # where the planet beside the edge is seen
 _SPACE_PX = 2.5  # from where on space is
 _WINDOW = 0.03  # over the planet's radius; along so much limb the texture is the same
@@ -119,7 +119,7 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     place: a tenth of a pixel is near enough.
     """
     d_px = stretches.d_px
-    used = _samples(d_px, -_INNER_PX, _OUTER_PX)
+    used = _samples(d_px, -INNER_PX, OUTER_PX)
     octave = round(_SCALES_PER_OCTAVE * math.log2(stretches.px_over_radius))
     tables = _tables(
         tuple(d_px[used].tolist()),

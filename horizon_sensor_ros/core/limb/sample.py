@@ -9,7 +9,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.curve import LimbCurve, limb_curve
-from horizon_sensor_ros.core.limb.kriging import Stretches
+from horizon_sensor_ros.core.limb.kriging import INNER_PX, OUTER_PX, Stretches
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.profiles import (
     Bundles,
@@ -112,12 +112,15 @@ class LimbSample:
         return step, step > LEAST_SIGNIFICANCE * self.noise
 
     def moved(self, limb: np.ndarray) -> LimbSample:
-        """Profiles about the curve moved along its normals as `Stretches.base` has it, by (3,)."""
+        """Profiles as they are kriged, about the curve moved along its normals by (3,), as
+        `Stretches.base` has it.
+        """
         normal = self.curve.normal_px
         shift = normal @ limb[:2] + limb[2]
         curve = LimbCurve(self.curve.px + (self.factor * shift)[:, None] * normal, normal)
-        sampled, _ = sample_profiles(self.gray, curve, self.grid.d_px, self.factor)
-        return replace(self, curve=curve, profiles=self.bundles.mean(sampled))
+        grid = replace(self.grid, first_px=-INNER_PX, num=round(INNER_PX + OUTER_PX) + 1)
+        sampled, _ = sample_profiles(self.gray, curve, grid.d_px, self.factor)
+        return replace(self, curve=curve, grid=grid, profiles=self.bundles.mean(sampled))
 
     def phase(self) -> np.ndarray:
         """Means (M, 3) of `pixel_phase`."""
