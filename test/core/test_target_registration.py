@@ -168,6 +168,22 @@ def test_a_prior_spares_the_search_and_a_wrong_one_does_no_harm() -> None:
     assert np.abs(found.pose_b_from_a - good.pose_b_from_a).max() < 2e-3
 
 
+@pytest.mark.parametrize("name", ["n1", "n5"])
+def test_a_prior_six_degrees_off_still_leads_there(name: str) -> None:
+    rng = np.random.default_rng(3)
+    for seed in range(12):
+        a, b, truth = pair(name, seed, turn_deg=10.0)
+        axis = rng.normal(size=3)
+        off = Rotation.from_rotvec(np.radians(6) * axis / np.linalg.norm(axis)).as_matrix()
+        centre = truth[:3, :3] @ centroid(a) + truth[:3, 3]
+        prior = pose_matrix(off @ truth[:3, :3], off @ (truth[:3, 3] - centre) + centre + 0.03)
+        found = register(target_view(a), target_view(b), None, prior)
+        assert found.status is Status.OK, (seed, found.reason)
+        deg, cm = errors(found, truth, centroid(a))
+        assert deg < 1
+        assert cm < 2
+
+
 def test_two_different_targets_have_no_motion() -> None:
     for seed in range(4):
         a, _, _ = pair("n5", seed)

@@ -10,7 +10,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.target.config import RegistrationConfig
 from horizon_sensor_ros.core.target.consistency import view_consistency
-from horizon_sensor_ros.core.target.judgement import Uncertainty, uncertainty, weak_directions
+from horizon_sensor_ros.core.target.judgement import Uncertainty, uncertainty, worst_known
 from horizon_sensor_ros.core.target.pairs import Matcher, Pairs
 from horizon_sensor_ros.core.target.refinement import Refined, refine
 from horizon_sensor_ros.core.target.rigid import rotation_from_vector
@@ -30,8 +30,8 @@ SCORE_LOST = 0.6
 _SLIDE = 0.4
 _BETTER = 0.01
 # A direction known worse than allowed by a factor between these stays so, wherever it comes to
-# rest; one that is not known at all may lack pairs that the next step finds.
-_HOPELESS = (1.5, 30.0)
+# rest; one beyond may lack pairs that another start, or the next step, finds.
+_HOPELESS, _LOST = 1.5, 30.0
 # One whose information, in units of what is allowed, is above this is never known so badly.
 _DOUBTFUL = 2.0
 # Starts of the search lie so far apart.
@@ -69,10 +69,12 @@ class Found:
 
     def sound(self, config: RegistrationConfig) -> bool:
         """Whether it came to rest where every direction is observed."""
+        return self.refined.converged and self.worst(config) <= 1
+
+    def worst(self, config: RegistrationConfig) -> float:
+        """How badly its worst direction is known, in units of what is allowed."""
         limits = config.max_rotation_std_rad, config.max_shift_std_m
-        return self.refined.converged and not len(
-            weak_directions(self.uncertainty.covariance, *limits)
-        )
+        return worst_known(self.uncertainty.covariance, *limits)
 
 
 class Finder:
@@ -93,7 +95,7 @@ class Finder:
             tried.append(self._finish(*prior, False, True))
             # What a good start leads to need not be better than what is accepted in the end.
             if tried[-1].score >= config.min_score and tried[-1].refined.converged:
-                return tried[-1]
+                return self._regained(tried[-1], *prior)
         shift = b.image.centroid_m - a.image.centroid_m
         first = align_batch(a, b, np.eye(3)[None], shift[None], b.size_m * _SINGLE_GATES, 250)
         tried.append(self._settle(first[0][0], first[1][0], False))
@@ -107,6 +109,15 @@ class Finder:
                 if tried[-1].score >= _LIKELY and tried[-1].sound(config):
                     return max(tried, key=lambda found: found.merit)
         return max(tried, key=lambda found: found.merit)
+
+    def _regained(self, found: Found, rotation: np.ndarray, translation: np.ndarray) -> Found:
+        """What a prior led to, or, where that lost a direction, what more reach leads to."""
+        if found.worst(self._config) < _LOST:
+            return found
+        a, b = self._a, self._b
+        start = align_batch(a, b, rotation[None], translation[None], b.size_m * _SINGLE_GATES, 250)
+        again = self._finish(start[0][0], start[1][0], False, True)
+        return again if again.merit > found.merit and again.refined.converged else found
 
     def _finish(
         self,
@@ -129,8 +140,8 @@ class Finder:
         if np.linalg.eigvalsh(information * np.outer(scale, scale))[0] > _DOUBTFUL:
             return False
         covariance = uncertainty(pairs, robust, self._b).covariance
-        worst = np.linalg.eigvalsh(covariance / np.outer(scale, scale))[-1]
-        return bool(_HOPELESS[0] ** 2 < worst < _HOPELESS[1] ** 2)
+        worst = worst_known(covariance, config.max_rotation_std_rad, config.max_shift_std_m)
+        return _HOPELESS < worst < _LOST
 
     def _settle(self, rotation: np.ndarray, translation: np.ndarray, searched: bool) -> Found:
         """Refine; where a direction is not observed, or the views do not quite agree, look along

@@ -85,6 +85,12 @@ def _feigned(arm: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return total
 
 
+def worst_known(covariance: np.ndarray, max_rotation_rad: float, max_shift_m: float) -> float:
+    """Largest standard deviation of any direction, in units of both limits."""
+    scale = np.repeat([max_rotation_rad, max_shift_m], 3)
+    return float(np.sqrt(np.linalg.eigvalsh(covariance / np.outer(scale, scale))[-1]))
+
+
 def weak_directions(
     covariance: np.ndarray, max_rotation_rad: float, max_shift_m: float
 ) -> np.ndarray:

@@ -20,8 +20,8 @@ _EDGE_ON_COSINE = 0.1
 # Thickness of plates, in pixel widths.
 _PLATE_PX = 1.0
 # What a plate seen from its far side, and one seen edge on, lies behind its face by, and how
-# uncertain that is, in thicknesses.
-_BEHIND_FACE = {FAR_SIDE: (1.0, 1.0), EDGE_ON: (0.5, 0.7)}
+# uncertain that is, in thicknesses. Bars show other sides as they turn, by half of which to either.
+_BEHIND_FACE = {THIN: (0.0, 0.3), FAR_SIDE: (1.0, 1.0), EDGE_ON: (0.5, 0.7)}
 # What differs from place to place of that, in pixel widths, by kind.
 _ROUGH_PX = np.array([0, 0, 0, _PLATE_PX / 6, _PLATE_PX / 2], np.float32)
 # Cosine between normals of what may be one plane.
@@ -56,7 +56,8 @@ class Pairs:
 
     @cached_property
     def _behind(self) -> list[tuple[np.ndarray, float, float]]:
-        """Plates: their pairs, the thickness to be expected, and its standard deviation."""
+        """Plates and bars: their pairs, the thickness to be expected, and its standard
+        deviation."""
         found = []
         for kind, (mean, deviation) in _BEHIND_FACE.items():
             rows = np.flatnonzero(self.kind == kind)

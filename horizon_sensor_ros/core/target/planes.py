@@ -7,7 +7,7 @@ search.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -21,6 +21,9 @@ MIN_BORROWED_COSINE = 0.1
 _BEND_PX = 0.12
 # Mean square residual of a window over the expected one, up to which it holds one plane.
 _FLAT = 2.0
+# Squared ratio of the mean sag of windows to its noise, beyond which a surface counts as curved:
+# carried on to the pixels beside it, its planes would lie off it.
+_CURVED = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +70,11 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     if sigma_m is None:
         sigma = max(fit.noise_m(sigma, radius), 1e-3 * footprint)
     noise = np.float32(sigma) * inverse * inverse + inverse * np.float32(_BEND_PX / image.focal_px)
-    own = fit.flat(noise).ravel()
-    found, slope_u, slope_v, level = _borrow_planes(fit, own, seen, inverse, noise, radius)
+    flat = fit.flat(noise)
+    sag, curved = _sag(fit, flat, sigma, radius)
+    fit = replace(fit, level=fit.level + sag)
+    own, lending = flat.ravel(), (flat & ~curved).ravel()
+    found, slope_u, slope_v, level = _borrow_planes(fit, own, lending, seen, inverse, noise, radius)
     tan_u, tan_v = (tangent.astype(np.float32) for tangent in image.tangents())
     returns = np.flatnonzero(seen)
     row, column = np.divmod(returns, inverse.shape[1])
@@ -133,9 +139,10 @@ def _slope_gain(radius: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _PlaneFit:
-    """Windowed least squares at every pixel: level, slopes a pixel, mean square residual, returns
-    used, where defined."""
+    """Windowed least squares at every pixel: inverse depth about its middle, level, slopes a pixel,
+    mean square residual, returns used, where defined."""
 
+    about_middle: np.ndarray
     level: np.ndarray
     slope_u: np.ndarray
     slope_v: np.ndarray
@@ -159,28 +166,26 @@ class _PlaneFit:
         return self.defined & (self.mean_square < _FLAT * noise * noise)
 
 
+def _box(image: np.ndarray, kernel_u: np.ndarray, kernel_v: np.ndarray) -> np.ndarray:
+    return cv2.sepFilter2D(image, cv2.CV_32F, kernel_u, kernel_v, borderType=cv2.BORDER_CONSTANT)
+
+
 def _plane_fit(inverse: np.ndarray, seen: np.ndarray, middle: float, radius: int) -> _PlaneFit:
     mask = seen.astype(np.float32)
     # About the middle, so that single precision does for the squares.
     w = (inverse - np.float32(middle)) * mask
     one = np.ones(2 * radius + 1, np.float32)
     ramp = np.arange(-radius, radius + 1, dtype=np.float32)
-
-    def box(image: np.ndarray, kernel_u: np.ndarray, kernel_v: np.ndarray) -> np.ndarray:
-        return cv2.sepFilter2D(
-            image, cv2.CV_32F, kernel_u, kernel_v, borderType=cv2.BORDER_CONSTANT
-        )
-
-    n = box(mask, one, one)
+    n = _box(mask, one, one)
     count = np.maximum(n, 1)
-    mean_u, mean_v = box(mask, ramp, one) / count, box(mask, one, ramp) / count
-    mean_w = box(w, one, one) / count
-    uu = box(mask, ramp * ramp, one) - n * mean_u * mean_u
-    vv = box(mask, one, ramp * ramp) - n * mean_v * mean_v
-    uv = box(mask, ramp, ramp) - n * mean_u * mean_v
-    uw = box(w, ramp, one) - n * mean_u * mean_w
-    vw = box(w, one, ramp) - n * mean_v * mean_w
-    ww = box(w * w, one, one) - n * mean_w * mean_w
+    mean_u, mean_v = _box(mask, ramp, one) / count, _box(mask, one, ramp) / count
+    mean_w = _box(w, one, one) / count
+    uu = _box(mask, ramp * ramp, one) - n * mean_u * mean_u
+    vv = _box(mask, one, ramp * ramp) - n * mean_v * mean_v
+    uv = _box(mask, ramp, ramp) - n * mean_u * mean_v
+    uw = _box(w, ramp, one) - n * mean_u * mean_w
+    vw = _box(w, one, ramp) - n * mean_v * mean_w
+    ww = _box(w * w, one, one) - n * mean_w * mean_w
     full = (2 * radius + 1) ** 2
     det = uu * vv - uv * uv
     spread = full * radius * (radius + 1) / 3
@@ -190,19 +195,50 @@ def _plane_fit(inverse: np.ndarray, seen: np.ndarray, middle: float, radius: int
     rest = np.maximum(ww - slope_u * uw - slope_v * vw, 0)
     level = mean_w - slope_u * mean_u - slope_v * mean_v + np.float32(middle)
     defined &= level > 0.2 * middle
-    return _PlaneFit(level, slope_u, slope_v, rest / np.maximum(n - 3, 1), n, defined)
+    return _PlaneFit(w, level, slope_u, slope_v, rest / np.maximum(n - 3, 1), n, defined)
+
+
+def _sag(
+    fit: _PlaneFit, flat: np.ndarray, sigma_m: float, radius: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """By how much a curved surface leads the planes fitted to it, and where it is curved.
+
+    The plane of a window passes behind the middle of a dome, the farther the more slanted the dome
+    is seen: two views of it would differ, all over the surface alike. What a fit of second degree
+    adds in the middle of full windows is noise one by one, so they are averaged over a
+    neighbourhood; not where it differs from window to window, as about an edge.
+    """
+    side = 2 * radius + 1
+    one = np.ones(side, np.float32)
+    square = np.arange(-radius, radius + 1, dtype=np.float32) ** 2
+    bump = square - square.mean()
+    gain = -square.mean() / (side * float(bump @ bump))
+    full = (flat & (fit.count > side * side - 0.5)).astype(np.float32)
+    lead = full * gain * (_box(fit.about_middle, bump, one) + _box(fit.about_middle, one, bump))
+    noise = np.float32(abs(gain) * np.sqrt(2 * side * float(bump @ bump)) * sigma_m) * fit.level**2
+    count = _box(full, one, one)
+    share = np.maximum(count, 1)
+    mean = _box(lead, one, one) / share
+    square_m, square_n = mean * mean, noise * noise
+    enough = count > 0.5 * side * side
+    alike = _box(lead * lead, one, one) / share - square_m < 4 * square_n + 0.25 * square_m
+    # On the surface's border a window may have neighbours on another one only.
+    alike &= (full == 0) | (np.abs(lead - mean) < 4 * noise + 0.5 * np.abs(mean))
+    curved = enough & (square_m * (1 + count / (side * side)) > _CURVED * square_n)
+    return np.where(enough & alike & flat, mean, np.float32(0)), curved
 
 
 def _borrow_planes(
     fit: _PlaneFit,
     own: np.ndarray,
+    lending: np.ndarray,
     seen: np.ndarray,
     inverse: np.ndarray,
     noise: np.ndarray,
     radius: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Where there is a plane, its slopes and level, all flat; where a window straddles an edge,
-    of a window beside it that does not."""
+    of a window beside it that does not and is ``lending``."""
     found = own.copy()
     slope_u, slope_v, level = (m.ravel().copy() for m in (fit.slope_u, fit.slope_v, fit.level))
     here = np.flatnonzero(seen.ravel() & ~own)
@@ -214,7 +250,7 @@ def _borrow_planes(
     )
     du, dv = beside.T.astype(np.float32)[:, :, None]
     there = here + (beside @ (1, inverse.shape[1]))[:, None]
-    offered = np.where(own, level, np.float32(np.inf))
+    offered = np.where(lending, level, np.float32(np.inf))
     guess = offered[there] - slope_u[there] * du - slope_v[there] * dv
     off = np.abs(guess - inverse.ravel()[here])
     best = np.argmin(off, axis=0)

@@ -15,7 +15,7 @@ from horizon_sensor_ros.core.target.rigid import orthonormal
 # Before the last gate a part of the planes does.
 _COARSE_STEP = 3
 # Pairs serve until the target has moved by so many pixel widths.
-_STRAY_PX = 0.3
+_STRAY_PX = 0.1
 # Step in units of its standard deviation, squared, below which it may be asked whether to go on.
 _DRIFTING = 10.0
 # So many steps at full length.

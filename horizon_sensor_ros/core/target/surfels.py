@@ -164,7 +164,7 @@ def _surfels(image: RangeImage, planes: Planes, tilt: np.ndarray, noise_m: np.nd
         # Neighbours share most of their window anyway.
         keep = (row + column) % 2 == 0
         share = 2
-        if len(index) > 2400:
+        if len(index) > 4800:
             step = 2 * int(np.ceil(np.sqrt(len(index) / 6000)))
             keep = (row % step == 0) & (column % step == 0)
             share = step * step
