@@ -19,6 +19,7 @@ from horizon_sensor_ros.core.robust import median, stretches
 from horizon_sensor_ros.core.symmetric3 import inverse
 
 _STRETCHES = 6
+_NEGLIGIBLE = 0.02  # shared variance over the points' own that is not worth adding
 _MEDIAN_VARIANCE = np.pi / 2.0  # of a median of normal errors, over that of their mean
 _SURE = 2.0  # times the points' own variance: what chance makes of it
 
@@ -58,9 +59,8 @@ def _coherent_covariance(
 
     Each camera's limb counts as `_STRETCHES` independent stretches, whatever the number of points.
     """
-    basis = tangent_basis(fit.nadir_base)
-    information = np.zeros((3, 3))
-    shifts = []
+    shares = []
+    negligible = True
     for observation in observations:
         rays = gather([observation])
         if len(rays) < 2 * _STRETCHES or observation.view.name not in fit.cameras:
@@ -73,13 +73,18 @@ def _coherent_covariance(
         freedom = max(1.0 - 3.0 / (_STRETCHES * len(fit.cameras)), 0.25)
         own2 = _MEDIAN_VARIANCE * median(rays.sigma_px) ** 2 * _STRETCHES / len(rays)
         bend2 = max(bend_px(fit, rays) ** 2 / freedom - _SURE * own2, 0.0)
-        coherent_px = max(claimed_px, np.sqrt(bend2))
+        coherent2 = max(claimed_px**2, bend2)
+        negligible &= coherent2 < _NEGLIGIBLE * own2
+        shares.append((observation, rays, _STRETCHES / (len(rays) * coherent2)))
+    if negligible:
+        return np.zeros((4, 4))
+    basis = tangent_basis(fit.nadir_base)
+    information = np.zeros((3, 3))
+    shifts = []
+    for observation, rays, weight in shares:
         rows = rays.design(fit.nadir_base, basis) / rays.angles(fit.nadir_base)[1][:, None]
-        weight = _STRETCHES / (len(rays) * coherent_px**2)
         information += weight * rows.T @ rows
         shifts.append(observation.limb.shift_px * weight * rows.sum(axis=0))
-    if not information.any():
-        return np.zeros((4, 4))
     gain = inverse(information)
     moved = [gain @ shift for shift in shifts]
     cov = gain + sum((np.outer(move, move) for move in moved), np.zeros((3, 3)))

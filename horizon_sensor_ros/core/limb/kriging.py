@@ -301,12 +301,24 @@ def _with_neighbours(scaled: np.ndarray, good: np.ndarray) -> np.ndarray:
 
     Where only one of these is good it takes both places, and where none is the profile's own does.
     """
-    index = np.arange(len(scaled))
+    first, last = _beside(len(scaled)) if good.all() else _good_beside(good)
+    return np.concatenate([scaled[first], scaled, scaled[last]], axis=1)
+
+
+@lru_cache(maxsize=64)
+def _beside(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """`_good_beside` of so many that all are."""
+    return _good_beside(np.ones(count, dtype=bool))
+
+
+def _good_beside(good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (N,) of the stretches that stand before and after each."""
+    index = np.arange(len(good))
     before = np.concatenate([_NONE, good[:-1]])
     after = np.concatenate([good[1:], _NONE])
     first = np.where(before, index - 1, np.where(after, index + 1, index))
     last = np.where(after, index + 1, np.where(before, index - 1, index))
-    return np.concatenate([scaled[first], scaled, scaled[last]], axis=1)
+    return first, last
 
 
 _NONE = np.zeros(1, dtype=bool)
