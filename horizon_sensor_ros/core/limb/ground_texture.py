@@ -21,6 +21,11 @@ def likely(strength: float) -> int:
     return int(np.abs(_ROUGH - strength).argmin())
 
 
+def by_kind(rough: float, smooth: float) -> np.ndarray:
+    """One value for each texture (NUM,) of a kind."""
+    return np.repeat([rough, smooth], [len(_ROUGH), len(_SMOOTH)])
+
+
 def variogram(apart: float) -> np.ndarray:
     """Half the mean squares (NUM,) of the textures' changes over a distance."""
     return _of_kinds(1.0 - _rough(np.array(apart)), 1.0 - _smooth(np.array(apart)))

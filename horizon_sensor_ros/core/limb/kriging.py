@@ -39,7 +39,9 @@ _NO_TEXTURE = 5.0  # log odds beforehand of a limb without texture, to any one t
 _LAG = 0.06  # over the planet's radius; brightness is compared along so much limb
 _STEP_VARIANCE = 0.5  # over that of a pixel of a profile: two of them are beside the edge
 _NODES = 40  # of the integral over the blur, in the root of the depth
-_SHARED = 1.1  # what neighbours share of texture's error, over what the texture's covariance says
+# What neighbours share of texture's variance, over what its covariance says: as measured, of rough
+# texture and of smooth.
+_SHARED = ground_texture.by_kind(1.2, 3.0)
 _PARTS = 6  # of the limb, between which nothing is shared
 _FAR_OFF = 6.0  # times the median distance, from which on an edge is not the limb's
 _BLUR_SIGMA_PX = 0.03  # how well it is known beforehand
@@ -207,7 +209,7 @@ def _shared_error(variance: np.ndarray, count: int, ground: float) -> SharedErro
     count : stretches of limb, of a length of ``ground``.
     """
     part, whole = (
-        _SHARED * math.sqrt(float(variance @ _alike(max(1, number), _rounded(ground))))
+        math.sqrt(float(variance @ (_SHARED * _alike(max(1, number), _rounded(ground)))))
         for number in (round(count / _PARTS), count)
     )
     return SharedError(part, whole)

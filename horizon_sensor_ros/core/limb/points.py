@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -20,6 +21,10 @@ class SharedError(NamedTuple):
 
     coherent_px: float
     shift_px: float
+
+    def besides(self, other: SharedError) -> SharedError:
+        """Both errors together, which know nothing of each other."""
+        return SharedError(*(math.hypot(a, b) for a, b in zip(self, other, strict=True)))
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,15 @@ class EdgePlaces:
         """Those of the profiles that a mask (N,) keeps."""
         return EdgePlaces(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
 
+    def replaced(self, which: np.ndarray, by: EdgePlaces) -> EdgePlaces:
+        """These, but for the profiles of a mask (N,), of which others are given."""
+        columns = []
+        for name in self.__dataclass_fields__:
+            column = getattr(self, name).copy()
+            column[which] = getattr(by, name)
+            columns.append(column)
+        return EdgePlaces(*columns)
+
 
 def scatter_px(offset_px: np.ndarray) -> float:
     """One sigma of places (N,) from one profile to the next, robust; NaN for less than three."""

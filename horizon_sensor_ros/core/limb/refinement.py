@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.limb.clipping import place_clipped_edges
 from horizon_sensor_ros.core.limb.edge_model import (
     GLOW_LADDER_PX,
     PSF_LADDER_PX,
@@ -87,12 +89,15 @@ def refine_limb(
     good = _believable(places)
     model_free = True
     shared = SharedError(0.0, 0.0)
+    clipped = sample.clipped()
     if looks and np.count_nonzero(good) >= MIN_PROFILES:
+        plain = good & ~clipped
+        enough = np.count_nonzero(plain) >= MIN_PROFILES
         if len(looks) > 1:
-            looks = (likeliest_look(profiles[good], noise, looks, grid),)
+            looks = (likeliest_look(profiles[plain if enough else good], noise, looks, grid),)
         sharp = looks[0].glow_px == 0.0
         kriged = KrigedLimb(sample, looks[0], rho_rad)
-        kriging = sharp and _to_be_kriged(looks[0], places.step[good])
+        kriging = sharp and enough and _to_be_kriged(looks[0], places.step[plain])
         if kriging and not step.expected:
             near, shared = kriged.about_prediction(good)
         likely = place_edges(profiles, noise, looks[0], grid) if near is None else near
@@ -111,6 +116,10 @@ def refine_limb(
                 limb = fitted_limb(kriged.base[good], places.offset_px[good], places.sigma_px[good])
                 places, shared = kriged.about(limb, good)
                 good = _believable(places)
+    of_clipping = SharedError(0.0, 0.0)
+    if clipped.any() and not any(look.glow_px > 0 for look in looks):
+        places, of_clipping = _with_clipped(sample, clipped, places)
+        good = (good & ~clipped) | (clipped & _believable(places))
     num_good = int(np.count_nonzero(good))
     if num_good < MIN_PROFILES:
         reason = f"{num_good} of {len(profiles)} profiles across the limb show an edge"
@@ -147,7 +156,7 @@ def refine_limb(
             px, normal_px = px[contour.keep], normal_px[contour.keep]
     if not modelled:
         shared = SharedError(coherent, _SHIFT * coherent)
-    points = _points(sample, px, normal_px, places, shared, jumps_px)
+    points = _points(sample, px, normal_px, places, shared.besides(of_clipping), jumps_px)
     return points, () if given and model_free else tuple(looks)
 
 
@@ -158,6 +167,8 @@ def _as_expected(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoin
     """
     step, good = sample.steps()
     if np.count_nonzero(good) < MIN_PROFILES or not _to_be_kriged(look, step[good]):
+        return None
+    if sample.clipped().any():
         return None
     places, shared = KrigedLimb(sample, look, rho_rad).about_prediction(good)
     if places is None:
@@ -173,6 +184,21 @@ def _as_expected(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoin
     if not jumps_px < _CALM_PX:
         return None
     return _points(sample, px, normal_px, places, shared, jumps_px)
+
+
+def _with_clipped(
+    sample: LimbSample, clipped: np.ndarray, places: EdgePlaces
+) -> tuple[EdgePlaces, SharedError]:
+    """Places with those of clipped edges (M,) as their feet tell them, and the error they share."""
+    found = place_clipped_edges(
+        sample.profiles[clipped], sample.grid.d_px, sample.white, sample.noise, sample.grid.reach_px
+    )
+    # Texture may end beside these edges as it does beside the others.
+    sigma_px = np.hypot(found.places.sigma_px, places.sigma_px[clipped])
+    by = replace(found.places, sigma_px=sigma_px)
+    share = float(np.mean(clipped))
+    coherent, shift = (share * error for error in found.shared)
+    return places.replaced(clipped, by), SharedError(coherent, shift)
 
 
 def _points(

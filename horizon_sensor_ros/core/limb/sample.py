@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.limb.clipping import clipped, white_level
 from horizon_sensor_ros.core.limb.curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.limb.kriging import INNER_PX, OUTER_PX, Stretches
 from horizon_sensor_ros.core.limb.points import LimbPoints
@@ -110,6 +112,15 @@ class LimbSample:
         inside = profiles[:, num_inside - 2 : num_inside].sum(axis=1)
         step = 0.5 * inside - profiles[:, -3:].sum(axis=1) / 3.0
         return step, step > LEAST_SIGNIFICANCE * self.noise
+
+    @cached_property
+    def white(self) -> float:
+        """`white_level` of the image."""
+        return white_level(self.gray)
+
+    def clipped(self) -> np.ndarray:
+        """Stretches (M,) that are saturated beside the predicted limb."""
+        return clipped(self.profiles, self.grid.d_px, self.white)
 
     def moved(self, limb: np.ndarray) -> LimbSample:
         """Profiles as they are kriged, about the curve moved along its normals by (3,), as

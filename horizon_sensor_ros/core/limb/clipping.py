@@ -1,0 +1,137 @@
+"""Edges of a planet too bright for the exposure: where pixels saturate, the fall's foot is seen.
+
+A blurred step of height S that is clipped at the white level,
+
+    I(d) = background + min(white, S F((e - d) / w)),
+
+is known by the samples on its way down. The higher S is over the white level, the farther out they
+lie: heights and blurs w are tried, the place e found for each, and places averaged over what is
+likely. What stays open shifts the whole limb, and is so much of its shared error.
+Source: derived here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from horizon_sensor_ros.core.limb.edge_model import normal_cdf
+from horizon_sensor_ros.core.limb.points import SharedError
+from horizon_sensor_ros.core.limb.profiles import EdgePlaces, space_level
+
+# White levels of cameras: 8, 10, 12, 14, 16 bits; 10 to 14 of them at the top of 16.
+_WHITE = (255, 1023, 4095, 16383, 65535, 65472, 65520, 65532)
+_DARK = 0.5  # space, over the white level, at most
+_NEAR_WHITE = 0.97  # lossy coding and interpolation leave less of it
+_INNER_PX, _OUTER_PX = -2.0, 5.0  # the part of a profile that is fitted
+_INSIDE_PX = (-3.0, -0.5)  # where the planet beside the edge is seen
+_PITCH_PX = 0.1
+_PLACES_PX = np.arange(-20, 21) * _PITCH_PX
+_HEIGHTS = 2.0 ** np.arange(0.0, 2.6, 0.125)  # of the step, over the white level
+_BLURS_PX = np.array([0.6, 0.68, 0.76, 0.85, 0.95])
+_USUAL_BLUR_PX, _BLUR_SPREAD = 0.76, 0.1  # beforehand, and its relative sigma
+_MODEL_ERROR = 0.01  # of a sample, over the white level: no blur is quite a normal law
+_LOBES, _FINE_PX = 4, 0.05
+_WINDOW, _ANYWHERE = 3.0, 3.0  # edges that are as bright; weight of one elsewhere over one nearby
+_TOLD = 8.0  # edges, as many as which tell of height and blur: their errors are alike
+_MOST_EVIDENCE = 20.0  # of one edge
+_LEAST_SHARED = SharedError(0.03, 0.1)  # height and blur are not the same all along the limb
+
+
+@dataclass(frozen=True)
+class ClippedEdges:
+    """places : of the edges. shared : error that they have in common, of blur and height."""
+
+    places: EdgePlaces
+    shared: SharedError
+
+
+def white_level(gray: np.ndarray) -> float:
+    """Brightness at which a camera's frame saturates; infinite where none of it does."""
+    top = float(gray.max())
+    return top if top in _WHITE else np.inf
+
+
+def clipped(profiles: np.ndarray, d_px: np.ndarray, white: float) -> np.ndarray:
+    """Which profiles (N, J), with samples at d_px (J,) outwards, are clipped up to the edge.
+
+    Not those that are bright in space as well.
+    """
+    beside = (d_px >= _INSIDE_PX[0]) & (d_px <= _INSIDE_PX[1])
+    white_inside = profiles[:, beside].min(axis=1) >= _NEAR_WHITE * white
+    return np.asarray(white_inside & (space_level(profiles) < _DARK * white))
+
+
+def place_clipped_edges(
+    profiles: np.ndarray, d_px: np.ndarray, white: float, noise: float, reach_px: float
+) -> ClippedEdges:
+    """Places of the edges of clipped profiles (N, J) along the normals.
+
+    d_px : (J,) whole pixels outwards from the predicted place. noise : one sigma of a sample.
+    reach_px : beyond it an edge counts as at the border.
+    """
+    used = (d_px >= _INNER_PX) & (d_px <= _OUTER_PX)
+    space = space_level(profiles)
+    scale = white - space
+    samples = (profiles[:, used] - space[:, None]) / scale[:, None]
+    models = _models(tuple(d_px[used].tolist()))
+    chi2 = np.square(models).sum(axis=1) - 2.0 * samples @ models.T
+    chi2 += np.square(samples).sum(axis=1)[:, None]
+    chi2 /= (np.square(noise / scale) + _MODEL_ERROR**2)[:, None]
+    offset, variance, cost = _lowest(chi2.reshape(len(samples), -1, len(_PLACES_PX)))
+    least = cost.min(axis=1)
+    evidence = np.maximum(-0.5 * (cost - least[:, None]), -_MOST_EVIDENCE)
+    number = np.arange(len(samples))
+    nearby = np.exp(-0.5 * np.square((number[:, None] - number) / _WINDOW)) + _ANYWHERE
+    nearby *= np.minimum(1.0, _TOLD / nearby.sum(axis=1))[:, None]
+    evidence = nearby @ evidence + _log_prior()
+    share = np.exp(evidence - evidence.max(axis=1, keepdims=True))
+    share /= share.sum(axis=1, keepdims=True)
+    place = (share * offset).sum(axis=1)
+    apart2 = (share * np.square(offset - place[:, None])).sum(axis=1)
+    places = EdgePlaces(
+        place,
+        np.sqrt((share * variance).sum(axis=1)),
+        scale,
+        scale / noise,
+        least / samples.shape[1],
+        np.abs(place) > reach_px,
+        np.zeros(len(samples)),
+    )
+    open_px = float(np.sqrt(apart2.mean()))
+    return ClippedEdges(places, SharedError(open_px, open_px).besides(_LEAST_SHARED))
+
+
+def _lowest(chi2: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Place, its variance, and the cost there (N, M), of costs (N, M, P): vertices of parabolas."""
+    index = np.clip(chi2.argmin(axis=2), 1, len(_PLACES_PX) - 2)[:, :, None]
+    before, top, after = (np.take_along_axis(chi2, index + k, axis=2)[:, :, 0] for k in (-1, 0, 1))
+    bend = np.maximum(before - 2.0 * top + after, 1e-9)
+    lean = np.clip(0.5 * (before - after) / bend, -1.0, 1.0)
+    offset = _PLACES_PX[index[:, :, 0]] + _PITCH_PX * lean
+    return offset, 2.0 * _PITCH_PX**2 / bend, top - 0.5 * bend * np.square(lean)
+
+
+@lru_cache(maxsize=1)
+def _log_prior() -> np.ndarray:
+    """Of blurs and heights (M,): much too bright is less likely than a little."""
+    blur = -0.5 * np.square(np.log(_BLURS_PX / _USUAL_BLUR_PX) / _BLUR_SPREAD)
+    return np.asarray((blur[:, None] - np.log(_HEIGHTS)).ravel())
+
+
+@lru_cache(maxsize=4)
+def _models(d_px: tuple[float, ...]) -> np.ndarray:
+    """Clipped edges over the white level, (blurs * heights * places, J).
+
+    Pixels are clipped one by one, and interpolation between them rounds the corner off: over all
+    phases of the pixels that is a convolution with its kernel (of Lanczos, four lobes).
+    """
+    fine = np.arange(d_px[0] - _LOBES, d_px[-1] + _LOBES, _FINE_PX) + 0.5 * _FINE_PX
+    depth = _PLACES_PX[:, None] - fine
+    rise = normal_cdf(depth / _BLURS_PX[:, None, None])
+    seen = np.minimum(1.0, rise[:, None] * _HEIGHTS[:, None, None])
+    apart = fine[:, None] - np.array(d_px)
+    kernel = np.where(np.abs(apart) < _LOBES, np.sinc(apart) * np.sinc(apart / _LOBES), 0.0)
+    return np.asarray((seen.reshape(-1, len(fine)) @ kernel) / kernel.sum(axis=0))
