@@ -204,6 +204,18 @@ def test_rays_behind_a_perspective_camera_have_no_pixel() -> None:
 
 
 @pytest.mark.parametrize("name", MODELS)
+def test_pixels_move_along_as_their_jacobian_says(name: str) -> None:
+    camera = make(name)
+    rng = np.random.default_rng(2)
+    rays = camera.rays(rng.uniform(100.0, 300.0, (50, 2)))
+    along = rng.normal(size=rays.shape)
+    px, moved = camera.project_along(rays, along)
+    again, jacobian = camera.project(rays)
+    np.testing.assert_allclose(px, again, rtol=1e-12)
+    np.testing.assert_allclose(moved, np.einsum("nij,nj->ni", jacobian, along), rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", MODELS)
 def test_bad_pixels_and_no_pixels(name: str) -> None:
     camera = make(name)
     rays = camera.rays(np.array([[np.nan, 1.0], [np.inf, 2.0], [100.0, 100.0]]))

@@ -192,6 +192,10 @@ def test_stretched_cameras_pixels_rays_and_jacobian(camera: Camera) -> None:
     again, jacobian = stretched.project(rays)
     np.testing.assert_allclose(again, px, atol=1e-8)
     np.testing.assert_array_equal(stretched.pixel_jacobian(rays), jacobian)
+    along = np.random.default_rng(1).normal(size=rays.shape)
+    again, moved = stretched.project_along(rays, along)
+    np.testing.assert_allclose(again, px, atol=1e-8)
+    np.testing.assert_allclose(moved, np.einsum("nij,nj->ni", jacobian, along), rtol=1e-9)
     for axis_index in range(3):
         step = np.zeros(3)
         step[axis_index] = 1e-6

@@ -10,6 +10,7 @@ from limb_frames import PLANET, clouds, draw, limb_views
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.candidates import reduce_image, space_level_and_noise
+from horizon_sensor_ros.core.limb.curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.limb.evidence import SkyEvidence, sky_evidence
 from horizon_sensor_ros.sim.earth_camera import SimFrame
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
@@ -54,6 +55,24 @@ def test_a_limb_drawn_through_the_planet_has_a_bright_sky() -> None:
         told = evidence(frame.image, view, RHO - 0.15)
         assert told.bright_sky > 0.5
         assert told.clear_sky < 0.85
+
+
+def test_a_limb_drawn_before_it_was_fitted_will_do_where_it_lies_near() -> None:
+    view, frame = drawn(clouds(1))
+    small, factor = reduce_image(frame.image)
+    level, noise = space_level_and_noise(small)
+
+    def told(predicted: LimbCurve | None) -> SkyEvidence:
+        return sky_evidence(small, factor, level, noise, view, NADIR, RHO, predicted)
+
+    near, far = (limb_curve(view, NADIR, RHO + off) for off in (0.0005, -0.15))
+    anew = told(None)
+    assert told(far) == anew
+    as_predicted = told(near)
+    assert as_predicted.limb_px == pytest.approx(anew.limb_px, rel=0.02)
+    for name in ("bright_sky", "lit_limb", "clear_sky", "dark_ground"):
+        assert getattr(as_predicted, name) == pytest.approx(getattr(anew, name), abs=0.03)
+    assert as_predicted.contrast == pytest.approx(anew.contrast, rel=0.05)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

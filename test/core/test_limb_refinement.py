@@ -13,6 +13,7 @@ from scipy.ndimage import map_coordinates
 from scipy.special import ndtr
 
 from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.limb import edge_model
 from horizon_sensor_ros.core.limb.candidates import reduce_image
 from horizon_sensor_ros.core.limb.curve import LimbCurve
@@ -457,3 +458,48 @@ def test_places_taken_by_mask() -> None:
     np.testing.assert_array_equal(some.offset_px, places.offset_px[::2])
     assert len(some.misfit) == 5
     assert len(cone_rays(NADIR, 1.0, np.zeros(2))) == 2
+
+
+# ---------------------------------------------------------------- a limb that is expected
+
+EXPECTED = replace(FINAL, expected=True, inner_px=4.0)
+
+
+@pytest.mark.parametrize("texture", ["uniform", "clouds"])
+@pytest.mark.parametrize("off_px", [0.0, 0.05, 0.5])
+def test_an_expected_limb_is_the_same_limb(texture: str, off_px: float) -> None:
+    """Where it lies as predicted, and where it has to be looked for as always."""
+    altitude_m = 600e3
+    view = limb_views(altitude_m)[0]
+    scene = clouds(4) if texture == "clouds" else None
+    image = draw((view,), altitude_m, scene)[0].image
+    rho = PLANET.rho_from_altitude(altitude_m) + off_px / view.camera.fx
+    looks = (SHARP,)
+    always, _ = refine_limb(image, view, NADIR, rho, FINAL, looks)
+    expected, kept = refine_limb(image, view, NADIR, rho, EXPECTED, looks)
+    assert expected.status is always.status is Status.OK
+    assert kept == looks
+    nearest = np.linalg.norm(always.px[:, None] - expected.px, axis=2).argmin(axis=1)
+    same = np.linalg.norm(always.px - expected.px[nearest], axis=1) < 2.0
+    assert same.mean() > 0.9
+    apart = (always.offset_px - expected.offset_px[nearest])[same]
+    assert abs(np.median(apart)) < 0.01
+    assert np.abs(apart).mean() < np.median(always.sigma_px)
+
+
+def test_points_come_in_order_along_the_limb() -> None:
+    altitude_m = 600e3
+    view = limb_views(altitude_m)[0]
+    image = draw((view,), altitude_m, clouds(2))[0].image
+    rho = PLANET.rho_from_altitude(altitude_m)
+    limb, _ = refine_limb(image, view, NADIR, rho, FINAL, (SHARP,))
+    rays = rays_of(view, limb)
+    assert rays.ordered
+    order = replace(rays, ordered=False).along_limb(NADIR)
+    if order[0] > order[-1]:
+        order = order[::-1]
+    np.testing.assert_array_equal(rays.along_limb(NADIR), order)
+    predicted = limb.predicted
+    assert predicted is not None
+    where = np.linalg.norm(predicted.px[:, None] - limb.px, axis=2)
+    np.testing.assert_allclose(where.min(axis=0), np.abs(limb.offset_px), atol=1e-6)
