@@ -128,7 +128,7 @@ def detect_limb(
         observations = tuple(LimbObservation(view, none) for view in views)
         return Detection(observations, candidates, consensus)
     frames = [
-        _Frame(image, max(1, int(found.pitch_px) // 2), rests=False)
+        _Frame(image, max(1, int(found.pitch_px) // 2), int(found.pitch_px))
         for image, found in zip(images, candidates, strict=True)
     ]
     near = consensus.nadir_base, consensus.rho_rad
@@ -158,9 +158,7 @@ def follow_limb(
     """
     fresh: list[tuple[EdgeLook, ...]] = [()] * len(views)
     attempts = ((looks, (_GLOW, _EXPECTED)), (fresh, _FRESH), (fresh, (_AGAIN, *_FRESH)))
-    frames = [
-        _Frame(image, factor, rests=True) for image, factor in zip(images, factors, strict=True)
-    ]
+    frames = [_Frame(image, factor) for image, factor in zip(images, factors, strict=True)]
     for start, steps in attempts:
         found = _look(views, frames, planet, (nadir_base, rho_rad), start, steps)
         if [limb.status is Status.OK for limb in found.limbs] != list(sees):
@@ -173,14 +171,25 @@ def follow_limb(
 class _Frame:
     """One image, and the size in which its limb shows best.
 
-    factor : by which it is reduced for the next pass. rests : whether that is decided.
+    factor : by which it is reduced for the next pass. coarsest : the largest to begin with; without
+    one the size is decided.
     """
 
-    def __init__(self, gray: np.ndarray, factor: int, *, rests: bool) -> None:
-        self.factor = factor
-        self._rests = rests
+    def __init__(self, gray: np.ndarray, factor: int, coarsest: int = 0) -> None:
+        self.factor = self._first = factor
+        self._coarsest = coarsest
+        self._rests = coarsest == 0
         self._coarser = factor, np.inf  # the last size, and how neighbouring edges differ in it
         self._reduced = {1: gray}
+
+    def coarsen(self) -> bool:
+        """Begin again in a coarser size; False where there is none."""
+        if 2 * self._first > self._coarsest:
+            return False
+        self.factor = self._first = 2 * self._first
+        self._coarser = self.factor, np.inf
+        self._rests = False
+        return True
 
     def image(self) -> np.ndarray:
         """Gray levels in that size."""
@@ -259,6 +268,10 @@ def _look(
         nearer = refine(rays, planet, starts[0])
         if not nearer.ok:
             nearer = refine(rays, planet, starts[1])
+        if not nearer.ok and step is _SEARCH and any([frame.coarsen() for frame in frames]):
+            # Edges of a limb this soft scatter too much for any cone.
+            passes.insert(0, _SEARCH)
+            continue
         if not nearer.ok:
             break
         nadir, rho = nearer.nadir_base, nearer.rho_rad
