@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from limb_frames import CAMERA, CLEAN, PLANET, clouds, draw, limb_views
+import pytest
+from limb_frames import CAMERA, CLEAN, PLANET, as_frames, clouds, draw, limb_views
 from limb_samples import angle_between
 
 from horizon_sensor_ros.core.camera import CameraView
@@ -60,3 +61,13 @@ def test_a_sharp_limb_is_looked_at_in_the_frames_own_pixels() -> None:
     (view,) = limb_views(ALTITUDE_M, camera=camera)
     (drawn,) = draw((view,), ALTITUDE_M, clouds(4), CLEAN)
     assert factors(Frame(view, drawn.image)) == (1,)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_balloons_limb_in_glowing_air_is_found(seed: int) -> None:
+    altitude_m = 30e3
+    views = limb_views(altitude_m, azimuths_rad=(0.0, 1.5), above_rad=0.1)
+    air = replace(clouds(seed), air_dn=130.0, air_inside=0.8)
+    fix = HorizonSensor().process(as_frames(views, draw(views, altitude_m, air, CLEAN)))
+    assert fix.ok, fix.reason
+    assert np.degrees(angle_between(fix.fit.nadir_base, NADIR)) < 0.5

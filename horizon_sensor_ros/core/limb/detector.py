@@ -226,7 +226,7 @@ def _look(
     """Pass after pass, each around the cone that fits the last one's limb.
 
     near : nadir (3,) and rho of the first pass. Passes that leave the cone open are the last. The
-    second one is made once more in frames of another size, the final one where it finds the limb
+    first two are made once more in frames of another size, the final one where it finds the limb
     off its cone.
     """
     nadir, rho = near
@@ -268,8 +268,9 @@ def _look(
         nearer = refine(rays, planet, starts[0])
         if not nearer.ok:
             nearer = refine(rays, planet, starts[1])
-        if not nearer.ok and step is _SEARCH and any([frame.coarsen() for frame in frames]):
+        if not nearer.ok and step is _SEARCH and sum(frame.coarsen() for frame in frames):
             # Edges of a limb this soft scatter too much for any cone.
+            looks = [()] * len(views)
             passes.insert(0, _SEARCH)
             continue
         if not nearer.ok:
