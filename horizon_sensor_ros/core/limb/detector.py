@@ -39,7 +39,7 @@ _SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0, contour=False)
 _NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0)
 _GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0)
 _FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0)
-_EXPECTED = replace(_FINAL, expected=True, inner_px=4.0)
+EXPECTED = replace(_FINAL, expected=True, inner_px=4.0)
 # Where the prediction was off.
 _AGAIN = RefinePass(reach_px=10.0, grid_px=0.5, spacing_px=4.0, guess=False)
 _STRETCHES, _ON_COURSE_PX = 4, 0.6
@@ -157,7 +157,7 @@ def follow_limb(
     None.
     """
     fresh: list[tuple[EdgeLook, ...]] = [()] * len(views)
-    attempts = ((looks, (_GLOW, _EXPECTED)), (fresh, _FRESH), (fresh, (_AGAIN, *_FRESH)))
+    attempts = ((looks, (_GLOW, EXPECTED)), (fresh, _FRESH), (fresh, (_AGAIN, *_FRESH)))
     frames = [_Frame(image, factor) for image, factor in zip(images, factors, strict=True)]
     for start, steps in attempts:
         found = _look(views, frames, planet, (nadir_base, rho_rad), start, steps)
@@ -252,7 +252,7 @@ def _look(
             looks=tuple(() if step is _SEARCH else kinds for kinds in held),
             factors=tuple(frame.factor for frame in frames),
         )
-        if step in (_EXPECTED, _FINAL) and (found.on_course or not found.modelled):
+        if step in (EXPECTED, _FINAL) and (found.on_course or not found.modelled):
             break
         if step in (_SEARCH, _NEAR):
             resized = [frame.resize(limb) for frame, limb in zip(frames, found.limbs, strict=True)]
