@@ -117,6 +117,22 @@ def test_points_are_evenly_spaced(camera: Camera, spacing: float) -> None:
         )
 
 
+@pytest.mark.parametrize("camera", CAMERAS[:2], ids=lambda c: c.model + str(len(c.distortion)))
+def test_a_limb_that_moves_on_reaches_the_frames_border_all_the_time(camera: Camera) -> None:
+    """Azimuths are kept from one drawing to the next while the limb moves by little."""
+    rho = np.radians(66.0)
+    view = view_at_limb(camera, NADIR, rho, 0.3, 0.0)
+    size = np.array([camera.width - 1.0, camera.height - 1.0])
+    for turn in np.linspace(0.0, 0.02, 41):
+        axis = np.cross(NADIR, view.rot_base_from_cam[:, 2])
+        nadir = Rotation.from_rotvec(turn * axis).apply(NADIR)
+        curve = limb_curve(view, nadir, rho + 0.3 * turn)
+        ends = curve.px[[0, -1]]
+        assert np.minimum(ends, size - ends).min(axis=1).max() < 2.0
+        rays = camera.rays(curve.px) @ view.rot_base_from_cam.T
+        np.testing.assert_allclose(np.arccos(rays @ nadir), rho + 0.3 * turn, atol=1e-7)
+
+
 def test_whole_disc_is_a_closed_curve() -> None:
     rho = np.radians(12.0)
     view = CameraView("camera", PINHOLE, Rotation.from_rotvec([0.1, 0.05, 0.0]).as_matrix())

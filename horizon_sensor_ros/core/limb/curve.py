@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from horizon_sensor_ros.core.camera import Camera, CameraView
 
 _COARSE = 384
+# Steps in which nadir and the logarithm of rho are told apart to see which azimuths are in the
+# frame, what such a step may move them by, and how near nadir may be to the optical axis for that.
+_STEP_RAD, _MARGIN_RAD, _MOST_COSINE = 0.005, 0.025, 0.87
 _CONCENTRATION = 5.0  # how much denser the coarse azimuths lie near the optical axis
 
 
@@ -57,19 +61,11 @@ def limb_curve(
     Arc by arc in the order of the azimuth about nadir. No point in the frame: an empty curve.
     """
     camera = view.camera
-    cone = _cone(view.rot_base_from_cam.T @ nadir_base, rho_rad)
-    px = camera.pixels((cone @ _COARSE_CIRCLE).T)
-    inside = _within(camera, px)
-    # A cell counts when either end is inside; its length comes from the chord of its two ends.
-    chord = px.T[:, 1:] - px.T[:, :-1]
-    length = np.hypot(*chord)
-    length[~((inside[:-1] | inside[1:]) & (length < np.inf))] = 0.0
-    total = np.zeros(_COARSE)
-    np.cumsum(length, out=total[1:])
-    if total[-1] < spacing_px:
+    nadir = view.rot_base_from_cam.T @ nadir_base
+    circle = _visible(camera, nadir, rho_rad, spacing_px)
+    if circle.shape[1] == 0:
         return LimbCurve(np.empty((0, 2)), np.empty((0, 2)), spacing_px)
-    azimuth = np.interp(np.arange(0.5 * spacing_px, total[-1], spacing_px), total, _COARSE_RAD)
-    circle = _circle(azimuth)
+    cone = _cone(nadir, rho_rad)
     # Along the limb, by azimuth: minus the sine, and the cosine.
     along = (cone[:, 1:] * _TURNED) @ circle[2:0:-1]
     px, tangent = camera.project_along((cone @ circle).T, along.T)
@@ -87,6 +83,40 @@ def limb_curve(
 
 
 _TURNED = np.array([-1.0, 1.0])
+
+
+def _visible(camera: Camera, nadir: np.ndarray, rho_rad: float, spacing_px: float) -> np.ndarray:
+    """`_circle` (3, N) of the azimuths of points so far apart, of all of the limb that is in the
+    frame and a little more.
+    """
+    # From frame to frame they hardly change, but where the limb goes round the optical axis.
+    if abs(float(nadir[2])) > _MOST_COSINE:
+        return _evenly(camera, _cone(nadir, rho_rad), spacing_px, 0.0)
+    steps = tuple(round(component / _STEP_RAD) for component in nadir.tolist())
+    return _nearly_visible(camera, steps, round(math.log(rho_rad) / _STEP_RAD), spacing_px)
+
+
+@lru_cache(maxsize=32)
+def _nearly_visible(
+    camera: Camera, nadir_steps: tuple[int, ...], log_rho_steps: int, spacing_px: float
+) -> np.ndarray:
+    nadir = np.array(nadir_steps, dtype=float)
+    cone = _cone(nadir / math.sqrt(nadir @ nadir), math.exp(log_rho_steps * _STEP_RAD))
+    return _evenly(camera, cone, spacing_px, _MARGIN_RAD * max(camera.fx, camera.fy))
+
+
+def _evenly(camera: Camera, cone: np.ndarray, spacing_px: float, margin_px: float) -> np.ndarray:
+    """`_circle` (3, N) of points of a cone so far apart, in the frame or not far from it."""
+    px = camera.pixels((cone @ _COARSE_CIRCLE).T)
+    inside = _within(camera, px, margin_px)
+    # A cell counts when either end is inside; its length comes from the chord of its two ends.
+    chord = px.T[:, 1:] - px.T[:, :-1]
+    length = np.hypot(*chord)
+    length[~((inside[:-1] | inside[1:]) & (length < np.inf))] = 0.0
+    total = np.zeros(_COARSE)
+    np.cumsum(length, out=total[1:])
+    along = np.arange(0.5 * spacing_px, total[-1], spacing_px)
+    return _circle(np.interp(along, total, _COARSE_RAD))
 
 
 def _cone(nadir: np.ndarray, rho_rad: float) -> np.ndarray:
@@ -111,9 +141,11 @@ def _cone(nadir: np.ndarray, rho_rad: float) -> np.ndarray:
     )
 
 
-def _within(camera: Camera, px: np.ndarray) -> np.ndarray:
-    """Whether pixels (N, 2) lie between the centres of the frame's outermost; not where NaN."""
+def _within(camera: Camera, px: np.ndarray, margin_px: float = 0.0) -> np.ndarray:
+    """Whether pixels (N, 2) lie between the centres of the frame's outermost, or so far outside;
+    not where NaN.
+    """
     half = np.array([[camera.width - 1.0], [camera.height - 1.0]]) * 0.5
     with np.errstate(invalid="ignore"):
-        inside = np.abs(px.T - half) <= half
+        inside = np.abs(px.T - half) <= half + margin_px
     return np.asarray(inside[0] & inside[1])
