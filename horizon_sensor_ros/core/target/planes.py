@@ -22,8 +22,9 @@ _BEND_PX = 0.12
 # Mean square residual of a window over the expected one, up to which it holds one plane.
 _FLAT = 2.0
 # Squared ratio of the mean sag of windows to its noise, beyond which a surface counts as curved:
-# carried on to the pixels beside it, its planes would lie off it.
-_CURVED = 2.0
+# carried on to the pixels beside it its planes would lie off it, and those of windows cut off by
+# its limb lean, in both views alike.
+_CURVED = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +33,9 @@ class Planes:
 
     sigma_m : range noise.  footprint_m : a pixel's width at the target.  normal_noise_rad : of the
         normals.
-    found : bool, where there is a plane.  own : bool, where it is that of the pixel's own window;
-        elsewhere it is borrowed from a window beside it.
+    found : bool, where there is a plane.  own : bool, where it is that of the pixel's own window,
+        whole where the surface is curved; elsewhere it is borrowed from a window beside it, or of
+        the part of a window that a limb leaves.
     level, slope_u, slope_v : float32, inverse depth of the plane at the pixel, and its change from
         one pixel to the next; without a plane that of the return, and 0.
     cosine : float32, between ray and normal.  noise : float32, of one return, of inverse depth.
@@ -72,6 +74,7 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     noise = np.float32(sigma) * inverse * inverse + inverse * np.float32(_BEND_PX / image.focal_px)
     flat = fit.flat(noise)
     sag, curved = _sag(fit, flat, sigma, radius)
+    firm = (~curved | (fit.count > (2 * radius + 1) ** 2 - 0.5)).ravel()
     fit = replace(fit, level=fit.level + sag)
     own, lending = flat.ravel(), (flat & ~curved).ravel()
     found, slope_u, slope_v, level = _borrow_planes(fit, own, lending, seen, inverse, noise, radius)
@@ -101,7 +104,7 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     shape = inverse.shape
     return Planes(
         sigma, footprint, sigma / footprint / _slope_gain(radius), found.reshape(shape),
-        (own & found).reshape(shape), level.reshape(shape), slope_u.reshape(shape),
+        (own & found & firm).reshape(shape), level.reshape(shape), slope_u.reshape(shape),
         slope_v.reshape(shape), cosine.reshape(shape), noise, points, normals,
     )  # fmt: skip
 
@@ -224,7 +227,8 @@ def _sag(
     alike = _box(lead * lead, one, one) / share - square_m < 4 * square_n + 0.25 * square_m
     # On the surface's border a window may have neighbours on another one only.
     alike &= (full == 0) | (np.abs(lead - mean) < 4 * noise + 0.5 * np.abs(mean))
-    curved = enough & (square_m * (1 + count / (side * side)) > _CURVED * square_n)
+    curved = square_m * (1 + count / (side * side)) > _CURVED * square_n
+    curved &= count > 0.15 * side * side
     return np.where(enough & alike & flat, mean, np.float32(0)), curved
 
 
