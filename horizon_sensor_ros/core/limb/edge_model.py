@@ -242,8 +242,9 @@ def place_edges(
     count = len(profiles)
     shape = count, len(look.textures) * len(look.glows), len(grid.e_px)
     chi2, cost, steps = (np.empty(shape, dtype=np.float32) for _ in range(3))
-    for value in set(octave.tolist()):
-        rows = np.flatnonzero(octave == value)
+    octaves = set(octave.tolist())
+    for value in octaves:
+        rows = slice(None) if len(octaves) == 1 else np.flatnonzero(octave == value)
         table = _tables(look, float(2.0**value), grid)
         chi2[rows], steps[rows] = table.looked_up(scaled[rows])
         cost[rows] = chi2[rows] + table.log_det

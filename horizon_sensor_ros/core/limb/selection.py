@@ -137,9 +137,24 @@ def _hypotheses(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cones through random triples of candidates whose edges point the right way.
 
-    The tips of three rays lie in the plane ``x . nadir = cos rho``.
+    The first `_NUM_HYPOTHESES` that make sense; where most do, half of the draw yields as many.
     """
     triples = rng.integers(0, len(found.rays), size=(_NUM_DRAWS, 3))
+    half = _NUM_DRAWS // 2
+    nadirs, cos_rhos = _cones(found, triples[:half], cos_min, cos_max)
+    if len(nadirs) < _NUM_HYPOTHESES:
+        more = _cones(found, triples[half:], cos_min, cos_max)
+        nadirs, cos_rhos = np.concatenate([nadirs, more[0]]), np.concatenate([cos_rhos, more[1]])
+    return nadirs[:_NUM_HYPOTHESES], cos_rhos[:_NUM_HYPOTHESES]
+
+
+def _cones(
+    found: RayCandidates, triples: np.ndarray, cos_min: float, cos_max: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cones through triples (M, 3) of candidates, those that make sense.
+
+    The tips of three rays lie in the plane ``x . nadir = cos rho``.
+    """
     first, second, third = found.rays[triples.T]
     normal = _cross(second - first, third - first)
     norm = np.sqrt(np.einsum("ij,ij->i", normal, normal))
@@ -152,7 +167,7 @@ def _hypotheses(
     # Outwards along the edge's normal, u . n falls; for a perfect edge at the rate sin rho.
     fall = -np.einsum("khc,hc->kh", found.outward[triples.T], nadir)
     sin_rho = np.sqrt(np.maximum(1.0 - cos_rho**2, 1e-12))
-    ok = np.flatnonzero((fall > _COS_POLARITY * sin_rho).all(axis=0))[:_NUM_HYPOTHESES]
+    ok = (fall > _COS_POLARITY * sin_rho).all(axis=0)
     return nadir[ok], cos_rho[ok]
 
 
