@@ -236,9 +236,9 @@ class Camera:
             px = np.stack([x, y])
             moved = along.T[:2] - px * along.T[2]
             moved *= inverse_z
-        moved *= self._focal_px[:, None]
-        px *= self._focal_px[:, None]
-        px += self._centre_px[:, None]
+            moved *= self._focal_px[:, None]
+            px *= self._focal_px[:, None]
+            px += self._centre_px[:, None]
         return px.T, moved.T
 
     def in_frame(self, px: np.ndarray) -> np.ndarray:

@@ -133,6 +133,14 @@ def test_a_limb_that_moves_on_reaches_the_frames_border_all_the_time(camera: Cam
         np.testing.assert_allclose(np.arccos(rays @ nadir), rho + 0.3 * turn, atol=1e-7)
 
 
+@pytest.mark.parametrize("rho", [0.0, np.nan, 1e-9])
+def test_no_disc_has_no_limb(rho: float) -> None:
+    """A track may predict none."""
+    view = view_at_limb(PINHOLE, NADIR, 0.5, 0.3, 0.0)
+    assert len(limb_curve(view, NADIR, rho)) == 0
+    assert len(limb_curve(view, np.full(3, np.nan), 0.5)) == 0
+
+
 def test_whole_disc_is_a_closed_curve() -> None:
     rho = np.radians(12.0)
     view = CameraView("camera", PINHOLE, Rotation.from_rotvec([0.1, 0.05, 0.0]).as_matrix())

@@ -90,7 +90,7 @@ def _visible(camera: Camera, nadir: np.ndarray, rho_rad: float, spacing_px: floa
     frame and a little more.
     """
     # From frame to frame they hardly change, but where the limb goes round the optical axis.
-    if abs(float(nadir[2])) > _MOST_COSINE:
+    if not (abs(float(nadir[2])) <= _MOST_COSINE and rho_rad > 0.0):
         return _evenly(camera, _cone(nadir, rho_rad), spacing_px, 0.0)
     steps = tuple(round(component / _STEP_RAD) for component in nadir.tolist())
     return _nearly_visible(camera, steps, round(math.log(rho_rad) / _STEP_RAD), spacing_px)
