@@ -21,6 +21,9 @@ from horizon_sensor_ros.sim.poses import camera_from_fov, rot_from_axis, side_vi
 
 PLANET = Planet()
 CAMERA = camera_from_fov(640, 480, np.radians(60.0))
+# The base frame has its z towards the planet's centre; the craft is over a mid latitude.
+_ZENITH = np.array([0.6, 0.64, 0.48])
+ROT_WORLD_FROM_BASE = rot_from_axis(-_ZENITH, 0.7)
 CLEAN = Imaging(noise_dn=1.0, psf_sigma_px=0.7)
 
 
@@ -51,13 +54,11 @@ def draw(
     imaging: Imaging | tuple[Imaging, ...] = CLEAN,
     seed: int = 0,
 ) -> tuple[SimFrame, ...]:
-    """The base frame has its z towards the planet's centre; the craft is over a mid latitude."""
-    zenith = np.array([0.6, 0.64, 0.48])
-    rot_world_from_base = rot_from_axis(-zenith, 0.7)
+    """Frames of all views at one moment, as seen from `ROT_WORLD_FROM_BASE`."""
     return render_views(
         views,
-        rot_world_from_base,
-        zenith * (PLANET.radius_m + altitude_m),
+        ROT_WORLD_FROM_BASE,
+        _ZENITH * (PLANET.radius_m + altitude_m),
         EarthScene() if scene is None else scene,
         np.random.default_rng(seed),
         imaging=imaging,

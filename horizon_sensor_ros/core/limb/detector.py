@@ -38,7 +38,7 @@ from horizon_sensor_ros.core.status import Status
 _SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0, contour=False)
 _NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0)
 _GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0)
-_FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0)
+_FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0, joint=True)
 EXPECTED = replace(_FINAL, expected=True, inner_px=4.0)
 # Where the prediction was off.
 _AGAIN = RefinePass(reach_px=10.0, grid_px=0.5, spacing_px=4.0, guess=False)
@@ -231,19 +231,16 @@ def _look(
     """
     nadir, rho = near
     looks = list(looks)
-    held = list(looks)
     found = Detection(())
     passes = [*steps, _FINAL]
     while passes:
         step = passes.pop(0)
         if step is _GLOW and not any(look.glow_px > 0 for kinds in looks for look in kinds):
             continue
-        seen = []
-        for i, (view, frame) in enumerate(zip(views, frames, strict=True)):
-            here = step if frame.factor == 1 else replace(step, factor=frame.factor)
-            limb, held[i] = refine_limb(frame.image(), view, nadir, rho, here, looks[i])
-            seen.append(LimbObservation(view, limb))
-            looks[i] = held[i] or looks[i]
+        seen, held = _refined(views, frames, (nadir, rho), step, looks)
+        if step.joint and _of_two_limbs(seen, held):
+            seen, held = _refined(views, frames, (nadir, rho), replace(step, joint=False), looks)
+        looks = [kinds or before for kinds, before in zip(held, looks, strict=True)]
         found = Detection(
             tuple(seen),
             nadir_base=nadir,
@@ -282,6 +279,32 @@ def _look(
             else:
                 looks = [()] * len(views)
     return found
+
+
+def _refined(
+    views: Sequence[CameraView],
+    frames: Sequence[_Frame],
+    near: tuple[np.ndarray, float],
+    step: RefinePass,
+    looks: Sequence[tuple[EdgeLook, ...]],
+) -> tuple[list[LimbObservation], list[tuple[EdgeLook, ...]]]:
+    """One pass over all frames around a cone: the limbs, and the looks that hold of their edges."""
+    seen, held = [], []
+    for view, frame, kinds in zip(views, frames, looks, strict=True):
+        here = step if frame.factor == 1 else replace(step, factor=frame.factor)
+        limb, holds = refine_limb(frame.image(), view, *near, here, kinds)
+        seen.append(LimbObservation(view, limb))
+        held.append(holds)
+    return seen, held
+
+
+def _of_two_limbs(seen: Sequence[LimbObservation], held: Sequence[tuple[EdgeLook, ...]]) -> bool:
+    """Whether some cameras have the ground's limb and others the edge of the glow above it."""
+    limbs = [(found.limb, kinds) for found, kinds in zip(seen, held, strict=True)]
+    limbs = [(limb, kinds) for limb, kinds in limbs if limb.status is Status.OK]
+    sharp = [bool(kinds) and kinds[0].glow_px == 0.0 for _, kinds in limbs]
+    joint = [limb.joint for limb, _ in limbs]
+    return any(joint) and not all(a or b for a, b in zip(joint, sharp, strict=True))
 
 
 def _shows_all(found: Detection, looks: Sequence[tuple[EdgeLook, ...]]) -> bool:

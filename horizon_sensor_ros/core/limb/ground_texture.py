@@ -13,6 +13,7 @@ NONE = 0
 _ROUGH = np.array([0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0])
 _SMOOTH = np.array([3.0, 10.0, 30.0, 100.0])
 _ROUGH_LENGTH, _SMOOTH_LENGTH = 0.06, 0.2
+_NODES = 40  # of the integral over the blur, in the root of the depth
 NUM = len(_ROUGH) + len(_SMOOTH)
 
 
@@ -28,12 +29,12 @@ def by_kind(rough: float, smooth: float) -> np.ndarray:
 
 def variogram(apart: float) -> np.ndarray:
     """Half the mean squares (NUM,) of the textures' changes over a distance."""
-    return _of_kinds(1.0 - _rough(np.array(apart)), 1.0 - _smooth(np.array(apart)))
+    return _of_kinds(1.0 - rough_correlation(np.array(apart)), 1.0 - _smooth(np.array(apart)))
 
 
 def correlation(apart: np.ndarray) -> np.ndarray:
     """Of the textures (NUM, N) over distances (N,)."""
-    kinds = np.stack([_rough(apart), _smooth(apart)])
+    kinds = np.stack([rough_correlation(apart), _smooth(apart)])
     return kinds.repeat([len(_ROUGH), len(_SMOOTH)], axis=0)
 
 
@@ -47,9 +48,31 @@ def covariances(
     along : (K,) where the profiles lie along it. The two directions are taken apart.
     """
     across, along = across[:, None] - across, along[:, None] - along
-    rough, smooth = (blur @ kind(across) @ blur.T for kind in (_rough, _smooth))
-    together = np.kron(_rough(along), rough), np.kron(_smooth(along), smooth)
+    rough, smooth = (blur @ kind(across) @ blur.T for kind in (rough_correlation, _smooth))
+    together = np.kron(rough_correlation(along), rough), np.kron(_smooth(along), smooth)
     return _of_kinds(rough, smooth), _of_kinds(*together)
+
+
+def seen_across(
+    x_px: np.ndarray, psf_px: float, px_over_radius: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Covariance (J, J) of unit rough texture in a blurred profile at distances x_px (J,) outside
+    the limb; and of its derivatives (rows) by the limb's place and by the blur with it (columns).
+
+    psf_px : the blur, one sigma. px_over_radius : ground across one pixel along the limb, over the
+    planet's radius.
+    """
+    spacing = np.sqrt(4.0 * psf_px - x_px[0]) / _NODES
+    root = (np.arange(_NODES) + 0.5) * spacing
+    # Ground distance along the sight grows with the root of the depth below the limb.
+    across = root * np.sqrt(2.0 * px_over_radius)
+    beyond = (x_px[:, None] + root * root) / psf_px
+    blur = np.exp(-0.5 * beyond * beyond) * (2.0 * spacing * root)
+    blur /= np.sqrt(2.0 * np.pi) * psf_px
+    seen = rough_correlation(across[:, None] - across) @ blur.T
+    moved = blur * (beyond / psf_px)
+    widened = blur * ((beyond * beyond - 1.0) / psf_px)
+    return blur @ seen, moved @ seen, widened @ seen
 
 
 def _of_kinds(rough: np.ndarray, smooth: np.ndarray) -> np.ndarray:
@@ -59,7 +82,7 @@ def _of_kinds(rough: np.ndarray, smooth: np.ndarray) -> np.ndarray:
     )
 
 
-def _rough(apart: np.ndarray) -> np.ndarray:
+def rough_correlation(apart: np.ndarray) -> np.ndarray:
     """Correlation of texture with edges, as of clouds."""
     return np.asarray(np.exp(-np.abs(apart) / _ROUGH_LENGTH))
 

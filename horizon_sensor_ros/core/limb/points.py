@@ -41,6 +41,8 @@ class LimbPoints:
     infinite where that was not measured.
     predicted : the limb all along which these were looked for; None where it was not drawn.
     offset_px : (N,) how far outside it these lie, in order along it.
+    joint : limb and glow were told apart by one fit: these are the ground's limb, where edges found
+    one by one lie in its glow, all of them higher by a pixel or two.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -55,6 +57,7 @@ class LimbPoints:
     jumps_px: float = np.inf
     predicted: LimbCurve | None = None
     offset_px: np.ndarray = field(default_factory=lambda: np.empty(0))
+    joint: bool = False
 
     @classmethod
     def none(cls, status: Status, reason: str) -> LimbPoints:

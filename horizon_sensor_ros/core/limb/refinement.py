@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.limb.clipping import place_clipped_edges
 from horizon_sensor_ros.core.limb.edge_model import (
     GLOW_LADDER_PX,
@@ -18,6 +19,7 @@ from horizon_sensor_ros.core.limb.edge_model import (
     place_edges,
 )
 from horizon_sensor_ros.core.limb.glow_contour import contour_limb
+from horizon_sensor_ros.core.limb.glow_limb import fit_glow, usual_length_px
 from horizon_sensor_ros.core.limb.kriged_limb import KrigedLimb
 from horizon_sensor_ros.core.limb.kriging import fitted_limb
 from horizon_sensor_ros.core.limb.points import LimbPoints, SharedError
@@ -43,6 +45,7 @@ _STRETCHES = 6
 _APART_SHARE = 0.75  # of what separates two kinds of edge along the limb, as measured beside truth
 _CALM, _CALM_PX = 3.0, 0.2  # jumps from profile to profile: over those without a model, and at all
 _MOVED_PX = 0.5
+_THINNEST_PX = 0.3  # length over which glow fades, from which it may be told from the blur
 _LONGEST_CONTOUR_PX = 4.0  # over which glow fades: longer, and a profile's end is not yet space
 # Error that neighbours share, by whether air glows and whether edges were placed without a model:
 # the scatter, beyond noise, of whole stretches of simulated limbs about the true ones.
@@ -96,6 +99,11 @@ def refine_limb(
         if len(looks) > 1:
             looks = (likeliest_look(profiles[plain if enough else good], noise, looks, grid),)
         sharp = looks[0].glow_px == 0.0
+        if step.joint and not sharp:
+            jumps_px = scatter_px(places.offset_px[good])
+            joint = _with_glow(sample, view, (nadir_base, rho_rad), looks[0], jumps_px)
+            if joint is not None:
+                return joint, tuple(looks)
         kriged = KrigedLimb(sample, looks[0], rho_rad)
         kriging = sharp and enough and _to_be_kriged(looks[0], places.step[plain])
         if kriging and not step.expected:
@@ -116,6 +124,14 @@ def refine_limb(
                 limb = fitted_limb(kriged.base[good], places.offset_px[good], places.sigma_px[good])
                 places, shared = kriged.about(limb, good)
                 good = _believable(places)
+    if step.joint and looks and model_free and looks[0].glow_px == 0.0:
+        # From far away air is as thin as the blur, and no edge quite looks like either.
+        thin = EdgeLook(_USUAL_PSF_PX, usual_length_px(view, rho_rad, step.factor))
+        if thin.glow_px > _THINNEST_PX:
+            jumps_px = scatter_px(places.offset_px[good])
+            joint = _with_glow(sample, view, (nadir_base, rho_rad), thin, jumps_px)
+            if joint is not None:
+                return joint, ()
     of_clipping = SharedError(0.0, 0.0)
     if clipped.any() and not any(look.glow_px > 0 for look in looks):
         places, of_clipping = _with_clipped(sample, clipped, places)
@@ -232,6 +248,34 @@ def _points(
 def _to_be_kriged(look: EdgeLook, step: np.ndarray) -> bool:
     """Whether kriging is for a sharp edge with such steps (N,) along it."""
     return look.psf_px >= _FINE_PSF_PX or _unevenness(step) > _EVEN
+
+
+def _with_glow(
+    sample: LimbSample,
+    view: CameraView,
+    cone: tuple[np.ndarray, float],
+    look: EdgeLook,
+    jumps_px: float,
+) -> LimbPoints | None:
+    """Points of the limb near a predicted cone, fitted together with the glow above it."""
+    joint = fit_glow(sample.gray, view, *cone, look, sample.factor)
+    if joint is None:
+        return None
+    factor = sample.factor
+    points = LimbPoints(
+        Status.OK,
+        "",
+        joint.px,
+        joint.normal_px,
+        np.full(len(joint.px), joint.sigma_px * factor),
+        joint.coherent_px * factor,
+        joint.shift_px * factor,
+        joint.stretch_px * factor,
+        jumps_px * factor,
+        sample.curve,
+        joint=True,
+    )
+    return replace(points, offset_px=rays_of(view, points).residuals_px(*cone))
 
 
 def _unevenness(step: np.ndarray) -> float:

@@ -43,7 +43,7 @@ class RefinePass:
     All in pixels of the image, which is reduced by `factor`. guess : say what the edge may look
     like where that was not known. expected : the limb is where it is predicted, as far as is known.
     inner_px : how far a profile reaches into the planet, beside the search range. contour : where
-    air glows its contour draws the limb.
+    air glows its contour draws the limb. joint : limb and glow are fitted together.
     """
 
     reach_px: float
@@ -54,6 +54,7 @@ class RefinePass:
     expected: bool = False
     inner_px: float = 6.0
     contour: bool = True
+    joint: bool = False
 
 
 @dataclass(frozen=True, eq=False)

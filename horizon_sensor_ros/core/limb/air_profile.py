@@ -1,0 +1,40 @@
+"""Brightness of lit air beside the limb, as a blurred image shows it along the limb's normal.
+
+An exponential atmosphere's column falls as an exponential with the height of the line of sight;
+in front of the ground it falls as ``erfcx`` of the root of the depth below the limb (the half of
+the column that is on this side of the ground).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from horizon_sensor_ros.core.limb.edge_model import normal_cdf
+
+_NODES = 40  # of the integral over the blur, in the root of the depth
+
+
+def glow_outside(x_px: np.ndarray, psf_px: float, length_px: np.ndarray) -> np.ndarray:
+    """Glow (N, J) at distances x_px (N, J) outside the limb, over that of a ray that grazes it.
+
+    length_px : (N,) over which it fades by e. The step at the limb, where it begins, is blurred as
+    all else.
+    """
+    k = psf_px / length_px[:, None]
+    return np.exp(np.minimum(0.5 * k * k - x_px / length_px[:, None], 50.0)) * normal_cdf(
+        x_px / psf_px - k
+    )
+
+
+def air_inside(x_px: np.ndarray, psf_px: float, length_px: float) -> np.ndarray:
+    """Air in front of the ground (J,) at distances x_px (J,), blurred, over that at the limb."""
+    spacing = np.sqrt(4.0 * psf_px - x_px[0]) / _NODES
+    root = (np.arange(_NODES) + 0.5) * spacing
+    blur = np.exp(-0.5 * np.square((x_px[:, None] + root * root) / psf_px))
+    blur *= 2.0 * spacing * root / (np.sqrt(2.0 * np.pi) * psf_px)
+    return np.asarray(blur @ _erfcx(root / np.sqrt(length_px)))
+
+
+def _erfcx(x: np.ndarray) -> np.ndarray:
+    """exp(x^2) erfc(x) for x >= 0, by its upper bound (exact at 0 and far out, 8 % between)."""
+    return 2.0 / (np.sqrt(np.pi) * (x + np.sqrt(x * x + 4.0 / np.pi)))

@@ -1,0 +1,194 @@
+"""The limb under glowing air: limb, glow and the texture beside them in one fit of a frame.
+
+Along the normals of a predicted limb, d pixels outwards, the mean of each stretch of limb shows
+
+    I_i(d) = background + level_i F(e_i - d) + A_i (G(d - e_i) + share S(e_i - d)) + T_i(d) + noise
+
+F is the blurred step; G the glow of an exponential atmosphere above the limb, by the height of each
+line of sight; S what the same air shows in front of the ground; T texture, a Gaussian process as in
+`kriging`, along the limb as well. All edges e_i lie on one limb of three unknowns. The air is the
+same all along it: one scale height, and a brightness A that changes slowly, with the Sun's height.
+So the glow far out, where no ground is, tells what glow there is at the edge, and its contour tells
+how the limb bends; what is left of the edge tells where it lies.
+Source: derived here; maximum likelihood, its derivatives by way of the likeliest ground; the
+texture's strength by restricted likelihood (Rasmussen & Williams 2006, 2.7 and 5.4).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.limb.edge_model import EdgeLook
+from horizon_sensor_ros.core.limb.glow_model import (
+    BLURS_PX,
+    USUAL_HEIGHT,
+    USUAL_SHARE,
+    Air,
+    Step,
+    powers,
+    step_towards,
+)
+from horizon_sensor_ros.core.limb.glow_sight import GlowSight, look_along
+from horizon_sensor_ros.core.robust import median, robust_sigma
+
+_LEAST_STRETCHES, _KEEP_SHARE = 10, 0.5
+_FROM_PX = 2.0  # beyond the edge, from where on there is hardly anything but glow
+_LENGTHS, _SHORTEST_PX, _LONGEST_PX = 3.5, 6.0, 16.0  # of glow that is looked at, beyond that
+_STRENGTHS = np.array([0.25, 0.5, 1.0, 2.0])  # of texture, over the scatter of the levels
+_HEIGHTS = np.exp(np.linspace(np.log(4e3), np.log(16e3), 25)) / 6371e3  # to start from
+_THIN_PX, _THIN_GLOW = 1.0, 0.5  # glow so short hides in the blur: its brightness, over the ground
+_STEPS, _NEAR_PX, _FAR_PX = 12, 0.03, 4.0  # moves of the limb that are the last, or too far
+_STRETCHED = 1.3  # moves, which fall short where the edge is read off what it was taken for
+_FAINTEST, _BRIGHTEST = 0.2, 5.0  # glow over the usual one that may still be the same air's
+_MOST_MISFIT = 4.0  # of a stretch's glow, over the noise or the usual one
+_GLARE = 4.0  # scatter of the background over its noise, from which on it is the Sun's glare
+_MOST_SLOPE, _MOST_BEND = 0.3, 0.15  # of the logarithm of A: steeper towards the terminator
+_OUTLIER, _MISFIT = 5.0, 1.4  # cost over the degrees of freedom: of a stretch, of all
+# One sigma of slope and of bend of a limb whose six stretches are off independently by one; and of
+# its mean.
+_SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
+# Clouds are no Gaussian process: errors beside the truth of simulated limbs, in sigmas.
+_MISJUDGED = 3.5
+_POINT_SHARE = 0.5  # sigma of a point by itself, over what would explain all of the limb's
+
+
+@dataclass(frozen=True)
+class GlowLimb:
+    """The limb that fits a frame.
+
+    px, normal_px (M, 2) : points of it and their normals, in the full image. sigma_px, coherent_px,
+    shift_px : as of `LimbPoints`, and stretch_px, length of limb of each point, in the reduced one.
+    """
+
+    px: np.ndarray
+    normal_px: np.ndarray
+    sigma_px: float
+    coherent_px: float
+    shift_px: float
+    stretch_px: float
+
+
+def usual_length_px(view: CameraView, rho_rad: float, factor: int = 1) -> float:
+    """Length over which the Earth's air usually fades above a limb of this radius."""
+    pitch_rad = factor / math.sqrt(view.camera.fx * view.camera.fy)
+    return USUAL_HEIGHT * math.tan(rho_rad) / pitch_rad
+
+
+def fit_glow(
+    gray: np.ndarray,
+    view: CameraView,
+    nadir_base: np.ndarray,
+    rho_rad: float,
+    look: EdgeLook,
+    factor: int = 1,
+) -> GlowLimb | None:
+    """Fit the limb near a predicted one; None where the model does not hold, or too little shows.
+
+    gray : (H, W), reduced by `factor`. look : of the edge, with its glow, to start from.
+    """
+    outer_px = _FROM_PX + min(max(_LENGTHS * look.glow_px, _SHORTEST_PX), _LONGEST_PX)
+    air: Air | None = None
+    keep = np.empty(0, dtype=bool)
+    strength: float | None = None
+    moved = 0.0
+    for count in range(_STEPS):
+        sight = look_along(gray, view, nadir_base, rho_rad, outer_px, factor)
+        if sight is None or len(sight) < _LEAST_STRETCHES or _in_glare(sight):
+            return None
+        if air is None or len(keep) != len(sight):
+            air, keep = _first_guess(sight, look, air)
+        if np.count_nonzero(keep) < max(_LEAST_STRETCHES, _KEEP_SHARE * len(sight)):
+            return None
+        found = step_towards(sight, air, keep, strength, _STRENGTHS)
+        if not np.isfinite(found.change).all():
+            return None
+        strength = found.strength
+        shift = sight.rows @ found.change[:3]
+        outlying = keep & (found.cost > _OUTLIER * max(1.0, median(found.cost[keep])))
+        if np.abs(shift).max() <= _NEAR_PX and count > 1 and not outlying.any():
+            holds = median(found.cost[keep]) < _MISFIT and _plausible(air)
+            return _limb(sight, found, keep, factor) if holds else None
+        keep = keep & ~outlying
+        air = air.changed(found.change)
+        moved += float(np.abs(shift).max())
+        if moved > _FAR_PX:
+            return None
+        move = _STRETCHED * found.change[:3]
+        nadir_base = nadir_base + tangent_basis(nadir_base) @ move[:2]
+        nadir_base = nadir_base / np.linalg.norm(nadir_base)
+        rho_rad += float(move[2])
+    return None
+
+
+def _plausible(air: Air) -> bool:
+    """Whether it is daylight all along the limb, and the blur one that could be told."""
+    slope, bend = np.abs(air.log_glow[1:])
+    return bool(
+        slope < _MOST_SLOPE and bend < _MOST_BEND and BLURS_PX[0] < air.psf_px < BLURS_PX[1]
+    )
+
+
+def _in_glare(sight: GlowSight) -> bool:
+    """Whether stretches stand on backgrounds of their own, as near the Sun."""
+    far = sight.profiles[:, -3:].mean(axis=1)
+    return robust_sigma(far - median(far)) > _GLARE * sight.noise / math.sqrt(3.0)
+
+
+def _first_guess(sight: GlowSight, look: EdgeLook, air: Air | None) -> tuple[Air, np.ndarray]:
+    """Air that fits the profiles beyond the edge, and which of them (M,) show it.
+
+    air : as found so far, which is kept.
+    """
+    background = median(sight.profiles[:, -2:].ravel())
+    if air is None and median(USUAL_HEIGHT / sight.rise) < _THIN_PX:
+        level = _THIN_GLOW * (median(sight.profiles[:, 1]) - background)
+        log_glow = np.array([math.log(max(level, 1e-6)), 0.0, 0.0])
+        thin = Air(USUAL_HEIGHT, log_glow, USUAL_SHARE, look.psf_px, background)
+        return thin, np.ones(len(sight), dtype=bool)
+    outer = sight.d_px >= _FROM_PX
+    profiles, distance = sight.profiles[:, outer], sight.distance[:, outer]
+    best = np.inf
+    for height in _HEIGHTS if air is None else (air.height,):
+        fall = np.exp(-distance * (sight.rise / height)[:, None])
+        own = fall - fall.mean(axis=1, keepdims=True)
+        glow = (profiles * own).sum(axis=1) / (own * own).sum(axis=1)
+        left = profiles - glow[:, None] * fall
+        left -= left.mean(axis=1, keepdims=True)
+        misfit = np.sqrt(np.mean(left * left, axis=1))
+        if median(misfit) < best:
+            best, found = median(misfit), (float(height), glow, misfit)
+    height, glow, misfit = found
+    usual = max(median(glow), 1e-6)
+    keep = (glow > _FAINTEST * usual) & (glow < _BRIGHTEST * usual)
+    keep &= misfit < _MOST_MISFIT * max(sight.noise, best)
+    log_glow = np.zeros(3)
+    if air is None and np.count_nonzero(keep) >= _LEAST_STRETCHES:
+        log_glow = np.linalg.lstsq(powers(sight.along)[keep], np.log(glow[keep]), rcond=None)[0]
+    return air or Air(height, log_glow, USUAL_SHARE, look.psf_px, background), keep
+
+
+def _limb(sight: GlowSight, found: Step, keep: np.ndarray, factor: int) -> GlowLimb:
+    """Points of the limb, with the errors of its mean, slope and bend as points have them."""
+    cov = _MISJUDGED**2 * found.cov
+    rows = sight.rows[keep]
+    to_shape = np.linalg.pinv(powers(sight.along)[keep]) @ rows
+    shape = np.sqrt(np.diag(to_shape @ cov @ to_shape.T))
+    mean = rows.mean(axis=0)
+    coherent = max(shape[1] / _SLOPE_OF_STRETCHES, shape[2] / _BEND_OF_STRETCHES)
+    shift2 = float(mean @ cov @ mean) - (_MEAN_OF_STRETCHES * coherent) ** 2
+    each2 = np.einsum("ij,jk,ik->i", rows, cov, rows)
+    sigma = math.sqrt(float(each2.mean()) * len(rows) / 3.0)
+    normal_px = sight.normal_px[keep]
+    return GlowLimb(
+        sight.px[keep] + (factor * (rows @ found.change[:3]))[:, None] * normal_px,
+        normal_px,
+        _POINT_SHARE * sigma,
+        float(coherent),
+        math.sqrt(max(shift2, 0.0)),
+        sight.stretch_px,
+    )

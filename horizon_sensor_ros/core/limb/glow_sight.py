@@ -1,0 +1,115 @@
+"""What is seen along the normals of a limb under glowing air, and how high above it that passes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.fits.limb_rays import rays_of
+from horizon_sensor_ros.core.limb.clipping import white_level
+from horizon_sensor_ros.core.limb.curve import limb_curve
+from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.limb.profiles import Bundles, pixel_noise, sample_profiles
+from horizon_sensor_ros.core.status import Status
+
+INNER_PX = 4.0  # how far profiles reach into the planet
+_STRETCH_PX, _MOST_STRETCHES = 24.0, 27
+_LARGE_PX = 1024  # size of a frame up to which every pixel of limb is sampled
+_TAPS_PX = 4.0
+_SATURATED, _SATURATED_SHARE = 0.98, 0.02  # of white; of a stretch's samples
+_PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`
+
+
+@dataclass(frozen=True, eq=False)
+class GlowSight:
+    """Mean profiles (M, J) of stretches of limb at d_px (J,), whole pixels outwards from a cone.
+
+    blind : (M, J) samples that are saturated. noise : one sigma of the others. px, normal_px :
+    (M, 2) middles of the stretches in the full image, and their normals. rows : (M, 3) how the
+    limb moves along them with nadir's two tangent components and rho, pixels per radian.
+    distance : (M, J) heights above the limb in pixels of the first one above it; rise : (M,) that
+    pixel's height over the planet's radius. ground : length of a stretch, and px_over_radius : of
+    a pixel along the limb, over that radius. stretch_px : of limb.
+    """
+
+    d_px: np.ndarray
+    profiles: np.ndarray
+    blind: np.ndarray
+    noise: float
+    px: np.ndarray
+    normal_px: np.ndarray
+    rows: np.ndarray
+    distance: np.ndarray
+    rise: np.ndarray
+    px_over_radius: float
+    stretch_px: float
+
+    def __len__(self) -> int:
+        return len(self.profiles)
+
+    @property
+    def along(self) -> np.ndarray:
+        """Place (M,) of each stretch along the limb, -1 to 1."""
+        return np.linspace(-1.0, 1.0, len(self))
+
+
+def look_along(
+    gray: np.ndarray,
+    view: CameraView,
+    nadir_base: np.ndarray,
+    rho_rad: float,
+    outer_px: float,
+    factor: int,
+) -> GlowSight | None:
+    """Sample the limb of a cone as far as outer_px above it; None where too little is in sight.
+
+    gray : (H, W), reduced by `factor`; outer_px : in its pixels.
+    """
+    spacing_px = float(max(1, round(max(gray.shape) / _LARGE_PX)))
+    curve = limb_curve(view, nadir_base, rho_rad, spacing_px=spacing_px * factor)
+    d_px = np.arange(-INNER_PX, outer_px + 0.5)
+    if len(curve) < 2:
+        return None
+    sampled, valid = sample_profiles(gray, curve, d_px, factor)
+    if view.mask is not None:
+        valid &= view.mask.clear(curve.px, (outer_px + _TAPS_PX) * factor)
+    num = int(np.count_nonzero(valid))
+    size = max(round(_STRETCH_PX / spacing_px), math.ceil(num / _MOST_STRETCHES))
+    bundles = Bundles.of(valid, size)
+    if num < 2 * size:
+        return None
+    white = _SATURATED * white_level(gray)
+    blind = bundles.mean((sampled >= white).astype(np.float32))
+    profiles = bundles.mean(sampled).astype(np.float64)
+    px, normal_px = curve.px[bundles.middle], curve.normal_px[bundles.middle]
+    middles = LimbPoints(Status.OK, "", px, normal_px, np.ones(len(px)))
+    limb = rays_of(view, middles)
+    at = px[:, None] + (factor * d_px)[:, None] * normal_px[:, None]
+    rays = view.camera.rays(at.reshape(-1, 2)) @ (view.rot_base_from_cam.T @ nadir_base)
+    if len(limb) != len(px) or not np.isfinite(rays).all():
+        return None
+    sine = np.sqrt(np.maximum(1.0 - rays * rays, 0.0)).reshape(profiles.shape)
+    height = sine / math.sin(rho_rad) - 1.0
+    middle = int(INNER_PX)
+    rise = 0.5 * (height[:, middle + 1] - height[:, middle - 1])
+    if not (rise > 0.0).all():
+        return None
+    growth = limb.angles(nadir_base)[1] * factor
+    pitch_rad = factor / math.sqrt(view.camera.fx * view.camera.fy)
+    return GlowSight(
+        d_px,
+        profiles,
+        blind > _SATURATED_SHARE,
+        _PLAIN_NOISE * pixel_noise(profiles, size),
+        px,
+        normal_px,
+        -limb.design(nadir_base, tangent_basis(nadir_base)) / growth[:, None],
+        np.where(d_px > 0.0, height / rise[:, None], d_px),
+        rise,
+        pitch_rad / math.tan(max(rho_rad, pitch_rad)),
+        spacing_px * size,
+    )

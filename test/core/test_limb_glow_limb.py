@@ -1,0 +1,123 @@
+"""The limb fitted together with the glow above it: against drawn frames and numerical integrals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from limb_frames import ROT_WORLD_FROM_BASE, draw, limb_views
+from limb_samples import cone_rays
+
+from horizon_sensor_ros.core.fits.limb_rays import rays_of
+from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
+from horizon_sensor_ros.core.limb import refinement
+from horizon_sensor_ros.core.limb.air_profile import air_inside, glow_outside
+from horizon_sensor_ros.core.limb.edge_model import EdgeLook
+from horizon_sensor_ros.core.limb.glow_limb import GlowLimb, fit_glow, usual_length_px
+from horizon_sensor_ros.core.limb.ground_texture import seen_across
+from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging, unit_vector
+
+_PSF_PX, _LENGTH_PX = 0.8, 2.3
+_D_PX = np.arange(-4.0, 9.0)
+
+
+def _air(seed: int, **changes: object) -> EarthScene:
+    settings = {
+        "texture": "clouds",
+        "texture_seed": seed,
+        "air_dn": 90.0 + 10.0 * seed,
+        "air_scale_height_m": 7000.0 + 500.0 * seed,
+    }
+    return EarthScene(**(settings | changes))  # type: ignore[arg-type]
+
+
+def _fitted(
+    scene: EarthScene, altitude_m: float, seed: int, off_rad: float = 0.0
+) -> tuple[GlowLimb | None, np.ndarray]:
+    """The limb near one that is off by an angle, and how far its points lie off the true one."""
+    view = limb_views(altitude_m, azimuths_rad=(0.9 * seed,))[0]
+    frame = draw((view,), altitude_m, scene, Imaging(noise_dn=1.5), seed)[0]
+    nadir, rho = frame.truth.nadir_base, Planet().rho_from_altitude(altitude_m)
+    look = EdgeLook(0.75, usual_length_px(view, rho))
+    limb = fit_glow(frame.image, view, nadir, rho + off_rad, look)
+    if limb is None:
+        return None, np.empty(0)
+    points = LimbPoints(Status.OK, "", limb.px, limb.normal_px, np.ones(len(limb.px)))
+    return limb, rays_of(view, points).residuals_px(nadir, rho)
+
+
+def test_limbs_lie_as_near_to_the_true_ones_as_they_claim() -> None:
+    means, slopes = [], []
+    for seed in range(5):
+        limb, off_px = _fitted(_air(seed), 400e3, seed, off_rad=8e-4)
+        assert limb is not None
+        mean_px = np.hypot(limb.shift_px, 0.41 * limb.coherent_px)
+        means.append(off_px.mean() / mean_px)
+        slopes.append(0.5 * (off_px[-1] - off_px[0]) / (0.72 * limb.coherent_px))
+        assert np.abs(off_px).max() < 1.0
+    assert np.sqrt(np.mean(np.square(means))) < 2.0
+    assert np.sqrt(np.mean(np.square(slopes))) < 2.0
+
+
+def test_neither_twilight_nor_glare_is_taken_for_even_glow() -> None:
+    altitude_m = 400e3
+    rho = Planet().rho_from_altitude(altitude_m)
+    limb = cone_rays(np.array([0.0, 0.0, 1.0]), rho, np.zeros(1))[0]
+    along = np.cross([0.0, 0.0, 1.0], limb)
+    twilight = _air(1, sun_direction=unit_vector(ROT_WORLD_FROM_BASE @ along))
+    assert _fitted(twilight, altitude_m, 0)[0] is None
+    above = cone_rays(np.array([0.0, 0.0, 1.0]), rho + 0.12, np.zeros(1))[0]
+    sun = unit_vector(ROT_WORLD_FROM_BASE @ above)
+    glare = _air(1, sun_direction=sun, even_light=True, sun_dn=1500.0)
+    assert _fitted(glare, altitude_m, 0)[0] is None
+
+
+def test_cameras_all_show_the_limb_of_the_ground_or_none_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Edges found one by one lie a pixel or two higher in the glow: no camera may be off alone."""
+    altitude_m = 400e3
+    views = limb_views(altitude_m, azimuths_rad=(0.0, 1.6))
+    drawn = draw(views, altitude_m, _air(4), Imaging(noise_dn=1.5), 3)
+    frames = [Frame(view, frame.image) for view, frame in zip(views, drawn, strict=True)]
+    together = HorizonSensor().process(frames)
+    assert together.ok
+    assert all(limb.joint for limb in together.limbs)
+    fit = refinement.fit_glow
+
+    def without_one(gray: np.ndarray, view: object, *rest: object) -> GlowLimb | None:
+        return None if view is views[1] else fit(gray, view, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(refinement, "fit_glow", without_one)
+    apart = HorizonSensor().process(frames)
+    assert apart.ok
+    assert not any(limb.joint for limb in apart.limbs)
+
+
+def test_profiles_of_air_are_blurred_columns() -> None:
+    fine = np.arange(-60.0, 60.0, 0.002) + 0.001
+    blur = np.exp(-0.5 * np.square((_D_PX[:, None] - fine) / _PSF_PX))
+    blur *= 0.002 / (np.sqrt(2.0 * np.pi) * _PSF_PX)
+    glow = blur @ np.where(fine > 0.0, np.exp(-np.maximum(fine, 0.0) / _LENGTH_PX), 0.0)
+    found = glow_outside(_D_PX[None], _PSF_PX, np.array([_LENGTH_PX]))[0]
+    assert np.allclose(found, glow, atol=1e-4)
+    root = np.sqrt(np.maximum(-fine, 0.0) / _LENGTH_PX)
+    erfcx = 2.0 / (np.sqrt(np.pi) * (root + np.sqrt(root * root + 4.0 / np.pi)))
+    inside = blur @ np.where(fine < 0.0, erfcx, 0.0)
+    assert np.allclose(air_inside(_D_PX, _PSF_PX, _LENGTH_PX), inside, atol=0.004)
+
+
+def test_derivatives_of_the_texture_are_those_of_its_covariance() -> None:
+    d_px, small = np.arange(-4.0, 4.0), 1e-4
+    across, moved, widened = seen_across(d_px, _PSF_PX, 5e-4)
+    assert np.allclose(across, across.T)
+
+    def changed(outwards_px: float, wider_px: float) -> np.ndarray:
+        return seen_across(d_px - outwards_px, _PSF_PX + wider_px, 5e-4)[0]
+
+    by_place = (changed(small, 0.0) - changed(-small, 0.0)) / (2.0 * small)
+    by_blur = (changed(0.0, small) - changed(0.0, -small)) / (2.0 * small)
+    assert np.allclose(moved + moved.T, by_place, atol=0.01)
+    assert np.allclose(widened + widened.T, by_blur, atol=0.01)
