@@ -29,9 +29,11 @@ SCORE_LOST = 0.6
 # gain that counts.
 _SLIDE = 0.4
 _BETTER = 0.01
-# A direction known worse than allowed by a factor between these stays so, wherever it comes to
-# rest; one beyond may lack pairs that another start, or the next step, finds.
-_HOPELESS, _LOST = 1.5, 30.0
+# A direction known worse than allowed by this factor stays so, wherever it comes to rest.
+_HOPELESS = 1.5
+# But one of a shift known worse by this one lacks pairs, which the next step or another start may
+# find; bodies of revolution hide turns only.
+_LOST = 30.0
 # One whose information, in units of what is allowed, is above this is never known so badly.
 _DOUBTFUL = 2.0
 # Starts of the search lie so far apart.
@@ -48,6 +50,7 @@ class Found:
     """A refined motion to view ``b``, and how well the views agree with it.
 
     searched : whether the search was needed.  expected : whether it comes from a prior.
+    known : its uncertainty, where the refinement asked for it.
     """
 
     refined: Refined
@@ -56,6 +59,7 @@ class Found:
     overlap: float
     searched: bool
     expected: bool
+    known: Uncertainty | None = None
 
     @property
     def merit(self) -> float:
@@ -65,7 +69,7 @@ class Found:
     @cached_property
     def uncertainty(self) -> Uncertainty:
         """How well the motion is known."""
-        return uncertainty(self.refined.pairs, self.refined.robust, self.b)
+        return self.known or uncertainty(self.refined.pairs, self.refined.robust, self.b)
 
     def sound(self, config: RegistrationConfig) -> bool:
         """Whether it came to rest where every direction is observed."""
@@ -86,6 +90,8 @@ class Finder:
         unit = 2 * b.footprint_m + 4 * np.hypot(a.sigma_m, b.sigma_m)
         self._gates = (unit, 0.4 * unit)
         self._odd = odd_share(a, b)
+        # Robust weights and what they led to.
+        self._asked: tuple[np.ndarray, Uncertainty] | None = None
 
     def find(self, prior: tuple[np.ndarray, np.ndarray] | None) -> Found:
         """The first motion that convinces, or the best of all; prior : rotation and shift."""
@@ -112,7 +118,7 @@ class Finder:
 
     def _regained(self, found: Found, rotation: np.ndarray, translation: np.ndarray) -> Found:
         """What a prior led to, or, where that lost a direction, what more reach leads to."""
-        if found.worst(self._config) < _LOST:
+        if not _lost(found.uncertainty.covariance, self._b.size_m, self._config):
             return found
         a, b = self._a, self._b
         start = align_batch(a, b, rotation[None], translation[None], b.size_m * _SINGLE_GATES, 250)
@@ -131,7 +137,9 @@ class Finder:
             self._a, self._b, refined.rotation[None], refined.translation_m[None], 600
         )
         score, overlap = float(seen.score[0]), float(seen.overlap[0])
-        return Found(refined, self._b, score, overlap, searched, expected)
+        asked = self._asked
+        known = asked[1] if asked is not None and asked[0] is refined.robust else None
+        return Found(refined, self._b, score, overlap, searched, expected, known)
 
     def _hopeless(self, information: np.ndarray, pairs: Pairs, robust: np.ndarray) -> bool:
         """Whether some direction is known so badly that no further step can mend it."""
@@ -139,9 +147,11 @@ class Finder:
         scale = np.repeat([config.max_rotation_std_rad, config.max_shift_std_m], 3)
         if np.linalg.eigvalsh(information * np.outer(scale, scale))[0] > _DOUBTFUL:
             return False
-        covariance = uncertainty(pairs, robust, self._b).covariance
+        known = uncertainty(pairs, robust, self._b)
+        self._asked = robust, known
+        covariance = known.covariance
         worst = worst_known(covariance, config.max_rotation_std_rad, config.max_shift_std_m)
-        return _HOPELESS < worst < _LOST
+        return worst > _HOPELESS and not _lost(covariance, self._b.size_m, config)
 
     def _settle(self, rotation: np.ndarray, translation: np.ndarray, searched: bool) -> Found:
         """Refine; where a direction is not observed, or the views do not quite agree, look along
@@ -158,6 +168,15 @@ class Finder:
             return found
         again = self._finish(rotations[best], translations[best], searched)
         return max(found, again, key=lambda one: one.merit)
+
+
+def _lost(covariance: np.ndarray, size_m: float, config: RegistrationConfig) -> bool:
+    """Whether what is known worst is a shift (turns count at the rms radius), and not known at
+    all."""
+    scale = np.repeat([size_m, 1.0], 3)
+    values, vectors = np.linalg.eigh(covariance * np.outer(scale, scale))
+    shift = np.linalg.norm(vectors[3:, -1]) > np.linalg.norm(vectors[:3, -1])
+    return bool(shift and values[-1] > (_LOST * config.max_shift_std_m) ** 2)
 
 
 def odd_share(a: SurfaceView, b: SurfaceView) -> float:
