@@ -24,6 +24,7 @@ import numpy as np
 from horizon_sensor_ros.core.limb import ground_texture
 from horizon_sensor_ros.core.limb.edge_model import MAX_LEVEL, normal_cdf
 from horizon_sensor_ros.core.limb.points import SharedError
+from horizon_sensor_ros.core.limb.smear import blur_along
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.symmetric3 import solve
 
@@ -44,7 +45,7 @@ _NODES = 40  # of the integral over the blur, in the root of the depth
 _SHARED = ground_texture.by_kind(1.2, 3.0)
 _PARTS = 6  # of the limb, between which nothing is shared
 _FAR_OFF = 6.0  # times the median distance, from which on an edge is not the limb's
-_BLUR_SIGMA_PX = 0.03  # how well it is known beforehand
+_REPEATED = 10.0  # what texture says of a smear, over what it would if it were alike as it is
 _SCALES_PER_OCTAVE = 2.0  # tables are made for such steps of the ground's scale
 # An image that was blurred after it was sampled repeats errors with the pixels' phase. Where the
 # limb runs with rows or columns, the phase is one for whole stretches and nothing averages out.
@@ -151,30 +152,36 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     phase = np.abs(phase)
     phase2 = _PHASE_SIGMA_PX**2 * np.maximum(in_phase, phase * phase)
     ground = stretches.px_over_radius * stretches.length_px
+    count = int(np.count_nonzero(good))
+    alone = wider_information / _repetition(tables, count, ground)
     # What the pixels' phase does to a profile is not texture.
     nearby = _nearness(len(good), max(_LEAST_WINDOW, _WINDOW / ground)) + _ANYWHERE
     nearby *= good * np.maximum(1.0 - _PHASE_WEIGHT * phase, 0.0)
     k = ground_texture.likely(_deviation(sure(step)) / noise)
-    blur = _common_blur(wider[:, k], wider_information[:, k])
+    normal_px = stretches.base[:, :2]
+    blur = blur_along(normal_px, wider[:, k], wider_information[:, k], alone[:, k])
     place = places[:, k] - tables.lean[k] * blur
     limb = fitted_limb(
         sure(stretches.base), sure(place), np.sqrt(sure(variance[:, k]) + sure(phase2))
     )
     chi2 = _cost(scaled, stretches.base @ limb / over_step, blur / over_step, tables)
     evidence = -0.5 * (chi2 + tables.log_det)
-    told = _level_evidence(sure(step) / noise, ground)
+    level = _level_evidence(sure(step) / noise, ground)
     if every:
-        evidence += told
+        evidence += level
     else:
-        evidence[good] += told
+        evidence[good] += level
     evidence -= evidence.max(axis=1, keepdims=True)
     evidence = nearby @ np.maximum(evidence, -_MOST_EVIDENCE)
     evidence[:, ground_texture.NONE] += _NO_TEXTURE
     share = np.exp(evidence - evidence.max(axis=1, keepdims=True))
     share /= share.sum(axis=1, keepdims=True)
     # Averaged over the textures, as likely as each is.
-    blur = _common_blur(wider, share * wider_information)
-    places -= tables.lean * blur
+    wider_information *= share
+    told = wider_information.sum(axis=1)
+    lacking = (wider_information * wider).sum(axis=1) / np.maximum(told, 1e-30)
+    blur = blur_along(normal_px, lacking, told, (share * alone).sum(axis=1))
+    places -= tables.lean * blur[:, None]
     place = (share * places).sum(axis=1)
     spread2 = (share * (variance + np.square(places - place[:, None]))).sum(axis=1)
     chi2 = _cost(scaled, place / over_step, blur / over_step, tables)
@@ -184,7 +191,7 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     # What weighs less moves the limb less.
     weight = good / spread2
     textured = (weight * np.square(over_step)) @ share * np.square(tables.textured) / weight.sum()
-    shared = _shared_error(textured, int(np.count_nonzero(good)), ground)
+    shared = _shared_error(textured, count, ground)
     return KrigedEdges(place, np.sqrt(spread2), limb, misfit, step, shared)
 
 
@@ -215,6 +222,12 @@ def _shared_error(variance: np.ndarray, count: int, ground: float) -> SharedErro
     return SharedError(part, whole)
 
 
+def _repetition(tables: _Tables, count: int, ground: float) -> np.ndarray:
+    """How often edges say the same of the blur (S,): so much of it as texture feigns."""
+    of_texture = np.square(tables.textured / tables.sigma)
+    return 1.0 + _REPEATED * of_texture * (count * _alike(count, _rounded(ground)) - 1.0)
+
+
 def _rounded(ground: float) -> float:
     """A length of ground to two digits: near enough for how alike texture is, and often the same as
     in the last frame.
@@ -233,12 +246,6 @@ def _alike(count: int, ground: float) -> np.ndarray:
     away = np.arange(count)
     pairs = np.where(away > 0, 2.0, 1.0) * (count - away) / count**2
     return ground_texture.correlation(away * ground) @ pairs
-
-
-def _common_blur(wider: np.ndarray, information: np.ndarray) -> float:
-    """What one blur for the whole limb lacks, from what every edge (N,) or (N, S) says of it."""
-    told = float((information * wider).sum())
-    return told / (float(information.sum()) + _BLUR_SIGMA_PX**-2.0)
 
 
 def _deviation(values: np.ndarray) -> float:
