@@ -29,7 +29,7 @@ from horizon_sensor_ros.core.limb.glow_model import (
     USUAL_HEIGHT,
     USUAL_SHARE,
     Air,
-    Step,
+    GlowStep,
     powers,
     step_towards,
 )
@@ -172,7 +172,7 @@ def _first_guess(sight: GlowSight, look: EdgeLook, air: Air | None) -> tuple[Air
     return air or Air(height, log_glow, USUAL_SHARE, look.psf_px, background), keep
 
 
-def _limb(sight: GlowSight, found: Step, keep: np.ndarray, factor: int) -> GlowLimb:
+def _limb(sight: GlowSight, found: GlowStep, keep: np.ndarray, factor: int) -> GlowLimb:
     """Points of the limb, with the errors of its mean, slope and bend as points have them."""
     cov = _MISJUDGED**2 * found.cov
     rows = sight.rows[keep]

@@ -85,7 +85,7 @@ class Air:
 
 
 @dataclass(frozen=True)
-class Step:
+class GlowStep:
     """Change (10,) of the unknowns and covariance (3, 3) of the limb's; strength of the texture.
     cost : (M,) of the stretches, over the degrees of freedom; infinite of those left out.
     """
@@ -199,7 +199,7 @@ class _Ground:
 
 def step_towards(
     sight: GlowSight, air: Air, keep: np.ndarray, strength: float | None, shares: np.ndarray
-) -> Step:
+) -> GlowStep:
     """One step of Gauss and Newton for all unknowns, from kept stretches (M,).
 
     strength : of the texture; None: the likeliest of shares (S,) of the levels' scatter.
@@ -248,7 +248,7 @@ def step_towards(
     cost[keep] = (left[:, inner] * solved).sum(axis=1)
     cost[keep] += (np.square(left[:, ~inner]) / lit.variance[:, ~inner]).sum(axis=1)
     cost /= left.shape[1] - 2.0
-    return Step(change, np.linalg.inv(information)[_LIMB, _LIMB], strength, cost)
+    return GlowStep(change, np.linalg.inv(information)[_LIMB, _LIMB], strength, cost)
 
 
 def _cost(
