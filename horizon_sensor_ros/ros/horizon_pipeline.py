@@ -18,6 +18,7 @@ from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix, HorizonSensor
+from horizon_sensor_ros.core.linear_light import linear_light
 from horizon_sensor_ros.core.mask import Mask
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.aiding_sources import AidingSources
@@ -60,9 +61,10 @@ class Step:
 
 @dataclass
 class _CameraState:
-    """A camera's mask, its latest calibration, and the view made from it."""
+    """A camera's mask and encoding, its latest calibration, and the view made from it."""
 
     mask: Mask | None = None
+    gamma: float = 1.0
     info_key: tuple[Any, ...] | None = None
     camera: Camera | Refusal | None = None
     view: CameraView | None = None
@@ -83,8 +85,10 @@ class HorizonPipeline:
         self._sensor = HorizonSensor(settings.sensor)
         self._pairing: Pairing[Frame] = self._new_pairing()
         self._cameras = {
-            name: _CameraState(None if path is None else read_mask(path))
-            for name, path in zip(settings.cameras, settings.masks, strict=True)
+            name: _CameraState(None if path is None else read_mask(path), gamma)
+            for name, path, gamma in zip(
+                settings.cameras, settings.masks, settings.gammas, strict=True
+            )
         }
         self.aiding = AidingSources(settings.aiding, settings.sensor.planet, settings.base_frame)
 
@@ -192,7 +196,7 @@ class HorizonPipeline:
             or not np.array_equal(view.rot_base_from_cam, rot_base_from_cam)
         ):
             view = state.view = CameraView(name, camera, rot_base_from_cam, state.mask)
-        return Frame(view, gray)
+        return Frame(view, linear_light(gray, state.gamma))
 
     def _process(self, members: tuple[tuple[int, Frame], ...]) -> HorizonResult:
         self.counts["sets"] += 1

@@ -547,6 +547,19 @@ def mask_parameter(camera: str) -> Parameter:
     )
 
 
+def gamma_parameter(camera: str) -> Parameter:
+    """Return the parameter that says how a camera encodes light in its images."""
+    return Parameter(
+        f"{camera}.gamma",
+        "double",
+        1.0,
+        "How the camera encodes light: pixel values go with its power 1 / gamma. 1: they are in "
+        "proportion; about 2.2: photographs, video and most cameras' JPEG.",
+        minimum=0.2,
+        maximum=5.0,
+    )
+
+
 # Parameters that go into the core's configuration as they are.
 _SENSOR_FIELDS = {
     "method": "method",
@@ -601,12 +614,13 @@ class PipelineSettings:
     """Everything that the estimates of the horizon depend on.
 
     rotations : a quaternion (x, y, z, w) a camera, optical to base frame; None: from TF. masks : a
-    file a camera, None where it has no mask.
+    file a camera, None where it has no mask. gammas : the encoding of each camera's light.
     """
 
     cameras: tuple[str, ...]
     rotations: tuple[tuple[float, ...] | None, ...]
     masks: tuple[Path | None, ...]
+    gammas: tuple[float, ...]
     aiding: AidingSettings
     base_frame: str
     sensor: HorizonConfig
@@ -649,11 +663,18 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
     accepted, problems = _accepted((*HORIZON_PARAMETERS, *COMMON_PARAMETERS), values)
     rotations: list[tuple[float, ...] | None] = []
     masks: list[Path | None] = []
+    gammas: list[float] = []
     cameras = accepted.get("cameras", [])
     problems += _camera_name_problems(cameras) if "cameras" in accepted else []
     for camera in filter(_CAMERA_NAME.fullmatch, dict.fromkeys(cameras)):
         try:
             masks.append(_mask(camera, values))
+        except ParameterError as error:
+            problems.append(str(error))
+        gamma = gamma_parameter(camera)
+        try:
+            exponent = gamma.accept(values.get(gamma.name, gamma.default))
+            gammas.append(float(exponent))  # type: ignore[arg-type]
         except ParameterError as error:
             problems.append(str(error))
         if accepted.get("extrinsics_source") == "tf":
@@ -671,6 +692,7 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
             cameras=tuple(cameras),
             rotations=tuple(rotations),
             masks=tuple(masks),
+            gammas=tuple(gammas),
             aiding=AidingSettings(
                 max_age_ns=round(accepted["coarse_pose_max_age"] * 1e9),
                 position_sigma_m=accepted["coarse_pose_position_sigma"],
@@ -807,7 +829,8 @@ def horizon_parameters(values: Mapping[str, Any]) -> tuple[Parameter, ...]:
     """Return all parameters of a horizon node with these values: some depend on `cameras`."""
     cameras = _as_kind(values.get("cameras", HORIZON_PARAMETERS[0].default), "string_array")
     names = dict.fromkeys(cameras) if isinstance(cameras, list) else ()
-    each = [of(str(camera)) for camera in names for of in (rotation_parameter, mask_parameter)]
+    kinds = (rotation_parameter, mask_parameter, gamma_parameter)
+    each = [of(str(camera)) for camera in names for of in kinds]
     own = (*HORIZON_PARAMETERS[:1], *each, *HORIZON_PARAMETERS[1:])
     return (*own, *COMMON_PARAMETERS, *NODE_PARAMETERS)
 
@@ -820,15 +843,15 @@ def target_parameters() -> tuple[Parameter, ...]:
 def unknown_parameters(values: Mapping[str, Any]) -> list[str]:
     """Names among these values that mean nothing to any node.
 
-    One file serves all nodes, so another node's parameter is known, and so are the rotation and the
-    mask of an unused camera.
+    One file serves all nodes, so another node's parameter is known, and so are those of an unused
+    camera.
     """
     known = {p.name for p in (*horizon_parameters(values), *TARGET_PARAMETERS)}
     return [
         name
         for name in values
         if name not in known
-        and not name.endswith((".rotation", ".mask"))
+        and not name.endswith((".rotation", ".mask", ".gamma"))
         and not _OF_RCLPY.fullmatch(name)
     ]
 
@@ -969,6 +992,8 @@ def parameter_file() -> str:
                 "    # camera_1:",
                 "    #   mask: package://my_craft/config/camera_1_mask.png",
             ]
+            lines += _comment(gamma_parameter("camera_N"))
+            lines += ["    # camera_1:", "    #   gamma: 2.2"]
     return "\n".join(lines) + "\n"
 
 

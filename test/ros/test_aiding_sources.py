@@ -280,6 +280,20 @@ def test_a_mask_reaches_the_frames(mask_file: Path) -> None:
     assert result.fix.limbs[0].px[:, 0].min() > 60
 
 
+def test_a_cameras_encoding_is_undone_before_anything_else() -> None:
+    values = {**PARAMETERS, "cameras": ["camera_1"], "camera_1.gamma": 2.2}
+    light = horizon_gray("camera_1", nadir_of(0, 0))
+    encoded = np.rint(255.0 * (light / 255.0) ** (1.0 / 2.2)).astype(np.uint8)
+    altitude_m = []
+    for setup, gray in ((values, encoded), ({**values, "camera_1.gamma": 1.0}, light)):
+        pipeline = HorizonPipeline(horizon_settings(setup).pipeline)
+        pipeline.on_camera_info("camera_1", camera_info_of(0, "camera_1"))
+        (result,) = pipeline.on_image("camera_1", image_of(gray, START_NS, "camera_1")).results
+        assert result.fix.ok, result.fix.reason
+        altitude_m.append(result.fix.fit.altitude_m)
+    assert altitude_m[0] == pytest.approx(altitude_m[1], rel=2e-3)
+
+
 def test_a_mask_of_another_size_refuses_the_frames_by_name(mask_file: Path) -> None:
     cv2.imwrite(str(mask_file), np.full((20, 30), 255, np.uint8))
     values = {**PARAMETERS, "camera_1.mask": str(mask_file)}

@@ -75,6 +75,8 @@ def test_defaults_are_the_contracts() -> None:
         ({"queue_size": 2.5}, ["queue_size must be an integer"]),
         ({"queue_size": int("9" * 400)}, ["queue_size must be an integer", "999..."]),
         ({"camera_1.mask": 7}, ["camera_1.mask must be a string"]),
+        ({"camera_1.gamma": 0.0}, ["camera_1.gamma", "0.0"]),
+        ({"camera_2.gamma": "sRGB"}, ["camera_2.gamma must be a double"]),
         ({"coarse_pose_position_sigma": -1.0}, ["coarse_pose_position_sigma", "-1.0"]),
         ({"altitude_prior_sigma": float("nan")}, ["altitude_prior_sigma"]),
         ({"imu_max_gap": 0.0}, ["imu_max_gap", "0.0"]),
@@ -307,10 +309,10 @@ def test_every_number_has_its_range_and_its_unit() -> None:
         if parameter.kind in ("double", "integer")
     ]
     assert len(numbers) > 30
-    # Shares, counts, and multiples of a noise.
+    # Shares, counts, exponents, and multiples of a noise.
     plain = re.compile(
         r"min_(limb_share|clear_sky|contrast|points|score|overlap)|max_(bright_sky|space_level)"
-        r"|max_refused|queue_size|keyframe_overlap"
+        r"|max_refused|queue_size|keyframe_overlap|camera_\d\.gamma"
     )
     for parameter in numbers:
         assert parameter.minimum is not None, parameter.name

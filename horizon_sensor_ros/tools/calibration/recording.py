@@ -82,11 +82,12 @@ class Horizons:
                     cameras=(camera,),
                     rotations=(rotation,),
                     masks=(mask,),
+                    gammas=(gamma,),
                     aiding=unaided,
                 )
             )
-            for camera, rotation, mask in zip(
-                settings.cameras, settings.rotations, settings.masks, strict=True
+            for camera, rotation, mask, gamma in zip(
+                settings.cameras, settings.rotations, settings.masks, settings.gammas, strict=True
             )
         }
         self.sets: list[tuple[int, tuple[CameraHorizon, ...]]] = []
