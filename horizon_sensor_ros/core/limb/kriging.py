@@ -28,7 +28,7 @@ from horizon_sensor_ros.core.limb.smear import blur_along
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.symmetric3 import solve
 
-INNER_PX, OUTER_PX = 4.0, 5.0  # the part of a profile that is used
+INNER_PX, OUTER_PX = 6.0, 7.0  # the part of a profile that is used
 _BESIDE_PX = (-2.0, -1.0)  # where the planet beside the edge is seen
 _SPACE_PX = 2.5  # from where on space is
 _WINDOW = 0.03  # over the planet's radius; along so much limb the texture is the same
@@ -42,7 +42,7 @@ _STEP_VARIANCE = 0.5  # over that of a pixel of a profile: two of them are besid
 _NODES = 40  # of the integral over the blur, in the root of the depth
 # What neighbours share of texture's variance, over what its covariance says: as measured, of rough
 # texture and of smooth.
-_SHARED = ground_texture.by_kind(1.2, 3.0)
+_SHARED = ground_texture.by_kind(1.2, 2.4)
 _PARTS = 6  # of the limb, between which nothing is shared
 _FAR_OFF = 6.0  # times the median distance, from which on an edge is not the limb's
 _REPEATED = 10.0  # what texture says of a smear, over what it would if it were alike as it is
