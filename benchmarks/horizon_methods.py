@@ -14,7 +14,8 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.arc import fit_arc
-from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import Imaging

@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.error_map import angle_rad, fit_error
 from horizon_sensor_ros.core.fits import METHODS, fit_horizon
-from horizon_sensor_ros.core.fits.result import LimbObservation
+from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
 from horizon_sensor_ros.core.visibility import (
     horizon_in_view,

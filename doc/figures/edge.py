@@ -9,8 +9,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from figures.drawing import BLUE, GREEN, ORANGE, save
-from horizon_sensor_ros.core.fits.limb_rays import gather
-from horizon_sensor_ros.core.fits.result import LimbObservation
+from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
 from horizon_sensor_ros.sim.hard_scenes import hard_scenes
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
-from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.symmetric3 import inverse
 

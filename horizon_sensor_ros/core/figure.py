@@ -9,13 +9,12 @@ sphere's, exactly, and the result is brought back. Without it the mean sphere is
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import AltitudeMeasurement, CoarsePose
-from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.figure_error import (
     ANY_POLE,
@@ -23,9 +22,9 @@ from horizon_sensor_ros.core.figure_error import (
     figure_influence,
     pole_covariance,
 )
-from horizon_sensor_ros.core.fits.limb_rays import gather
-from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
-from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.fits.disc import Disc
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.stretched_camera import stretched_view
 
@@ -69,28 +68,6 @@ def mean_sphere(planet: Planet) -> Planet:
     if planet.flattening == 0.0:
         return planet
     return Planet(planet.mean_radius_m, planet.limb_height_m)
-
-
-@dataclass(frozen=True, eq=False)
-class Disc:
-    """The planet's disc as it was fitted: a cone ``u . nadir = cos rho`` of a figure's rays."""
-
-    figure: Figure
-    nadir: np.ndarray
-    rho_rad: float
-
-    def limb_px(self, view: CameraView, count: int) -> np.ndarray:
-        """Pixels (count, 2) once round the disc's edge; NaN where the camera has none."""
-        angle = np.linspace(0.0, 2 * np.pi, count)
-        across = tangent_basis(self.nadir) @ np.array([np.cos(angle), np.sin(angle)])
-        rays = np.cos(self.rho_rad) * self.nadir + np.sin(self.rho_rad) * across.T
-        seen = self.figure.view(view)
-        return seen.camera.pixels(rays @ seen.rot_base_from_cam)
-
-    def residuals_px(self, view: CameraView, limb: LimbPoints) -> np.ndarray:
-        """Distance of one camera's usable limb points from the disc's edge, along their normals."""
-        rays = gather([LimbObservation(self.figure.view(view), limb)])
-        return rays.residuals_px(self.nadir, self.rho_rad)
 
 
 def disc_of(fit: HorizonFit) -> Disc:

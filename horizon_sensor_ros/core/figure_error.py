@@ -14,8 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.fits.limb_rays import gather
-from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.target.rigid import rotation_from_vector

@@ -25,7 +25,8 @@ from horizon_sensor_ros.core.fits.assessment import inliers, root_mean_square
 from horizon_sensor_ros.core.fits.known_altitude import with_altitude
 from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD as MAXIMUM_LIKELIHOOD
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
-from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.judgement import disagreement_rad, doubt, full_scale, refusal
 from horizon_sensor_ros.core.limb.detector import Detection, canny_limbs, detect_limb, follow_limb

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from horizon_sensor_ros.core.fits.assessment import MIN_POINTS
-from horizon_sensor_ros.core.fits.limb_rays import gather
 from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD
-from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.limb.evidence import SkyEvidence
 from horizon_sensor_ros.core.shared_error import bend_px

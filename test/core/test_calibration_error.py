@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
-from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.poses import camera_from_fov

@@ -20,7 +20,8 @@ from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.figure import VERTICALS, Figure, MeanSphere, StretchedEllipsoid
 from horizon_sensor_ros.core.figure_error import ANY_POLE, figure_influence, pole_covariance
 from horizon_sensor_ros.core.fits import METHODS, fit_horizon
-from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet

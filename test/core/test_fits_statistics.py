@@ -20,8 +20,8 @@ from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.fits import HorizonFit, LimbObservation, fit_horizon
 from horizon_sensor_ros.core.fits.bound import horizon_bound
 from horizon_sensor_ros.core.fits.circle import circle_on_sphere
-from horizon_sensor_ros.core.fits.limb_rays import gather
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
+from horizon_sensor_ros.core.fits.observation import gather
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status

@@ -10,7 +10,8 @@ from horizon_sensor_ros.core.fits.chord import fit_chord, fit_chord_image
 from horizon_sensor_ros.core.fits.cone import fit_cone
 from horizon_sensor_ros.core.fits.gauss_newton import fit_gauss_newton
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
-from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
 
 METHODS: Mapping[str, Callable[[Sequence[LimbObservation], Planet], HorizonFit]] = MappingProxyType(

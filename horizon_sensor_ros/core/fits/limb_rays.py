@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.points import LimbPoints
-
-if TYPE_CHECKING:
-    from horizon_sensor_ros.core.fits.result import LimbObservation
 
 # A limb normal so far off the cone's that a distance along it says nothing about the cone.
 _LEAST_NORMAL_COSINE = 0.2
@@ -103,26 +98,6 @@ class LimbRays:
         turned = across @ np.array([[x, -y], [y, x]])
         azimuth = np.arctan2(turned[:, 1], turned[:, 0])
         return np.lexsort((azimuth, self.camera))
-
-
-def gather(observations: Sequence[LimbObservation]) -> LimbRays:
-    """Bring the limb points of all cameras into the base frame; empty ones contribute nothing."""
-    if len(observations) == 1:
-        return observations[0].rays
-    seen = [observation.rays for observation in observations]
-    num_points = sum(part.num_points for part in seen)
-    parts = [part for part in seen if len(part)]
-    if not parts:
-        return no_rays(num_points)
-    return LimbRays(
-        np.concatenate([part.rays_base for part in parts]),
-        np.concatenate([part.outward_base for part in parts]),
-        np.concatenate([part.sigma_px for part in parts]),
-        np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
-        tuple(name for part in parts for name in part.cameras),
-        num_points,
-        all(part.ordered for part in parts),
-    )
 
 
 def no_rays(num_points: int) -> LimbRays:

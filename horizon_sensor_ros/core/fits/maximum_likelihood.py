@@ -20,8 +20,9 @@ from horizon_sensor_ros.core.fits.assessment import (
     too_uncertain,
 )
 from horizon_sensor_ros.core.fits.circle import robust_circle_on_sphere
-from horizon_sensor_ros.core.fits.limb_rays import LimbRays, gather
-from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.fits.limb_rays import LimbRays
+from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.robust import robust_sigma
 from horizon_sensor_ros.core.status import Status

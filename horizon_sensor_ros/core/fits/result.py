@@ -1,33 +1,13 @@
-"""What goes into a horizon fit and what comes out of it."""
+"""What comes out of a horizon fit."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.fits.limb_rays import LimbRays, rays_of
-from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.fits.disc import Disc
 from horizon_sensor_ros.core.status import Status
-
-if TYPE_CHECKING:
-    from horizon_sensor_ros.core.figure import Disc
-
-
-@dataclass(frozen=True)
-class LimbObservation:
-    """The limb points that one camera saw."""
-
-    view: CameraView
-    limb: LimbPoints
-
-    @cached_property
-    def rays(self) -> LimbRays:
-        """The usable points in the base frame."""
-        return rays_of(self.view, self.limb)
 
 
 @dataclass(frozen=True)

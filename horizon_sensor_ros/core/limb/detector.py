@@ -8,9 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.fits.limb_rays import gather
 from horizon_sensor_ros.core.fits.maximum_likelihood import refine
-from horizon_sensor_ros.core.fits.result import LimbObservation
+from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.limb.air_layer import ground_under_airglow
 from horizon_sensor_ros.core.limb.candidates import (
     LimbCandidates,

@@ -10,7 +10,8 @@ from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
-from horizon_sensor_ros.core.fits.result import HorizonFit, LimbObservation
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_sensor import HorizonFix
 from horizon_sensor_ros.core.planet import Planet
 
