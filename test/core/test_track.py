@@ -114,8 +114,12 @@ def test_in_glowing_air_too(air_dn: float, searches: list[int]) -> None:
         followed.append(len(searches) == before)
         searched = HorizonSensor(SEARCHING).process(frames)
         assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
-        assert angle_between(fix.fit.nadir_base, searched.fit.nadir_base) < sigma_rad(searched)
-        assert fix.fit.altitude_m == pytest.approx(searched.fit.altitude_m, abs=1500.0)
+        # In strong glow one of the two may be fitted with the ground, the other by its contour.
+        sigmas = 1.0 if air_dn < 100.0 else 3.0
+        apart = angle_between(fix.fit.nadir_base, searched.fit.nadir_base)
+        assert apart < sigmas * sigma_rad(searched)
+        altitude_sigma_m = np.sqrt(searched.fit.cov_nadir_altitude[3, 3])
+        assert abs(fix.fit.altitude_m - searched.fit.altitude_m) < sigmas * altitude_sigma_m
     # In the stronger glow no model fits the edge of one camera: that is left to the search.
     assert sum(followed) >= (3 if air_dn < 100.0 else 0)
 
