@@ -21,7 +21,7 @@ from horizon_sensor_ros.core.limb.edge_model import normal_cdf
 from horizon_sensor_ros.core.limb.points import SharedError
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, space_level
 
-# White levels of cameras: 8, 10, 12, 14, 16 bits; 8 to 14 of them at the top of 16, 8 at that of 12.
+# White levels of cameras: 8, 10, 12, 14, 16 bits; 8 to 14 at the top of 16, 8 at that of 12.
 _WHITE = (255, 1023, 4095, 16383, 65535, 65280, 65472, 65520, 65532, 4080)
 _DARK = 0.5  # space, over the white level, at most
 _NEAR_WHITE = 0.97  # lossy coding and interpolation leave less of it
