@@ -13,6 +13,7 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.limb.evidence import SkyEvidence
+from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.shared_error import bend_px
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.symmetric3 import largest_eigenvalue
@@ -23,6 +24,8 @@ _DISAGREEMENT_RAD = np.radians(0.25)
 # Stretches of a limb lie off the best cone by the error that neighbours share; of another edge,
 # which happens to run along some cone, by more.
 _MAX_BEND, _LEAST_BEND_PX = 4.5, 0.75
+# Of edges that follow no model, over their own errors: beyond it another limb fits them as well.
+_MOST_SCATTER = 2.5
 # Lit ground is lit behind its limb too: all but 14 % of it in the darkest of 1400 simulated limbs;
 # between a night side's lamps a third or more is dark, and their outermost ones are no limb.
 _MOST_DARK_GROUND = 0.25
@@ -73,6 +76,10 @@ def refusal(
         if bend > max(_MAX_BEND * shared_px, _LEAST_BEND_PX):
             name = observation.view.name
             return Status.POOR_FIT, f"the edge in {name} bends unlike a limb, by {bend:.2f} px"
+        scatter_px = fit.rms_residual_px / median(rays.sigma_px)
+        if not observation.limb.modelled and len(fit.cameras) == 1 and scatter_px > _MOST_SCATTER:
+            name = observation.view.name
+            return Status.POOR_FIT, f"the edge in {name} follows no model of one, and hardly a limb"
     sigma = nadir_sigma_rad(fit)
     if not sigma <= config.max_nadir_sigma_rad:
         return Status.UNCERTAIN, f"nadir is known to {np.degrees(sigma):.2f} deg only"

@@ -43,6 +43,7 @@ class LimbPoints:
     offset_px : (N,) how far outside it these lie, in order along it.
     joint : limb and glow were told apart by one fit: these are the ground's limb, where edges found
     one by one lie in its glow, all of them higher by a pixel or two.
+    modelled : False where these are sharp edges that follow no model of one.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -58,6 +59,7 @@ class LimbPoints:
     predicted: LimbCurve | None = None
     offset_px: np.ndarray = field(default_factory=lambda: np.empty(0))
     joint: bool = False
+    modelled: bool = True
 
     @classmethod
     def none(cls, status: Status, reason: str) -> LimbPoints:

@@ -173,6 +173,8 @@ def refine_limb(
     if not modelled:
         shared = SharedError(coherent, _SHIFT * coherent)
     points = _points(sample, px, normal_px, places, shared.besides(of_clipping), jumps_px)
+    if given and model_free and not glows:
+        points = replace(points, modelled=False)
     return points, () if given and model_free else tuple(looks)
 
 

@@ -1,0 +1,57 @@
+"""What is refused of fits that look well: edges that are of no limb."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from limb_samples import PINHOLE, observe, view_at_limb
+
+from horizon_sensor_ros.core.fits import LimbObservation, fit_horizon
+from horizon_sensor_ros.core.horizon_config import HorizonConfig
+from horizon_sensor_ros.core.judgement import refusal
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.status import Status
+
+NADIR, PLANET = np.array([0.0, 0.0, 1.0]), Planet()
+RHO_RAD = PLANET.rho_from_altitude(800e3)
+
+
+def seen(scatter_px: float, modelled: bool, cameras: int = 1) -> list[LimbObservation]:
+    """Points that claim a tenth of a pixel, and lie off the limb by more."""
+    observations = []
+    for camera in range(cameras):
+        view = view_at_limb(PINHOLE, NADIR, RHO_RAD, 1.6 * camera, name=f"camera_{camera + 1}")
+        exact = observe(view, NADIR, RHO_RAD, spacing_px=12.0)
+        off = scatter_px * np.random.default_rng(camera).standard_normal(len(exact.limb.px))
+        limb = replace(
+            exact.limb,
+            px=exact.limb.px + off[:, None] * exact.limb.normal_px,
+            sigma_px=np.full(len(off), 0.1),
+            coherent_px=0.1,
+            modelled=modelled,
+        )
+        observations.append(LimbObservation(view, limb))
+    return observations
+
+
+@pytest.mark.parametrize(
+    ("scatter_px", "modelled", "cameras", "refused"),
+    [(0.4, False, 1, True), (0.4, True, 1, False), (0.1, False, 1, False), (0.4, False, 2, False)],
+)
+def test_one_cameras_edges_that_follow_neither_a_model_nor_a_limb(
+    scatter_px: float, modelled: bool, cameras: int, refused: bool
+) -> None:
+    """Beside full clouds two such fits were 1.6 and 4.8 deg off at a sigma of 0.3."""
+    observations = seen(scatter_px, modelled, cameras)
+    fit = fit_horizon(observations, PLANET)
+    assert fit.ok
+    found = refusal(fit, observations, HorizonConfig())
+    if refused:
+        assert found is not None
+        status, reason = found
+        assert status is Status.POOR_FIT
+        assert "camera_1" in reason
+    else:
+        assert found is None
