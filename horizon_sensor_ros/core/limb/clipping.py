@@ -48,8 +48,13 @@ class ClippedEdges:
     shared: SharedError
 
 
-def white_level(gray: np.ndarray) -> float:
-    """Brightness at which a camera's frame saturates; infinite where none of it does."""
+def white_level(gray: np.ndarray, sampled: np.ndarray) -> float:
+    """Brightness at which a camera's frame saturates; infinite where none of it does, or nothing of
+    what is sampled from it can.
+    """
+    # A pass over the whole frame costs more than all the samples.
+    if sampled.max(initial=0.0) < _NEAR_WHITE * _WHITE[0]:
+        return np.inf
     top = float(gray.max())
     return top if top in _WHITE else np.inf
 
@@ -59,6 +64,8 @@ def clipped(profiles: np.ndarray, d_px: np.ndarray, white: float) -> np.ndarray:
 
     Not those that are bright in space as well.
     """
+    if white == np.inf:
+        return np.zeros(len(profiles), dtype=bool)
     beside = (d_px >= _INSIDE_PX[0]) & (d_px <= _INSIDE_PX[1])
     white_inside = profiles[:, beside].min(axis=1) >= _NEAR_WHITE * white
     return np.asarray(white_inside & (space_level(profiles) < _DARK * white))

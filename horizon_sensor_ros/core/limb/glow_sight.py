@@ -82,7 +82,7 @@ def look_along(
     bundles = Bundles.of(valid, size)
     if num < 2 * size:
         return None
-    white = _SATURATED * white_level(gray)
+    white = _SATURATED * white_level(gray, sampled)
     blind = bundles.mean((sampled >= white).astype(np.float32))
     profiles = bundles.mean(sampled).astype(np.float64)
     px, normal_px = curve.px[bundles.middle], curve.normal_px[bundles.middle]

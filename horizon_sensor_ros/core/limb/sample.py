@@ -117,7 +117,7 @@ class LimbSample:
     @cached_property
     def white(self) -> float:
         """`white_level` of the image."""
-        return white_level(self.gray)
+        return white_level(self.gray, self.profiles)
 
     def clipped(self) -> np.ndarray:
         """Stretches (M,) that are saturated beside the predicted limb."""
