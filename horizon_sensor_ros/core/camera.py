@@ -248,6 +248,11 @@ class Camera:
         return (x >= -0.5) & (x < self.width - 0.5) & (y >= -0.5) & (y < self.height - 0.5)
 
     @cached_property
+    def pixel_rad(self) -> float:
+        """Angle of a pixel in the middle of the image, mean of both directions."""
+        return float(1.0 / np.sqrt(self.fx * self.fy))
+
+    @cached_property
     def max_angle_rad(self) -> float:
         """Angle off the axis up to which the model is one-to-one; pi/2 or pi without a limit."""
         if self.model == "equidistant":

@@ -69,9 +69,9 @@ def set_d(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
 
 def set_e(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
     """Draw n frames as in set B with fainter clouds."""
-    faint = (_clouds(seed, i, _SET_E_CONTRAST) for i in range(n))
     return (
-        _one_camera("e", i, seed, scene, Imaging(noise_dn=4.0)) for i, scene in enumerate(faint)
+        _one_camera("e", i, seed, _clouds(seed, i, _SET_E_CONTRAST), Imaging(noise_dn=4.0))
+        for i in range(n)
     )
 
 

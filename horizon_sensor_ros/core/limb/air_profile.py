@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from horizon_sensor_ros.core.limb.depth import seen_depths
 from horizon_sensor_ros.core.limb.edge_model import normal_cdf
-
-_NODES = 40  # of the integral over the blur, in the root of the depth
 
 
 def glow_outside(x_px: np.ndarray, psf_px: float, length_px: np.ndarray) -> np.ndarray:
@@ -28,10 +27,7 @@ def glow_outside(x_px: np.ndarray, psf_px: float, length_px: np.ndarray) -> np.n
 
 def air_inside(x_px: np.ndarray, psf_px: float, length_px: float) -> np.ndarray:
     """Air in front of the ground (J,) at distances x_px (J,), blurred, over that at the limb."""
-    spacing = np.sqrt(4.0 * psf_px - x_px[0]) / _NODES
-    root = (np.arange(_NODES) + 0.5) * spacing
-    blur = np.exp(-0.5 * np.square((x_px[:, None] + root * root) / psf_px))
-    blur *= 2.0 * spacing * root / (np.sqrt(2.0 * np.pi) * psf_px)
+    root, blur = seen_depths(x_px, psf_px)
     return np.asarray(blur @ _erfcx(root / np.sqrt(length_px)))
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.edge_model import normal_cdf
 from horizon_sensor_ros.core.limb.points import SharedError
-from horizon_sensor_ros.core.limb.profiles import EdgePlaces, space_level
+from horizon_sensor_ros.core.limb.profiles import EdgePlaces, nearness, space_level
 
 # White levels of cameras: 8, 10, 12, 14, 16 bits; 8 to 14 at the top of 16, 8 at that of 12.
 _WHITE = (255, 1023, 4095, 16383, 65535, 65280, 65472, 65520, 65532, 4080)
@@ -90,8 +90,7 @@ def place_clipped_edges(
     offset, variance, cost = _lowest(chi2.reshape(len(samples), -1, len(_PLACES_PX)))
     least = cost.min(axis=1)
     evidence = np.maximum(-0.5 * (cost - least[:, None]), -_MOST_EVIDENCE)
-    number = np.arange(len(samples))
-    nearby = np.exp(-0.5 * np.square((number[:, None] - number) / _WINDOW)) + _ANYWHERE
+    nearby = nearness(len(samples), _WINDOW) + _ANYWHERE
     nearby *= np.minimum(1.0, _TOLD / nearby.sum(axis=1))[:, None]
     evidence = nearby @ evidence + _log_prior()
     share = np.exp(evidence - evidence.max(axis=1, keepdims=True))

@@ -171,7 +171,7 @@ def _limb(
 
 def _pitch(camera: Camera, factor: int) -> float:
     """Angle of a working pixel, rad."""
-    return factor / math.sqrt(camera.fx * camera.fy)
+    return factor * camera.pixel_rad
 
 
 def _sky(

@@ -75,8 +75,7 @@ class GlowLimb:
 
 def usual_length_px(view: CameraView, rho_rad: float, factor: int = 1) -> float:
     """Length over which the Earth's air usually fades above a limb of this radius."""
-    pitch_rad = factor / math.sqrt(view.camera.fx * view.camera.fy)
-    return USUAL_HEIGHT * math.tan(rho_rad) / pitch_rad
+    return USUAL_HEIGHT * math.tan(rho_rad) / (factor * view.camera.pixel_rad)
 
 
 def fit_glow(

@@ -12,16 +12,15 @@ from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.limb.clipping import white_level
 from horizon_sensor_ros.core.limb.curve import limb_curve
+from horizon_sensor_ros.core.limb.ground_texture import ground_across_px
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.profiles import Bundles, pixel_noise, sample_profiles
+from horizon_sensor_ros.core.limb.sample import PLAIN_NOISE, TAPS_PX, thinning
 from horizon_sensor_ros.core.status import Status
 
 INNER_PX = 4.0  # how far profiles reach into the planet
 _STRETCH_PX, _MOST_STRETCHES = 24.0, 27
-_LARGE_PX = 1024  # size of a frame up to which every pixel of limb is sampled
-_TAPS_PX = 4.0
 _SATURATED, _SATURATED_SHARE = 0.98, 0.02  # of white; of a stretch's samples
-_PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +68,14 @@ def look_along(
 
     gray : (H, W), reduced by `factor`; outer_px : in its pixels.
     """
-    spacing_px = float(max(1, round(max(gray.shape) / _LARGE_PX)))
+    spacing_px = float(thinning(gray))
     curve = limb_curve(view, nadir_base, rho_rad, spacing_px=spacing_px * factor)
     d_px = np.arange(-INNER_PX, outer_px + 0.5)
     if len(curve) < 2:
         return None
     sampled, valid = sample_profiles(gray, curve, d_px, factor)
     if view.mask is not None:
-        valid &= view.mask.clear(curve.px, (outer_px + _TAPS_PX) * factor)
+        valid &= view.mask.clear(curve.px, (outer_px + TAPS_PX) * factor)
     num = int(np.count_nonzero(valid))
     size = max(round(_STRETCH_PX / spacing_px), math.ceil(num / _MOST_STRETCHES))
     bundles = Bundles.of(valid, size)
@@ -99,17 +98,16 @@ def look_along(
     if not (rise > 0.0).all():
         return None
     growth = limb.angles(nadir_base)[1] * factor
-    pitch_rad = factor / math.sqrt(view.camera.fx * view.camera.fy)
     return GlowSight(
         d_px,
         profiles,
         blind > _SATURATED_SHARE,
-        _PLAIN_NOISE * pixel_noise(profiles, size),
+        PLAIN_NOISE * pixel_noise(profiles, size),
         px,
         normal_px,
         -limb.design(nadir_base, tangent_basis(nadir_base)) / growth[:, None],
         np.where(d_px > 0.0, height / rise[:, None], d_px),
         rise,
-        pitch_rad / math.tan(max(rho_rad, pitch_rad)),
+        ground_across_px(factor * view.camera.pixel_rad, rho_rad),
         spacing_px * size,
     )

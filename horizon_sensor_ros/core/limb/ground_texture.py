@@ -7,13 +7,16 @@ Source: Rasmussen & Williams 2006, 4.2 (exponential and Matern 3/2 covariance).
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+
+from horizon_sensor_ros.core.limb.depth import seen_depths
 
 NONE = 0
 _ROUGH = np.array([0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0])
 _SMOOTH = np.array([3.0, 10.0, 30.0, 100.0])
 _ROUGH_LENGTH, _SMOOTH_LENGTH = 0.06, 0.2
-_NODES = 40  # of the integral over the blur, in the root of the depth
 NUM = len(_ROUGH) + len(_SMOOTH)
 
 
@@ -38,6 +41,22 @@ def correlation(apart: np.ndarray) -> np.ndarray:
     return kinds.repeat([len(_ROUGH), len(_SMOOTH)], axis=0)
 
 
+def along_sight(root: np.ndarray, px_over_radius: float) -> np.ndarray:
+    """Distances along the ground from the limb (M,), planet radii, to where a sight meets it.
+
+    root : (M,) of the depths below the limb, pixels. px_over_radius : `ground_across_px`.
+    """
+    return np.asarray(root * np.sqrt(2.0 * px_over_radius))
+
+
+def ground_across_px(pitch_rad: float, rho_rad: float) -> float:
+    """Ground across one pixel along the limb, over the planet's radius.
+
+    pitch_rad : angle of a pixel; rho_rad : of the disc's edge from nadir.
+    """
+    return pitch_rad / math.tan(max(rho_rad, pitch_rad))
+
+
 def covariances(
     blur: np.ndarray, across: np.ndarray, along: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -59,16 +78,11 @@ def seen_across(
     """Covariance (J, J) of unit rough texture in a blurred profile at distances x_px (J,) outside
     the limb; and of its derivatives (rows) by the limb's place and by the blur with it (columns).
 
-    psf_px : the blur, one sigma. px_over_radius : ground across one pixel along the limb, over the
-    planet's radius.
+    psf_px : the blur, one sigma. px_over_radius : `ground_across_px`.
     """
-    spacing = np.sqrt(4.0 * psf_px - x_px[0]) / _NODES
-    root = (np.arange(_NODES) + 0.5) * spacing
-    # Ground distance along the sight grows with the root of the depth below the limb.
-    across = root * np.sqrt(2.0 * px_over_radius)
+    root, blur = seen_depths(x_px, psf_px)
+    across = along_sight(root, px_over_radius)
     beyond = (x_px[:, None] + root * root) / psf_px
-    blur = np.exp(-0.5 * beyond * beyond) * (2.0 * spacing * root)
-    blur /= np.sqrt(2.0 * np.pi) * psf_px
     seen = rough_correlation(across[:, None] - across) @ blur.T
     moved = blur * (beyond / psf_px)
     widened = blur * ((beyond * beyond - 1.0) / psf_px)

@@ -22,8 +22,10 @@ from functools import lru_cache
 import numpy as np
 
 from horizon_sensor_ros.core.limb import ground_texture
+from horizon_sensor_ros.core.limb.depth import seen_depths
 from horizon_sensor_ros.core.limb.edge_model import MAX_LEVEL, normal_cdf
 from horizon_sensor_ros.core.limb.points import SharedError
+from horizon_sensor_ros.core.limb.profiles import nearness
 from horizon_sensor_ros.core.limb.smear import blur_along
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.symmetric3 import solve
@@ -39,7 +41,6 @@ _LEVEL_SIGMA = 30.0  # over the noise; of a stretch's brightness about that of t
 _NO_TEXTURE = 5.0  # log odds beforehand of a limb without texture, to any one texture
 _LAG = 0.06  # over the planet's radius; brightness is compared along so much limb
 _STEP_VARIANCE = 0.5  # over that of a pixel of a profile: two of them are beside the edge
-_NODES = 40  # of the integral over the blur, in the root of the depth
 # What neighbours share of texture's variance, over what its covariance says: as measured, of rough
 # texture and of smooth.
 _SHARED = ground_texture.by_kind(1.2, 2.4)
@@ -155,7 +156,7 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     count = int(np.count_nonzero(good))
     alone = wider_information / _repetition(tables, count, ground)
     # What the pixels' phase does to a profile is not texture.
-    nearby = _nearness(len(good), max(_LEAST_WINDOW, _WINDOW / ground)) + _ANYWHERE
+    nearby = nearness(len(good), max(_LEAST_WINDOW, _WINDOW / ground)) + _ANYWHERE
     nearby *= good * np.maximum(1.0 - _PHASE_WEIGHT * phase, 0.0)
     k = ground_texture.likely(_deviation(sure(step)) / noise)
     normal_px = stretches.base[:, :2]
@@ -254,18 +255,6 @@ def _deviation(values: np.ndarray) -> float:
     return math.sqrt(float(off @ off) / len(values))
 
 
-def _nearness(count: int, width: float) -> np.ndarray:
-    """Normal law, one at its top, of the distances (count, count) of stretches from each other."""
-    return np.exp(_distances2(count) * (-0.5 / width**2))
-
-
-@lru_cache(maxsize=16)
-def _distances2(count: int) -> np.ndarray:
-    """Squares (count, count) of the distances between numbers, in steps."""
-    number = np.arange(count)
-    return np.square(number[:, None] - number).astype(float)
-
-
 def _cost(scaled: np.ndarray, edge: np.ndarray, blur: np.ndarray, tables: _Tables) -> np.ndarray:
     """Cost (N, S) of each texture for profiles whose edge and blur (N,), in their steps over the
     noise, are known.
@@ -339,11 +328,8 @@ def _tables(
 ) -> _Tables:
     x_px = np.array(d_px)
     num = len(x_px)
-    spacing = np.sqrt(4.0 * psf_px - x_px[0]) / _NODES
-    root = (np.arange(_NODES) + 0.5) * spacing
-    # Ground distance along the sight grows with the root of the depth below the limb.
-    across = root * np.sqrt(2.0 * px_over_radius)
-    blur = _normal_law((x_px[:, None] + root * root) / psf_px) / psf_px * (2.0 * spacing * root)
+    root, blur = seen_depths(x_px, psf_px)
+    across = ground_texture.along_sight(root, px_over_radius)
     along = np.arange(3) * (length_px * px_over_radius)
     texture, together = ground_texture.covariances(blur, across, along)
     slope = _normal_law(x_px / psf_px) / psf_px

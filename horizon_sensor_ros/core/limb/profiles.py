@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -182,6 +182,18 @@ class Bundles:
             return values.T
         sums = np.add.reduceat(values, self.first, axis=1)
         return (sums / self.count.astype(values.dtype)).T
+
+
+def nearness(count: int, width: float) -> np.ndarray:
+    """Normal law, one at its top, of the distances (count, count) of stretches from each other."""
+    return np.exp(_distances2(count) * (-0.5 / width**2))
+
+
+@lru_cache(maxsize=16)
+def _distances2(count: int) -> np.ndarray:
+    """Squares (count, count) of the distances between numbers, in steps."""
+    number = np.arange(count)
+    return np.square(number[:, None] - number).astype(float)
 
 
 def pixel_noise(profiles: np.ndarray, size: int = 1) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,6 +10,7 @@ import numpy as np
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.clipping import clipped, white_level
 from horizon_sensor_ros.core.limb.curve import LimbCurve, limb_curve
+from horizon_sensor_ros.core.limb.ground_texture import ground_across_px
 from horizon_sensor_ros.core.limb.kriging import INNER_PX, OUTER_PX, Stretches
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.profiles import (
@@ -25,7 +25,7 @@ from horizon_sensor_ros.core.status import Status
 MIN_PROFILES = 8
 LEAST_SIGNIFICANCE = 5.0  # of an edge: its step over the noise
 _OUTER_PX = 6.0  # how far a profile reaches into space, beside the search range
-_TAPS_PX = 4.0  # beyond its end that interpolation still looks at
+TAPS_PX = 4.0  # beyond its end that interpolation still looks at
 _LARGE_PX = 1024  # size of a frame up to which every pixel of limb is sampled
 _BUNDLES = 160  # profiles, or means of neighbouring ones, along the limb in a frame
 # Length of limb over which the model is given the profiles' mean: what clouds and ground do hardly
@@ -33,7 +33,7 @@ _BUNDLES = 160  # profiles, or means of neighbouring ones, along the limb in a f
 # there are enough of them for a robust fit; pixels of a frame of `_LARGE_PX`.
 _STRETCH_PX = 16.0
 _LEAST_STRETCHES = 32
-_PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`, which allows for an edge's misfits
+PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`, which allows for an edge's misfits
 
 
 @dataclass(frozen=True)
@@ -100,10 +100,10 @@ class LimbSample:
         return Stretches(
             self.profiles,
             self.grid.d_px,
-            _PLAIN_NOISE * self.noise,
+            PLAIN_NOISE * self.noise,
             psf_px,
             self.stretch_px,
-            self.pitch_rad / math.tan(max(rho_rad, self.pitch_rad)),
+            ground_across_px(self.pitch_rad, rho_rad),
             base,
         )
 
@@ -139,6 +139,14 @@ class LimbSample:
         return self.bundles.mean(pixel_phase(self.curve, self.factor))
 
 
+def thinning(gray: np.ndarray) -> int:
+    """How many pixels of limb go to a profile, where each does in a small frame.
+
+    Every pixel of a long limb would cost more than it adds: the edge's texture spans many.
+    """
+    return max(1, round(max(gray.shape) / _LARGE_PX))
+
+
 def sample_limb(
     gray: np.ndarray,
     view: CameraView,
@@ -152,8 +160,7 @@ def sample_limb(
 
     modelled : the edge's look is known, so that profiles are given to a model.
     """
-    # Every pixel of a long limb would cost more than it adds: the edge's texture spans many.
-    spacing_px = step.spacing_px * max(1, round(max(gray.shape) / _LARGE_PX))
+    spacing_px = step.spacing_px * thinning(gray)
     curve = limb_curve(view, nadir_base, rho_rad, spacing_px=spacing_px * step.factor)
     if len(curve) < MIN_PROFILES:
         return LimbPoints.none(Status.NO_LIMB, "the limb is not in the frame")
@@ -165,7 +172,7 @@ def sample_limb(
     if num_valid < MIN_PROFILES:
         return LimbPoints.none(Status.NO_LIMB, "the limb runs along the frame's border")
     if view.mask is not None:
-        valid &= view.mask.clear(curve.px, (_TAPS_PX - first) * step.factor)
+        valid &= view.mask.clear(curve.px, (TAPS_PX - first) * step.factor)
         num_valid = int(np.count_nonzero(valid))
         if num_valid < MIN_PROFILES:
             return LimbPoints.none(Status.NO_LIMB, "the limb is behind the mask")
@@ -178,8 +185,7 @@ def sample_limb(
     if len(bundles) < MIN_PROFILES:
         return LimbPoints.none(Status.NO_LIMB, "the limb runs along the frame's border")
     profiles = bundles.mean(profiles)
-    camera = view.camera
-    pitch_rad = step.factor / math.sqrt(camera.fx * camera.fy)
+    pitch_rad = step.factor * view.camera.pixel_rad
     noise = pixel_noise(profiles, size)
     return LimbSample(
         gray, step.factor, curve, bundles, grid, spacing_px, pitch_rad, profiles, noise
