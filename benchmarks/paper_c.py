@@ -12,7 +12,7 @@ from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.gauss_newton import solve_roll_pitch_rho
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
-from horizon_sensor_ros.core.limb.candidates import canny_candidates
+from horizon_sensor_ros.core.limb.search.candidates import canny_candidates
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging

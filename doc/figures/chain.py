@@ -8,7 +8,10 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
-from horizon_sensor_ros.core.limb.candidates import canny_candidates, space_boundary_candidates
+from horizon_sensor_ros.core.limb.search.candidates import (
+    canny_candidates,
+    space_boundary_candidates,
+)
 from horizon_sensor_ros.ros.debug_image import draw_fix
 from horizon_sensor_ros.sim.hard_scenes import hard_scenes
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.limb.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.detector import Detection
-from horizon_sensor_ros.core.limb.edge_model import EdgeLook
+from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.status import Status
 
 

@@ -9,9 +9,9 @@ import pytest
 from limb_frames import PLANET, as_frames, clouds, draw, limb_views
 
 from horizon_sensor_ros.core.horizon_sensor import HorizonFix, HorizonSensor
-from horizon_sensor_ros.core.limb.air_layer import ground_under_airglow
-from horizon_sensor_ros.core.limb.candidates import space_boundary_candidates
-from horizon_sensor_ros.core.limb.selection import (
+from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow
+from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
+from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
     limb_consensus,
     rays_of_candidates,

@@ -8,7 +8,7 @@ import pytest
 from limb_frames import as_frames, clouds, draw, limb_views, share_near_limb, unlike_any_limb
 from scipy.spatial import cKDTree
 
-from horizon_sensor_ros.core.limb.candidates import (
+from horizon_sensor_ros.core.limb.search.candidates import (
     WORKING_SIZE_PX,
     LimbCandidates,
     canny_candidates,

@@ -7,9 +7,9 @@ import pytest
 from limb_frames import draw, limb_views
 
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
-from horizon_sensor_ros.core.limb.clipping import clipped, place_clipped_edges, white_level
 from horizon_sensor_ros.core.limb.curve import LimbCurve
-from horizon_sensor_ros.core.limb.edge_model import normal_cdf
+from horizon_sensor_ros.core.limb.edge.clipping import clipped, place_clipped_edges, white_level
+from horizon_sensor_ros.core.limb.edge.model import normal_cdf
 from horizon_sensor_ros.core.limb.profiles import sample_profiles
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 

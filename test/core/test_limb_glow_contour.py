@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizon_sensor_ros.core.limb.glow_contour import ContourLimb, contour_limb
+from horizon_sensor_ros.core.limb.glow.contour import ContourLimb, contour_limb
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces
 
 _D_PX = np.arange(-7.0, 8.0)

@@ -10,11 +10,11 @@ from limb_samples import cone_rays
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
 from horizon_sensor_ros.core.limb import refinement
-from horizon_sensor_ros.core.limb.air_profile import air_inside, glow_outside
-from horizon_sensor_ros.core.limb.edge_model import EdgeLook
-from horizon_sensor_ros.core.limb.glow_limb import GlowLimb, fit_glow, usual_length_px
-from horizon_sensor_ros.core.limb.ground_texture import seen_across
+from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outside
+from horizon_sensor_ros.core.limb.glow.limb import GlowLimb, fit_glow, usual_length_px
 from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.limb.texture.ground_texture import seen_across
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging, unit_vector

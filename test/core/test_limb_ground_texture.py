@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb import ground_texture
+from horizon_sensor_ros.core.limb.texture import ground_texture
 
 
 def test_variogram_and_correlation_tell_the_same() -> None:

@@ -14,10 +14,9 @@ from scipy.special import ndtr
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
-from horizon_sensor_ros.core.limb import edge_model
-from horizon_sensor_ros.core.limb.candidates import reduce_image
 from horizon_sensor_ros.core.limb.curve import LimbCurve
-from horizon_sensor_ros.core.limb.edge_model import (
+from horizon_sensor_ros.core.limb.edge import model as edge_model
+from horizon_sensor_ros.core.limb.edge.model import (
     EdgeLook,
     Texture,
     edge_profile,
@@ -25,11 +24,12 @@ from horizon_sensor_ros.core.limb.edge_model import (
     place_edges,
     texture_covariance,
 )
+from horizon_sensor_ros.core.limb.edge.steepest import steepest_fall
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, pixel_noise, sample_profiles
 from horizon_sensor_ros.core.limb.refinement import refine_limb
 from horizon_sensor_ros.core.limb.sample import RefinePass
-from horizon_sensor_ros.core.limb.steepest import steepest_fall
+from horizon_sensor_ros.core.limb.search.candidates import reduce_image
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import SimFrame
 from horizon_sensor_ros.sim.earth_scene import Imaging

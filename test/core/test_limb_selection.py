@@ -16,8 +16,8 @@ from limb_samples import (
 )
 
 from horizon_sensor_ros.core.camera import Camera, CameraView
-from horizon_sensor_ros.core.limb.candidates import LimbCandidates
-from horizon_sensor_ros.core.limb.selection import (
+from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
+from horizon_sensor_ros.core.limb.search.selection import (
     MIN_INLIERS,
     Consensus,
     RayCandidates,

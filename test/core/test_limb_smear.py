@@ -8,7 +8,7 @@ import pytest
 from limb_frames import draw, limb_views
 
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
-from horizon_sensor_ros.core.limb.smear import blur_along
+from horizon_sensor_ros.core.limb.edge.smear import blur_along
 from horizon_sensor_ros.sim.earth_scene import Imaging
 
 

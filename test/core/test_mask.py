@@ -12,7 +12,10 @@ from scipy.spatial import cKDTree
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
-from horizon_sensor_ros.core.limb.candidates import canny_candidates, space_boundary_candidates
+from horizon_sensor_ros.core.limb.search.candidates import (
+    canny_candidates,
+    space_boundary_candidates,
+)
 from horizon_sensor_ros.core.mask import Mask
 
 NADIR = np.array([0.0, 0.0, 1.0])

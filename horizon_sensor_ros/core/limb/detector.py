@@ -10,18 +10,18 @@ import numpy as np
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.maximum_likelihood import refine
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
-from horizon_sensor_ros.core.limb.air_layer import ground_under_airglow
-from horizon_sensor_ros.core.limb.candidates import (
+from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.limb.refinement import refine_limb
+from horizon_sensor_ros.core.limb.sample import RefinePass
+from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow
+from horizon_sensor_ros.core.limb.search.candidates import (
     LimbCandidates,
     block_average,
     canny_candidates,
     space_boundary_candidates,
 )
-from horizon_sensor_ros.core.limb.edge_model import EdgeLook
-from horizon_sensor_ros.core.limb.points import LimbPoints
-from horizon_sensor_ros.core.limb.refinement import refine_limb
-from horizon_sensor_ros.core.limb.sample import RefinePass
-from horizon_sensor_ros.core.limb.selection import (
+from horizon_sensor_ros.core.limb.search.selection import (
     MIN_INLIERS,
     Consensus,
     limb_consensus,

@@ -9,8 +9,8 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
-from horizon_sensor_ros.core.limb.clipping import place_clipped_edges
-from horizon_sensor_ros.core.limb.edge_model import (
+from horizon_sensor_ros.core.limb.edge.clipping import place_clipped_edges
+from horizon_sensor_ros.core.limb.edge.model import (
     GLOW_LADDER_PX,
     PSF_LADDER_PX,
     EdgeLook,
@@ -18,10 +18,9 @@ from horizon_sensor_ros.core.limb.edge_model import (
     normal_cdf,
     place_edges,
 )
-from horizon_sensor_ros.core.limb.glow_contour import contour_limb
-from horizon_sensor_ros.core.limb.glow_limb import fit_glow, usual_length_px
-from horizon_sensor_ros.core.limb.kriged_limb import KrigedLimb
-from horizon_sensor_ros.core.limb.kriging import fitted_limb
+from horizon_sensor_ros.core.limb.edge.steepest import steepest_fall
+from horizon_sensor_ros.core.limb.glow.contour import contour_limb
+from horizon_sensor_ros.core.limb.glow.limb import fit_glow, usual_length_px
 from horizon_sensor_ros.core.limb.points import LimbPoints, SharedError
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, mean_profile, scatter_px
 from horizon_sensor_ros.core.limb.sample import (
@@ -31,7 +30,8 @@ from horizon_sensor_ros.core.limb.sample import (
     RefinePass,
     sample_limb,
 )
-from horizon_sensor_ros.core.limb.steepest import steepest_fall
+from horizon_sensor_ros.core.limb.texture.kriged_limb import KrigedLimb
+from horizon_sensor_ros.core.limb.texture.kriging import fitted_limb
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
 

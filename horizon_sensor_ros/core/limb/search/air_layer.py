@@ -15,9 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.limb.candidates import LimbCandidates
-from horizon_sensor_ros.core.limb.selection import Consensus, RayCandidates
-from horizon_sensor_ros.core.limb.stars import count_stars
+from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
+from horizon_sensor_ros.core.limb.search.selection import Consensus, RayCandidates
+from horizon_sensor_ros.core.limb.search.stars import count_stars
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.air_profile import air_inside, glow_outside
-from horizon_sensor_ros.core.limb.edge_model import normal_cdf
-from horizon_sensor_ros.core.limb.glow_sight import GlowSight
-from horizon_sensor_ros.core.limb.ground_texture import rough_correlation, seen_across
+from horizon_sensor_ros.core.limb.edge.model import normal_cdf
+from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outside
+from horizon_sensor_ros.core.limb.glow.sight import GlowSight
+from horizon_sensor_ros.core.limb.texture.ground_texture import rough_correlation, seen_across
 from horizon_sensor_ros.core.robust import median
 
 _LIMB, _BLUR, _LOGS, _SHARE = slice(3), 4, slice(5, 9), 9

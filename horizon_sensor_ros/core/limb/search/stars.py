@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.limb.candidates import LimbCandidates
+from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 
 _SIGMAS = 8.0  # of noise that a star stands above what is around it
 

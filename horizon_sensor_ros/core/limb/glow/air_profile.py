@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.depth import seen_depths
-from horizon_sensor_ros.core.limb.edge_model import normal_cdf
+from horizon_sensor_ros.core.limb.edge.model import normal_cdf
+from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 
 
 def glow_outside(x_px: np.ndarray, psf_px: float, length_px: np.ndarray) -> np.ndarray:

@@ -23,8 +23,8 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.limb.edge_model import EdgeLook
-from horizon_sensor_ros.core.limb.glow_model import (
+from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.glow.model import (
     BLURS_PX,
     USUAL_HEIGHT,
     USUAL_SHARE,
@@ -33,7 +33,7 @@ from horizon_sensor_ros.core.limb.glow_model import (
     powers,
     step_towards,
 )
-from horizon_sensor_ros.core.limb.glow_sight import GlowSight, look_along
+from horizon_sensor_ros.core.limb.glow.sight import GlowSight, look_along
 from horizon_sensor_ros.core.robust import median, robust_sigma
 
 _LEAST_STRETCHES, _KEEP_SHARE = 10, 0.5

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.depth import seen_depths
+from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 
 NONE = 0
 _ROUGH = np.array([0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0])

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.limb.candidates import LimbCandidates
+from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.symmetric3 import solve
 

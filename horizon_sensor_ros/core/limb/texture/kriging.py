@@ -21,12 +21,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb import ground_texture
-from horizon_sensor_ros.core.limb.depth import seen_depths
-from horizon_sensor_ros.core.limb.edge_model import MAX_LEVEL, normal_cdf
+from horizon_sensor_ros.core.limb.edge.model import MAX_LEVEL, normal_cdf
+from horizon_sensor_ros.core.limb.edge.smear import blur_along
 from horizon_sensor_ros.core.limb.points import SharedError
 from horizon_sensor_ros.core.limb.profiles import nearness
-from horizon_sensor_ros.core.limb.smear import blur_along
+from horizon_sensor_ros.core.limb.texture import ground_texture
+from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.symmetric3 import solve
 

@@ -1,0 +1,1 @@
+"""The limb under air that glows above it."""

@@ -1,0 +1,1 @@
+"""What cloud and ground beside the limb do to its edge, and the likeliest place in spite of it."""
