@@ -158,29 +158,29 @@ def space_boundary_candidates(
     slope = step_min / 3.0 * scale
     edges = cv2.Canny(dx.astype(np.int16), dy.astype(np.int16), slope, 2.0 * slope, L2gradient=True)
     edges[:2], edges[-2:], edges[:, :2], edges[:, -2:] = 0, 0, 0, 0
-    spots = cv2.findNonZero(edges)
-    if spots is None:
+    spots = np.flatnonzero(edges.ravel() != 0)
+    if len(spots) == 0:
         return empty
-    u, v = spots.reshape(-1, 2).T  # one OpenCV returns (N, 1, 2), another (N, 2)
-    gx, gy = dx[v, u], dy[v, u]
+    v, u = np.divmod(spots.astype(np.int32), np.int32(small.shape[1]))
+    gx, gy = dx.ravel().take(spots), dy.ravel().take(spots)
     magnitude = np.sqrt(gx * gx + gy * gy)
     found = _Edges(u, v, -gx / magnitude, -gy / magnitude)
 
     # Inside stays bright for a few pixels: stars and thin streaks do not.
     known = smooth if usable is None else np.where(usable, smooth, np.float32(np.nan))
     beside = _with_border(known - np.float32(level), np.nan)
-    inside = found.along(beside, _INWARD_STEPS_PX)
-    step, deep = inside[:, 0], inside[:, 1]
+    step, deep = found.along(beside, _INWARD_STEPS_PX)
     keep = (step > step_min) & ~(deep <= np.maximum(0.5 * step_min, _RIDGE_SHARE * step))
     found, step = found.take(keep), step[keep]
     # Outside is space along the whole way, but for one place; beyond the frame nothing is known.
     for look in (slice(_FIRST_LOOK), slice(None)):
         outside = found.along(beside, _OUTWARD_STEPS_PX[look])
-        bright_there = outside > np.maximum(_GLOW_LEFT[look] * step[:, None], step_min)
-        keep = np.count_nonzero(bright_there, axis=1) <= 1
+        bright_there = outside > np.maximum(_GLOW_LEFT[look, None] * step, step_min)
+        num_bright = bright_there.sum(axis=0)
+        keep = num_bright <= 1
         if look.stop is None:
-            seen = np.count_nonzero(np.isfinite(outside), axis=1)
-            keep = (seen >= 3) & (np.count_nonzero(bright_there, axis=1) <= 0.2 * seen)
+            seen = np.isfinite(outside).sum(axis=0)
+            keep = (seen >= 3) & (num_bright <= 0.2 * seen)
         found, step = found.take(keep), step[keep]
     if mask is not None:
         centre = (np.stack([found.u, found.v], axis=1) + 0.5) * factor - 0.5
@@ -217,12 +217,14 @@ class _Edges:
         return _Edges(self.u[keep], self.v[keep], self.out_x[keep], self.out_y[keep])
 
     def along(self, bordered: np.ndarray, steps_px: np.ndarray) -> np.ndarray:
-        """Nearest pixels (N, S) of an image with a border, at distances (S,) along the normals."""
+        """Nearest pixels (S, N) of an image with a border, at distances (S,) along the normals."""
         # Truncating what the border made positive rounds.
         start = np.float32(_BORDER_PX + 0.5)
-        x = (self.out_x[:, None] * steps_px + (self.u + start)[:, None]).astype(np.int32)
-        y = (self.out_y[:, None] * steps_px + (self.v + start)[:, None]).astype(np.int32)
-        return bordered.ravel().take(y * np.int32(bordered.shape[1]) + x)
+        x = (steps_px[:, None] * self.out_x + (self.u + start)).astype(np.int32)
+        y = (steps_px[:, None] * self.out_y + (self.v + start)).astype(np.int32)
+        y *= np.int32(bordered.shape[1])
+        y += x
+        return bordered.ravel().take(y)
 
 
 def _with_border(image: np.ndarray, value: float) -> np.ndarray:
@@ -232,4 +234,4 @@ def _with_border(image: np.ndarray, value: float) -> np.ndarray:
 def _outermost(found: _Edges, there: np.ndarray) -> np.ndarray:
     """Candidates (N,) with no other one farther out along their normals: a cloud's has the limb."""
     near = _with_border(cv2.dilate(there, np.ones((3, 3), dtype=np.uint8)), 0)
-    return np.asarray(~found.along(near, _FARTHER_PX).any(axis=1))
+    return np.asarray(~found.along(near, _FARTHER_PX).any(axis=0))

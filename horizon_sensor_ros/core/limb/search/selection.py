@@ -3,7 +3,7 @@
 All cameras share nadir and the angular radius of the disc: three unknowns. Three oriented
 candidates, from any cameras, give a hypothesis in closed form (``u . m = 1``, ``m = n / cos
 rho``); the hypothesis that explains the most candidates, with their bright side towards the
-planet, wins.
+planet, wins. Where the cone through all of them explains nearly all no others are tried.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
+from horizon_sensor_ros.core.robust import quantile
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.symmetric3 import solve
 
@@ -25,6 +26,7 @@ _LEAST_VOLUME = 1e-7  # of three rays that determine a cone
 _PRESELECT = 128  # candidates that the first scoring looks at
 _FINALISTS = 24
 _POLISHED = 3
+_NEAR, _NEARLY_ALL = 2.0, 0.9  # tolerances from the cone of all; weight that leaves no other one
 _COS_POLARITY = 0.8  # the edge's normal lies within 37 deg of the hypothesis' outward direction
 MIN_INLIERS = 12
 _INNER_TRUST = 0.5  # of a candidate that has another one farther out
@@ -71,14 +73,14 @@ def rays_of_candidates(
         ends = view.camera.rays(np.concatenate([found.px, found.px + found.normal_px]))
         here, there = ends[: len(found)], ends[len(found) :]
         along = there - here
-        along -= np.sum(along * here, axis=1, keepdims=True) * here
-        angle_per_px = np.linalg.norm(along, axis=1)
+        along -= np.einsum("ij,ij->i", along, here)[:, None] * here
+        angle_per_px = np.sqrt(np.einsum("ij,ij->i", along, along))
         ok = np.isfinite(angle_per_px) & (angle_per_px > 0)
         rays.append(here[ok] @ view.rot_base_from_cam.T)
         outward.append((along[ok] / angle_per_px[ok, None]) @ view.rot_base_from_cam.T)
         pitch.append(angle_per_px[ok] * found.pitch_px)
-        strong = np.percentile(found.contrast, 90)
-        trust = np.clip(found.contrast / (0.3 * strong), 0.2, 1.0)
+        strong = quantile(found.contrast, 0.9)
+        trust = np.minimum(np.maximum(found.contrast / (0.3 * strong), 0.2), 1.0)
         if found.outermost is not None:
             trust[~found.outermost] *= _INNER_TRUST
         weight.append(trust[ok])
@@ -109,26 +111,31 @@ def limb_consensus(
     count = len(found.rays)
     if count < MIN_INLIERS:
         return Consensus(Status.NO_LIMB, f"{count} candidates of a space boundary in all frames")
-    rng = np.random.default_rng(count)
-    nadirs, cos_rhos = _hypotheses(found, rng, np.cos(rho_max_rad), np.cos(rho_min_rad))
-    if len(nadirs) == 0:
-        return Consensus(Status.NO_LIMB, "no three candidates fit a disc of plausible altitude")
     whole = _Ballot.of(found, tolerance)
-    some = whole.thinned(_PRESELECT) if count > _PRESELECT else whole
-    best = np.argsort(some.scores(nadirs, cos_rhos))[: -_FINALISTS - 1 : -1]
-    nadirs, cos_rhos = nadirs[best], cos_rhos[best]
-    best = np.argsort(whole.scores(nadirs, cos_rhos))[: -_POLISHED - 1 : -1]
-    nadirs, cos_rhos = whole.polished(nadirs[best], cos_rhos[best])
-    rhos = np.arccos(np.clip(cos_rhos, -1.0, 1.0))
-    scores = whole.scores(nadirs, cos_rhos)
-    scores[~((rhos >= rho_min_rad) & (rhos <= rho_max_rad))] = -np.inf
+    cos_min, cos_max = math.cos(rho_max_rad), math.cos(rho_min_rad)
+    nadirs, cos_rhos = whole.nearest()
+    agreeing = whole.scores(nadirs, cos_rhos, _NEAR)[0] > _NEARLY_ALL * whole.weight.sum()
+    if not (agreeing and cos_min <= cos_rhos[0] <= cos_max):
+        nadirs, cos_rhos = _hypotheses(found, np.random.default_rng(count), cos_min, cos_max)
+        if len(nadirs) == 0:
+            return Consensus(Status.NO_LIMB, "no three candidates fit a disc of plausible altitude")
+        some = whole.thinned(_PRESELECT) if count > _PRESELECT else whole
+        best = np.argsort(some.scores(nadirs, cos_rhos))[: -_FINALISTS - 1 : -1]
+        nadirs, cos_rhos = nadirs[best], cos_rhos[best]
+        best = np.argsort(whole.scores(nadirs, cos_rhos))[: -_POLISHED - 1 : -1]
+        nadirs, cos_rhos = nadirs[best], cos_rhos[best]
+    nadirs, cos_rhos = whole.polished(nadirs, cos_rhos)
+    gains = whole.gains(nadirs, cos_rhos)
+    scores = whole.weight @ gains
+    scores[~((cos_rhos >= cos_min) & (cos_rhos <= cos_max))] = -np.inf
     champion = int(np.argmax(scores))
     if not np.isfinite(scores[champion]):
         return Consensus(Status.NO_LIMB, "no consensus of the candidates at a plausible altitude")
-    nadir, rho = nadirs[champion], float(rhos[champion])
-    inliers = whole.gains(nadir[None], cos_rhos[champion : champion + 1])[:, 0] > 0.0
-    if inliers.sum() < MIN_INLIERS:
-        return Consensus(Status.NO_LIMB, f"only {int(inliers.sum())} candidates agree on a disc")
+    inliers = gains[:, champion] > 0.0
+    num_inliers = int(np.count_nonzero(inliers))
+    if num_inliers < MIN_INLIERS:
+        return Consensus(Status.NO_LIMB, f"only {num_inliers} candidates agree on a disc")
+    nadir, rho = nadirs[champion], math.acos(cos_rhos[champion])
     return Consensus(Status.OK, "", nadir, rho, inliers)
 
 
@@ -209,9 +216,17 @@ class _Ballot:
         gain *= (self.outward @ directions) < -_COS_POLARITY * sines
         return gain
 
-    def scores(self, nadirs: np.ndarray, cos_rhos: np.ndarray) -> np.ndarray:
+    def scores(self, nadirs: np.ndarray, cos_rhos: np.ndarray, widen: float = 1.0) -> np.ndarray:
         """Sum (H,) of the candidates' gains by their weight."""
-        return np.asarray(self.weight @ self.gains(nadirs, cos_rhos))
+        return np.asarray(self.weight @ self.gains(nadirs, cos_rhos, widen))
+
+    def nearest(self) -> tuple[np.ndarray, np.ndarray]:
+        """The cone (1, 3), (1,) that is the least squares of all; NaN where there is none."""
+        rays = self.rays.astype(np.float64)
+        weighted = rays * np.square(self.weight / self.tolerance_rad)[:, None]
+        m = solve(weighted.T @ rays, weighted.sum(axis=0))
+        cos_rho = 1.0 / max(math.sqrt(m @ m), 1e-9)
+        return m[None] * cos_rho, np.array([cos_rho])
 
     def polished(self, nadirs: np.ndarray, cos_rhos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Least squares over the inliers of each, a few rounds with the tolerance drawn in.
