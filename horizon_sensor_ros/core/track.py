@@ -21,10 +21,10 @@ class Track:
 
     views, cameras_used : of that set. nadir_base, rho_rad : its disc's cone. last_cone : those of
     the set before, None right after a search. sees : whether each frame's camera saw the limb.
-    looks : of its edge, one per frame, empty where no model fits. factors : one per frame, by which
-    it is reduced where the limb is followed. skies : one per frame, level and noise of empty space
-    as the search measured them. layer_rad : height of airglow above the limb. age : sets since the
-    search.
+    looks : of its edge, one per frame, with the air above it; empty where no model fits. factors :
+    one per frame, by which it is reduced where the limb is followed. skies : one per frame, level
+    and noise of empty space as the search measured them. layer_rad : height of airglow above the
+    limb. age : sets since the search.
     """
 
     views: tuple[CameraView, ...]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from limb_frames import ROT_WORLD_FROM_BASE, draw, limb_views
@@ -10,11 +12,17 @@ from limb_samples import cone_rays
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
 from horizon_sensor_ros.core.limb import refinement
-from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.edge.model import EdgeLook, normal_cdf
 from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outside
+from horizon_sensor_ros.core.limb.glow.ground import Ground
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb, fit_glow, usual_length_px
 from horizon_sensor_ros.core.limb.points import LimbPoints
-from horizon_sensor_ros.core.limb.texture.ground_texture import seen_across
+from horizon_sensor_ros.core.limb.texture.depth import seen_depths
+from horizon_sensor_ros.core.limb.texture.ground_texture import (
+    along_sight,
+    rough_correlation,
+    seen_across,
+)
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging, unit_vector
@@ -101,12 +109,133 @@ def test_profiles_of_air_are_blurred_columns() -> None:
     blur = np.exp(-0.5 * np.square((_D_PX[:, None] - fine) / _PSF_PX))
     blur *= 0.002 / (np.sqrt(2.0 * np.pi) * _PSF_PX)
     glow = blur @ np.where(fine > 0.0, np.exp(-np.maximum(fine, 0.0) / _LENGTH_PX), 0.0)
-    found = glow_outside(_D_PX[None], _PSF_PX, np.array([_LENGTH_PX]))[0]
+    found = glow_outside(_D_PX[None], _PSF_PX, np.array([_LENGTH_PX])).bright[0]
     assert np.allclose(found, glow, atol=1e-4)
     root = np.sqrt(np.maximum(-fine, 0.0) / _LENGTH_PX)
     erfcx = 2.0 / (np.sqrt(np.pi) * (root + np.sqrt(root * root + 4.0 / np.pi)))
     inside = blur @ np.where(fine < 0.0, erfcx, 0.0)
     assert np.allclose(air_inside(_D_PX, _PSF_PX, _LENGTH_PX), inside, atol=0.004)
+
+
+def test_derivatives_of_the_glow_are_those_of_its_brightness() -> None:
+    small, lengths = 1e-4, np.array([0.7, _LENGTH_PX, 9.0])
+
+    def bright(place: float, blur: float, length: float) -> np.ndarray:
+        at = np.broadcast_to(_D_PX + place, (len(lengths), len(_D_PX)))
+        return glow_outside(at, _PSF_PX + blur, lengths * np.exp(length)).bright
+
+    found = glow_outside(np.broadcast_to(_D_PX, (3, len(_D_PX))), _PSF_PX, lengths)
+    for derivative, step in zip(found[1:], np.eye(3) * small, strict=True):
+        numeric = (bright(*step) - bright(*-step)) / (2.0 * small)
+        assert np.allclose(derivative, numeric, atol=1e-6)
+
+
+_KEEP = np.array([1, 1, 1, 0, 1, 1, 1, 0, 1, 1, 1], dtype=bool)
+_NUM, _BRIGHT, _STRENGTH, _PITCH, _STRETCH_PX = 9, 100.0, 12.0, 5e-4, 24.0
+_INNER_PX, _VARIANCE = np.arange(-4.0, 4.0), np.linspace(0.2, 0.6, 8)
+
+
+def _covariance(
+    edges_px: np.ndarray, psf_px: float, strength: float, others_px: np.ndarray | None = None
+) -> np.ndarray:
+    """Of the ground in all samples, without noise, of stretches whose edges (9,) lie so far out; or
+    between those and others, seen with the usual blur.
+    """
+    blurs = [seen_depths(_INNER_PX - edge, psf_px) for edge in edges_px]
+    steps = normal_cdf((edges_px[:, None] - _INNER_PX) / psf_px)
+    beside, rises = blurs, steps
+    if others_px is not None:
+        beside = [seen_depths(_INNER_PX - edge, _PSF_PX) for edge in others_px]
+        rises = normal_cdf((others_px[:, None] - _INNER_PX) / _PSF_PX)
+    along = np.flatnonzero(_KEEP) * _STRETCH_PX * _PITCH
+    out = np.empty((_NUM, 8, _NUM, 8))
+    for i, (root, blur) in enumerate(blurs):
+        for j, (other, seen) in enumerate(beside):
+            apart = along_sight(root, _PITCH)[:, None] - along_sight(other, _PITCH)
+            alike = rough_correlation(along[i] - along[j]) * rough_correlation(apart)
+            level = _BRIGHT**2 * (1.0 + 0.15**2 * (i == j))
+            out[i, :, j] = strength**2 * blur @ alike @ seen.T
+            out[i, :, j] += level * np.outer(steps[i], rises[j])
+    return out.reshape(8 * _NUM, 8 * _NUM)
+
+
+_DOUBTS = np.zeros((2, _NUM, 8))
+_DOUBTS[1, 4, 2:4] = 1e4, 4.0
+_DOUBTS[1, 7, 5] = 25.0
+
+
+def _in_axes(ground: Ground, seen: np.ndarray, strength: float) -> tuple[np.ndarray, float]:
+    """Residuals over their covariance along the axes, and twice the negative log likelihood."""
+    precision = ground.precision(np.array([strength]))[0]
+    weighted = precision[..., None] * ground.extra
+    information = np.einsum("kje,kjf->ef", ground.extra, weighted) + np.diag(ground.extra_prior)
+    axes = ground.in_axes(seen)
+    found = np.linalg.solve(information, np.einsum("kje,kj->e", weighted, axes))
+    weights = precision * (axes - ground.extra @ found)
+    log_det = np.linalg.slogdet(information)[1] - np.log(precision).sum()
+    return weights, float((axes * weights).sum() + log_det)
+
+
+@pytest.mark.parametrize("doubt", _DOUBTS)
+def test_ground_along_its_axes_is_the_gaussian_field_written_out(doubt: np.ndarray) -> None:
+    ground = Ground(_INNER_PX, _PSF_PX, _PITCH, _STRETCH_PX, _KEEP, _BRIGHT, _VARIANCE, doubt)
+    seen = np.random.default_rng(1).normal(size=(_NUM, 8))
+    noise = np.diag(np.tile(_VARIANCE, _NUM) + doubt.ravel())
+    flat, straight = seen.ravel(), np.zeros(_NUM)
+
+    def cost(strength: float) -> float:
+        cov = _covariance(straight, _PSF_PX, strength) + noise
+        return float(flat @ np.linalg.solve(cov, flat) + np.linalg.slogdet(cov)[1])
+
+    # But for what is common to all strengths.
+    weaker = _in_axes(ground, seen, 0.5 * _STRENGTH)[1]
+    weights, likelihood = _in_axes(ground, seen, _STRENGTH)
+    assert np.isclose(likelihood - weaker, cost(_STRENGTH) - cost(0.5 * _STRENGTH))
+
+    small = 1e-3
+    cov = _covariance(straight, _PSF_PX, _STRENGTH) + noise
+    precise = np.linalg.solve(cov, flat) / (2.0 * small)
+    by_limb, by_blur = ground.derivatives(weights, _STRENGTH)
+    out, back, wider, narrower = (
+        _covariance(straight + edge, _PSF_PX + blur, _STRENGTH, straight) @ precise
+        for edge, blur in ((small, 0.0), (-small, 0.0), (0.0, small), (0.0, -small))
+    )
+    scale = np.abs(by_limb).max()
+    assert np.allclose(by_limb.ravel(), out - back, atol=0.02 * scale)
+    assert np.allclose(by_blur.ravel(), wider - narrower, atol=0.05 * scale)
+
+    def half_volume(edges_px: np.ndarray, psf_px: float) -> float:
+        cov = _covariance(edges_px, psf_px, _STRENGTH) + noise
+        return float(0.5 * np.linalg.slogdet(cov)[1] / (2.0 * small))
+
+    edges, blur = ground.volume(ground.precision(np.array([_STRENGTH]))[0], _STRENGTH)
+    for edge, step in zip(edges, small * np.eye(_NUM), strict=True):
+        numeric = half_volume(step, _PSF_PX) - half_volume(-step, _PSF_PX)
+        assert np.isclose(edge, numeric, atol=0.03)
+    numeric = half_volume(straight, _PSF_PX + small) - half_volume(straight, _PSF_PX - small)
+    assert np.isclose(blur, numeric, rtol=0.02)
+
+
+@pytest.mark.parametrize("brighter", [0.5, 1.0])
+def test_what_the_air_was_like_before_saves_steps_and_changes_nothing(brighter: float) -> None:
+    """Nor where the light has changed since."""
+    altitude_m = 400e3
+    rho = Planet().rho_from_altitude(altitude_m)
+    for seed in range(3):
+        view = limb_views(altitude_m, azimuths_rad=(0.9 * seed,))[0]
+        look = EdgeLook(0.75, usual_length_px(view, rho))
+        frame = draw((view,), altitude_m, _air(seed), Imaging(noise_dn=1.5), seed)[0]
+        nadir = frame.truth.nadir_base
+        before = fit_glow(frame.image, view, nadir, rho, look)
+        assert before is not None
+        frame = draw((view,), altitude_m, _air(seed), Imaging(noise_dn=1.5), 10 + seed)[0]
+        image = np.rint(brighter * frame.image).astype(np.uint8)
+        fresh = fit_glow(image, view, nadir, rho, look)
+        followed = fit_glow(image, view, nadir, rho, replace(look, air=before.air))
+        assert fresh is not None
+        assert followed is not None
+        off_px = (followed.px - fresh.px) * fresh.normal_px
+        assert np.abs(off_px.sum(axis=1)).max() < 0.3 * np.hypot(fresh.shift_px, fresh.coherent_px)
 
 
 def test_derivatives_of_the_texture_are_those_of_its_covariance() -> None:

@@ -36,9 +36,11 @@ from horizon_sensor_ros.core.status import Status
 # The search sees a reduced image, whose edges look sharper than they are.
 _SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0, contour=False)
 _NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0)
-_GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0)
+_GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0, joint=True)
 _FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0, joint=True)
 EXPECTED = replace(_FINAL, expected=True, inner_px=5.0)
+# Where the fit of limb and glow did not hold in the last frame one attempt is enough.
+_NEARER = replace(_GLOW, joint=False)
 # Where the prediction was off.
 _AGAIN = RefinePass(reach_px=10.0, grid_px=0.5, spacing_px=4.0, guess=False)
 _STRETCHES, _ON_COURSE_PX = 4, 0.6
@@ -93,10 +95,17 @@ class Detection:
         )
 
     @property
+    def joint(self) -> bool:
+        """Whether limb and glow were told apart in every frame that shows a limb."""
+        return all(limb.joint for limb in self.limbs if limb.status is Status.OK)
+
+    @property
     def on_course(self) -> bool:
-        """Whether every limb that was seen lies near the cone that it was measured around."""
+        """Whether every limb that was seen lies near the cone that it was measured around, or was
+        sought around cones of its own.
+        """
         return all(
-            _on_course(limb, _ON_COURSE_PX * factor)
+            limb.joint or _on_course(limb, _ON_COURSE_PX * factor)
             for limb, factor in zip(self.limbs, self.factors, strict=True)
             if limb.status is Status.OK
         )
@@ -156,7 +165,7 @@ def follow_limb(
     None.
     """
     fresh: list[tuple[EdgeLook, ...]] = [()] * len(views)
-    attempts = ((looks, (_GLOW, EXPECTED)), (fresh, _FRESH), (fresh, (_AGAIN, *_FRESH)))
+    attempts = ((looks, (_NEARER, EXPECTED)), (fresh, (_AGAIN, *_FRESH)))
     frames = [_Frame(image, factor) for image, factor in zip(images, factors, strict=True)]
     for start, steps in attempts:
         found = _look(views, frames, planet, (nadir_base, rho_rad), start, steps)
@@ -224,9 +233,9 @@ def _look(
 ) -> Detection:
     """Pass after pass, each around the cone that fits the last one's limb.
 
-    near : nadir (3,) and rho of the first pass. Passes that leave the cone open are the last. The
-    first two are made once more in frames of another size, the final one where it finds the limb
-    off its cone.
+    near : nadir (3,) and rho of the first pass. Passes that leave the cone open are the last, and
+    so is one in which every limb is fitted together with the glow above it. The first two are made
+    once more in frames of another size, the final one where it finds the limb off its cone.
     """
     nadir, rho = near
     looks = list(looks)
@@ -234,7 +243,9 @@ def _look(
     passes = [*steps, _FINAL]
     while passes:
         step = passes.pop(0)
-        if step is _GLOW and not any(look.glow_px > 0 for kinds in looks for look in kinds):
+        if step in (_GLOW, _NEARER) and not any(
+            look.glow_px > 0 and look.air is None for kinds in looks for look in kinds
+        ):
             continue
         seen, held = _refined(views, frames, (nadir, rho), step, looks)
         if step.joint and _of_two_limbs(seen, held):
@@ -249,6 +260,8 @@ def _look(
             factors=tuple(frame.factor for frame in frames),
         )
         if step in (EXPECTED, _FINAL) and (found.on_course or not found.modelled):
+            break
+        if step is _GLOW and found.joint:
             break
         if step in (_SEARCH, _NEAR):
             resized = [frame.resize(limb) for frame, limb in zip(frames, found.limbs, strict=True)]

@@ -78,7 +78,15 @@ def refine_limb(
     Returns the limb and the look of its edge: after a pass without one, guesses or nothing; nothing
     where a given one does not hold. Too few significant edges: status NO_LIMB, and no looks.
     """
-    sample = sample_limb(gray, view, nadir_base, rho_rad, step, modelled=bool(looks))
+    cone = nadir_base, rho_rad
+    joined = step.joint
+    if joined and len(looks) == 1 and looks[0].air is not None:
+        joint = _with_glow(gray, step.factor, view, cone, looks[0])
+        if joint is not None:
+            return joint
+        # The next frame's fit begins anew.
+        joined, looks = False, (replace(looks[0], air=None),)
+    sample = sample_limb(gray, view, *cone, step, modelled=bool(looks))
     if isinstance(sample, LimbPoints):
         return sample, ()
     near = None
@@ -96,14 +104,17 @@ def refine_limb(
     if looks and np.count_nonzero(good) >= MIN_PROFILES:
         plain = good & ~clipped
         enough = np.count_nonzero(plain) >= MIN_PROFILES
-        if len(looks) > 1:
-            looks = (likeliest_look(profiles[plain if enough else good], noise, looks, grid),)
-        sharp = looks[0].glow_px == 0.0
-        if step.joint and not sharp:
-            jumps_px = scatter_px(places.offset_px[good])
-            joint = _with_glow(sample, view, (nadir_base, rho_rad), looks[0], jumps_px)
-            if joint is not None:
-                return joint, tuple(looks)
+        shown = profiles[plain if enough else good]
+        jumps_px = scatter_px(places.offset_px[good])
+        # Whether air glows is asked before; what else the edge looks like the joint fit finds out.
+        for climb in (False, True) if joined and len(looks) > 1 else (True,):
+            look = likeliest_look(shown, noise, looks, grid, climb=climb)
+            if joined and look.glow_px > 0.0:
+                joint = _with_glow(gray, step.factor, view, cone, look, jumps_px)
+                if joint is not None:
+                    return joint
+        looks = (look,)
+        sharp = look.glow_px == 0.0
         kriged = KrigedLimb(sample, looks[0], rho_rad)
         kriging = sharp and enough and _to_be_kriged(looks[0], places.step[plain])
         if kriging and not step.expected:
@@ -124,14 +135,14 @@ def refine_limb(
                 limb = fitted_limb(kriged.base[good], places.offset_px[good], places.sigma_px[good])
                 places, shared = kriged.about(limb, good)
                 good = _believable(places)
-    if step.joint and looks and model_free and looks[0].glow_px == 0.0:
+    if joined and looks and model_free and looks[0].glow_px == 0.0:
         # From far away air is as thin as the blur, and no edge quite looks like either.
         thin = EdgeLook(_USUAL_PSF_PX, usual_length_px(view, rho_rad, step.factor))
         if thin.glow_px > _THINNEST_PX:
             jumps_px = scatter_px(places.offset_px[good])
-            joint = _with_glow(sample, view, (nadir_base, rho_rad), thin, jumps_px)
+            joint = _with_glow(gray, step.factor, view, cone, thin, jumps_px)
             if joint is not None:
-                return joint, ()
+                return joint
     of_clipping = SharedError(0.0, 0.0)
     if clipped.any() and not any(look.glow_px > 0 for look in looks):
         places, of_clipping = _with_clipped(sample, clipped, places)
@@ -253,17 +264,19 @@ def _to_be_kriged(look: EdgeLook, step: np.ndarray) -> bool:
 
 
 def _with_glow(
-    sample: LimbSample,
+    gray: np.ndarray,
+    factor: int,
     view: CameraView,
     cone: tuple[np.ndarray, float],
     look: EdgeLook,
-    jumps_px: float,
-) -> LimbPoints | None:
-    """Points of the limb near a predicted cone, fitted together with the glow above it."""
-    joint = fit_glow(sample.gray, view, *cone, look, sample.factor)
+    jumps_px: float = np.inf,
+) -> tuple[LimbPoints, tuple[EdgeLook, ...]] | None:
+    """Points of the limb near a predicted cone, fitted together with the glow above it, and the
+    look with its air.
+    """
+    joint = fit_glow(gray, view, *cone, look, factor)
     if joint is None:
         return None
-    factor = sample.factor
     points = LimbPoints(
         Status.OK,
         "",
@@ -274,10 +287,11 @@ def _with_glow(
         joint.shift_px * factor,
         joint.stretch_px * factor,
         jumps_px * factor,
-        sample.curve,
+        joint.curve,
         joint=True,
     )
-    return replace(points, offset_px=rays_of(view, points).residuals_px(*cone))
+    points = replace(points, offset_px=rays_of(view, points).residuals_px(*cone))
+    return points, (replace(look, air=joint.air),)
 
 
 def _unevenness(step: np.ndarray) -> float:

@@ -19,11 +19,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
 
+from horizon_sensor_ros.core.limb.glow.air import Air
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid, space_level
 
 
@@ -98,10 +99,12 @@ class EdgeLook:
     """What the edge looks like in one image.
 
     psf_px : its blur, one sigma. glow_px : length over which air glow fades by e; 0 without glow.
+    air : that glows, as it was last found, together with the limb; looks are alike without it.
     """
 
     psf_px: float
     glow_px: float
+    air: Air | None = field(default=None, compare=False)
 
     def neighbours(self) -> tuple[EdgeLook, ...]:
         """Looks one step of their ladders away: blur, and where there is glow its length."""
@@ -360,12 +363,20 @@ def _without(cost: np.ndarray, out: np.ndarray) -> np.ndarray:
 
 
 def likeliest_look(
-    profiles: np.ndarray, noise: float, guesses: Sequence[EdgeLook], grid: ProfileGrid
+    profiles: np.ndarray,
+    noise: float,
+    guesses: Sequence[EdgeLook],
+    grid: ProfileGrid,
+    *,
+    climb: bool = True,
 ) -> EdgeLook:
-    """Climb from the best of some guesses to the likeliest look of the profiles (N, J).
+    """Climb from the best of some guesses to the likeliest look of the profiles (N, J); or, not to
+    climb, stay with the guess.
 
     No profile counts for more than `_MOST_EVIDENCE`: one across a boom fits no look at all.
     """
+    if len(guesses) == 1:
+        return guesses[0]
     few = profiles[:: max(1, len(profiles) // _LOOK_PROFILES)]
 
     def evidence(look: EdgeLook) -> np.ndarray:
@@ -379,6 +390,8 @@ def likeliest_look(
             for look, found in tried.items()
         }
         look = max(merits, key=lambda key: merits[key])
+        if not climb:
+            return look
         fresh = [other for other in look.neighbours() if other not in tried]
         if not fresh:
             return _between(look, merits)

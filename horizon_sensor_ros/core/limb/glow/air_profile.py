@@ -7,21 +7,46 @@ the column that is on this side of the ground).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.model import normal_cdf
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 
+_FAR = 6.0  # sigmas beyond the limb, from where on all of the blur lies in the glow
 
-def glow_outside(x_px: np.ndarray, psf_px: float, length_px: np.ndarray) -> np.ndarray:
-    """Glow (N, J) at distances x_px (N, J) outside the limb, over that of a ray that grazes it.
+
+class Glow(NamedTuple):
+    """Glow (N, J) over that of a ray that grazes the limb, and its derivatives by the place, by the
+    blur and by the logarithm of the length over which it fades.
+    """
+
+    bright: np.ndarray
+    by_place: np.ndarray
+    by_blur: np.ndarray
+    by_length: np.ndarray
+
+
+def glow_outside(x_px: np.ndarray, psf_px: float, length_px: np.ndarray) -> Glow:
+    """Glow at distances x_px (N, J) outside the limb.
 
     length_px : (N,) over which it fades by e. The step at the limb, where it begins, is blurred as
     all else.
     """
+    blurs, lengths = x_px / psf_px, x_px / length_px[:, None]
     k = psf_px / length_px[:, None]
-    return np.exp(np.minimum(0.5 * k * k - x_px / length_px[:, None], 50.0)) * normal_cdf(
-        x_px / psf_px - k
+    at = blurs - k
+    lit = np.ones_like(at)
+    near = at < _FAR
+    lit[near] = normal_cdf(at[near])
+    bright = np.exp(np.minimum(0.5 * k * k - lengths, 50.0)) * lit
+    begins = np.exp(-0.5 * np.square(blurs)) / (np.sqrt(2.0 * np.pi) * psf_px)
+    return Glow(
+        bright,
+        begins - bright / length_px[:, None],
+        bright * k / length_px[:, None] - begins * (blurs + k),
+        bright * (lengths - k * k) + begins * (psf_px * k),
     )
 
 

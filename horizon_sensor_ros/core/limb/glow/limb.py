@@ -23,27 +23,20 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.limb.curve import LimbCurve
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.glow.model import (
-    BLURS_PX,
-    USUAL_HEIGHT,
-    USUAL_SHARE,
-    Air,
-    GlowStep,
-    powers,
-    step_towards,
-)
+from horizon_sensor_ros.core.limb.glow.air import BLURS_PX, USUAL_HEIGHT, USUAL_SHARE, Air
+from horizon_sensor_ros.core.limb.glow.model import GlowStep, powers, step_towards
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight, look_along
 from horizon_sensor_ros.core.robust import median, robust_sigma
 
 _LEAST_STRETCHES, _KEEP_SHARE = 10, 0.5
 _FROM_PX = 2.0  # beyond the edge, from where on there is hardly anything but glow
 _LENGTHS, _SHORTEST_PX, _LONGEST_PX = 3.5, 6.0, 16.0  # of glow that is looked at, beyond that
-_STRENGTHS = np.array([0.25, 0.5, 1.0, 2.0])  # of texture, over the scatter of the levels
 _HEIGHTS = np.exp(np.linspace(np.log(4e3), np.log(16e3), 25)) / 6371e3  # to start from
 _THIN_PX, _THIN_GLOW = 1.0, 0.5  # glow so short hides in the blur: its brightness, over the ground
-_STEPS, _NEAR_PX, _FAR_PX = 12, 0.03, 4.0  # moves of the limb that are the last, or too far
-_STRETCHED = 1.3  # moves, which fall short where the edge is read off what it was taken for
+_STEPS, _NEAR_PX, _FAR_PX = 12, 0.1, 4.0  # moves of the limb that are the last, or too far
+_AFRESH_PX = 1.0  # off the cone about which the limb was drawn, from where on it is drawn again
 _FAINTEST, _BRIGHTEST = 0.2, 5.0  # glow over the usual one that may still be the same air's
 _MOST_MISFIT = 4.0  # of a stretch's glow, over the noise or the usual one
 _GLARE = 4.0  # scatter of the background over its noise, from which on it is the Sun's glare
@@ -63,6 +56,7 @@ class GlowLimb:
 
     px, normal_px (M, 2) : points of it and their normals, in the full image. sigma_px, coherent_px,
     shift_px : as of `LimbPoints`, and stretch_px, length of limb of each point, in the reduced one.
+    curve : all along which it was looked for. air : that glows above it.
     """
 
     px: np.ndarray
@@ -71,6 +65,8 @@ class GlowLimb:
     coherent_px: float
     shift_px: float
     stretch_px: float
+    curve: LimbCurve
+    air: Air
 
 
 def usual_length_px(view: CameraView, rho_rad: float, factor: int = 1) -> float:
@@ -88,39 +84,43 @@ def fit_glow(
 ) -> GlowLimb | None:
     """Fit the limb near a predicted one; None where the model does not hold, or too little shows.
 
-    gray : (H, W), reduced by `factor`. look : of the edge, with its glow, to start from.
+    gray : (H, W), reduced by `factor`. look : of the edge, with its glow or air, to start from.
     """
     outer_px = _FROM_PX + min(max(_LENGTHS * look.glow_px, _SHORTEST_PX), _LONGEST_PX)
-    air: Air | None = None
+    air = look.air
     keep = np.empty(0, dtype=bool)
-    strength: float | None = None
-    moved = 0.0
-    for count in range(_STEPS):
-        sight = look_along(gray, view, nadir_base, rho_rad, outer_px, factor)
-        if sight is None or len(sight) < _LEAST_STRETCHES or _in_glare(sight):
-            return None
+    sight: GlowSight | None = None
+    moved = since = 0.0
+    for _ in range(_STEPS):
+        if sight is None or since > _AFRESH_PX:
+            sight = look_along(gray, view, nadir_base, rho_rad, outer_px, factor)
+            since = 0.0
+            if sight is None or len(sight) < _LEAST_STRETCHES or _in_glare(sight):
+                return None
         if air is None or len(keep) != len(sight):
             air, keep = _first_guess(sight, look, air)
         if np.count_nonzero(keep) < max(_LEAST_STRETCHES, _KEEP_SHARE * len(sight)):
             return None
-        found = step_towards(sight, air, keep, strength, _STRENGTHS)
+        found = step_towards(sight, air, keep)
         if not np.isfinite(found.change).all():
             return None
-        strength = found.strength
         shift = sight.rows @ found.change[:3]
+        far = float(np.abs(shift).max())
         outlying = keep & (found.cost > _OUTLIER * max(1.0, median(found.cost[keep])))
-        if np.abs(shift).max() <= _NEAR_PX and count > 1 and not outlying.any():
+        if far <= _NEAR_PX and air.near(found.change) and not outlying.any():
             holds = median(found.cost[keep]) < _MISFIT and _plausible(air)
-            return _limb(sight, found, keep, factor) if holds else None
+            return _limb(sight, found, keep, air) if holds else None
         keep = keep & ~outlying
         air = air.changed(found.change)
-        moved += float(np.abs(shift).max())
+        moved += far
+        since += far
         if moved > _FAR_PX:
             return None
-        move = _STRETCHED * found.change[:3]
-        nadir_base = nadir_base + tangent_basis(nadir_base) @ move[:2]
+        nadir_base = nadir_base + tangent_basis(nadir_base) @ found.change[:2]
         nadir_base = nadir_base / np.linalg.norm(nadir_base)
-        rho_rad += float(move[2])
+        rho_rad += float(found.change[2])
+        if since <= _AFRESH_PX:
+            sight = sight.moved(gray, shift)
     return None
 
 
@@ -147,7 +147,7 @@ def _first_guess(sight: GlowSight, look: EdgeLook, air: Air | None) -> tuple[Air
     if air is None and median(USUAL_HEIGHT / sight.rise) < _THIN_PX:
         level = _THIN_GLOW * (median(sight.profiles[:, 1]) - background)
         log_glow = np.array([math.log(max(level, 1e-6)), 0.0, 0.0])
-        thin = Air(USUAL_HEIGHT, log_glow, USUAL_SHARE, look.psf_px, background)
+        thin = Air(USUAL_HEIGHT, log_glow, USUAL_SHARE, look.psf_px, background, look.psf_px)
         return thin, np.ones(len(sight), dtype=bool)
     outer = sight.d_px >= _FROM_PX
     profiles, distance = sight.profiles[:, outer], sight.distance[:, outer]
@@ -168,10 +168,11 @@ def _first_guess(sight: GlowSight, look: EdgeLook, air: Air | None) -> tuple[Air
     log_glow = np.zeros(3)
     if air is None and np.count_nonzero(keep) >= _LEAST_STRETCHES:
         log_glow = np.linalg.lstsq(powers(sight.along)[keep], np.log(glow[keep]), rcond=None)[0]
-    return air or Air(height, log_glow, USUAL_SHARE, look.psf_px, background), keep
+    psf_px = look.psf_px
+    return air or Air(height, log_glow, USUAL_SHARE, psf_px, background, psf_px), keep
 
 
-def _limb(sight: GlowSight, found: GlowStep, keep: np.ndarray, factor: int) -> GlowLimb:
+def _limb(sight: GlowSight, found: GlowStep, keep: np.ndarray, air: Air) -> GlowLimb:
     """Points of the limb, with the errors of its mean, slope and bend as points have them."""
     cov = _MISJUDGED**2 * found.cov
     rows = sight.rows[keep]
@@ -184,10 +185,12 @@ def _limb(sight: GlowSight, found: GlowStep, keep: np.ndarray, factor: int) -> G
     sigma = math.sqrt(float(each2.mean()) * len(rows) / 3.0)
     normal_px = sight.normal_px[keep]
     return GlowLimb(
-        sight.px[keep] + (factor * (rows @ found.change[:3]))[:, None] * normal_px,
+        sight.px[keep] + (sight.factor * (rows @ found.change[:3]))[:, None] * normal_px,
         normal_px,
         _POINT_SHARE * sigma,
         float(coherent),
         math.sqrt(max(shift2, 0.0)),
         sight.stretch_px,
+        sight.curve,
+        air.changed(found.change),
     )

@@ -1,44 +1,45 @@
 """What a limb under glowing air shows, its unknowns, and one step towards them.
 
-See `glow_limb` for the model. Unknowns, in this order: the limb (3, as `GlowSight.rows` has them),
-the background, the blur, the logarithm of A (3, a polynomial along the limb), that of the scale
-height, and the share of the air that lies in front of the ground.
+See `glow.limb` for the model. The unknowns are the limb's three, as `GlowSight.rows` has them, and
+those of `glow.air`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.model import normal_cdf
+from horizon_sensor_ros.core.limb.glow.air import (
+    BACKGROUND,
+    BLUR,
+    LIMB,
+    LOG_GLOW,
+    LOG_HEIGHT,
+    NUM,
+    SHARE,
+    Air,
+)
 from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outside
+from horizon_sensor_ros.core.limb.glow.ground import Ground
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight
-from horizon_sensor_ros.core.limb.texture.ground_texture import rough_correlation, seen_across
-from horizon_sensor_ros.core.robust import median
+from horizon_sensor_ros.core.robust import median, quantile
 
-_LIMB, _BLUR, _LOGS, _SHARE = slice(3), 4, slice(5, 9), 9
-_NUM = 10
 # Up to where, beyond the edge, there may be texture: pixels, and blurs.
 _TEXTURE_PX, _TEXTURE_PSF = 3.0, 3.0
 _BESIDE_PX = (-2.0, -1.0)  # where the planet beside the edge is seen
-# What is known beforehand, one sigma each: the scale height over the radius (of its logarithm), the
-# change of the blur in a step, the air in front of the ground over that above it; slope and bend of
-# the logarithm of A from the middle of the limb to its ends, the bend also as a share of the slope;
-# levels, over the brightest, of all stretches and of each.
-USUAL_HEIGHT, _HEIGHT_SIGMA = 8.5e3 / 6371e3, 0.3
-_BLUR_SIGMA_PX = 0.1
-USUAL_SHARE, _SHARE_SIGMA = 0.5, 0.4
-_SLOPE_SIGMA, _BEND_SIGMA, _BEND_OF_SLOPE = 1.0, 0.05, 0.4
-_COMMON_LEVEL, _OWN_LEVEL = 1.0, 0.15
 _GLOW_ERROR, _SHAPE_ERROR = 0.01, 0.003  # over the glow, over the step: no model is quite right
+_BRIGHT = 0.95  # share of the samples that are darker than the brightest level
 # Error of saturated samples, and of those beside them, over the brightest level.
 _BLIND, _CLIPPED = 1e3, 0.02
-BLURS_PX = 0.35, 1.7
-_MOST_CHANGE = 0.3  # of logarithms, in a step
+# Strengths of texture that are tried, over the scatter of the levels, and the least of that, over
+# the brightest level.
+_STRENGTH_STEP = 2.0
+_STRENGTHS = _STRENGTH_STEP ** np.arange(-2.0, 2.0)
+_LEAST_SCATTER = 0.02
 _AGAIN = 2  # derivatives by what the step before takes the ground to be
-_SMALL_PX, _SMALL = 0.02, 0.01  # differences that stand for derivatives
 
 
 def powers(along: np.ndarray) -> np.ndarray:
@@ -47,221 +48,161 @@ def powers(along: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Air:
-    """What is common to a limb: scale height over the radius, log A (3,), share of the air in front
-    of the ground, blur, background.
-    """
-
-    height: float
-    log_glow: np.ndarray
-    share: float
-    psf_px: float
-    background: float
-
-    def changed(self, change: np.ndarray) -> Air:
-        """The same after a step (10,)."""
-        logs = np.clip(change[_LOGS], -_MOST_CHANGE, _MOST_CHANGE)
-        return replace(
-            self,
-            background=self.background + float(change[3]),
-            psf_px=float(np.clip(self.psf_px + change[_BLUR], *BLURS_PX)),
-            log_glow=self.log_glow + logs[:3],
-            height=self.height * math.exp(logs[3]),
-            share=self.share + float(change[_SHARE]),
-        )
-
-    def beforehand(self) -> tuple[np.ndarray, np.ndarray]:
-        """Information (10,) of what is known beforehand, and its pull (10,) from these values."""
-        bend = math.hypot(_BEND_SIGMA, _BEND_OF_SLOPE * self.log_glow[1])
-        sigma = np.full(_NUM, np.inf)
-        sigma[_BLUR] = _BLUR_SIGMA_PX
-        sigma[6:] = _SLOPE_SIGMA, bend, _HEIGHT_SIGMA, _SHARE_SIGMA
-        away = np.zeros(_NUM)
-        away[6:8] = -self.log_glow[1:]
-        away[8] = math.log(USUAL_HEIGHT / self.height)
-        away[_SHARE] = USUAL_SHARE - self.share
-        information = sigma**-2.0
-        return information, information * away
-
-
-@dataclass(frozen=True)
 class GlowStep:
-    """Change (10,) of the unknowns and covariance (3, 3) of the limb's; strength of the texture.
-    cost : (M,) of the stretches, over the degrees of freedom; infinite of those left out.
+    """Change (10,) of the unknowns and covariance (3, 3) of the limb's. cost : (M,) of the
+    stretches, over the degrees of freedom; infinite of those left out.
     """
 
     change: np.ndarray
     cov: np.ndarray
-    strength: float
     cost: np.ndarray
 
 
 class _Lit:
-    """What the air and the ground's mean brightness make of the profiles of kept stretches (K)."""
+    """What the air makes of the profiles of kept stretches (K), and what is left of them.
+
+    rest (K, J) : without the air. design (K, J, 10) : derivatives by the unknowns. variance, doubt
+    (K, J) : of noise and model, and of blind samples.
+    """
 
     def __init__(self, sight: GlowSight, air: Air, keep: np.ndarray) -> None:
         d_px, psf_px = sight.d_px, air.psf_px
-        distance = sight.distance[keep]
         length_px = air.height / sight.rise[keep]
         power = powers(sight.along)[keep]
         glow = np.exp(power @ air.log_glow)[:, None]
-        above = glow_outside(distance, psf_px, length_px)
+        above = glow_outside(sight.distance[keep], psf_px, length_px)
+        bright = glow * above.bright
         inside = glow * air_inside(d_px, psf_px, median(length_px))
-        self.edge = normal_cdf(-d_px / psf_px)
-        self.fall = np.exp(-0.5 * np.square(d_px / psf_px)) / (np.sqrt(2.0 * np.pi) * psf_px)
-        self.rest = sight.profiles[keep] - air.background - glow * above - air.share * inside
-        beside = (d_px >= _BESIDE_PX[0]) & (d_px <= _BESIDE_PX[1])
-        self.level = self.rest[:, beside].mean(axis=1, keepdims=True) / self.edge[beside].mean()
-        self.bright = float(np.percentile(sight.profiles[keep], 95)) - air.background
-        rising = glow_outside(distance - _SMALL_PX, psf_px, length_px)
-        rising -= glow_outside(distance + _SMALL_PX, psf_px, length_px)
-        self.glow_moving = glow * rising / (2.0 * _SMALL_PX)
-        wider = glow_outside(distance, (1.0 + _SMALL) * psf_px, length_px) - above
-        self.glow_wider = glow * wider / (_SMALL * psf_px)
-        longer = glow_outside(distance, psf_px, (1.0 + _SMALL) * length_px) - above
+        self.rest = sight.profiles[keep] - air.background - bright - air.share * inside
+        bright_level = quantile(sight.profiles[keep].ravel(), _BRIGHT) - air.background
+        self.bright = max(bright_level, sight.noise)
         self.rows = sight.rows[keep]
-        self.design = np.empty((*self.rest.shape, _NUM))
-        self.design[..., 3] = 1.0
-        self.design[..., 5:8] = (glow * above)[..., None] * power[:, None]
-        self.design[..., 8] = glow * longer / _SMALL
-        self.design[..., _SHARE] = inside
-        widening = (self.level - glow) * self.fall * (d_px / psf_px)
-        self.derive(self.level * self.fall + self.glow_moving, widening)
-        self.variance = sight.noise**2 + np.square(_GLOW_ERROR * glow * above)
-        self.variance += np.square(_SHAPE_ERROR * self.level)
+        self._moving, self._widening = -glow * above.by_place, glow * above.by_blur
+        self.design = np.empty((*self.rest.shape, NUM))
+        self.design[..., LIMB] = self._moving[..., None] * self.rows[:, None]
+        self.design[..., BACKGROUND] = 1.0
+        self.design[..., BLUR] = self._widening
+        self.design[..., LOG_GLOW] = bright[..., None] * power[:, None]
+        self.design[..., LOG_HEIGHT] = glow * above.by_length
+        self.design[..., SHARE] = inside
+        self.variance = sight.noise**2 + np.square(_GLOW_ERROR * bright)
+        self.doubt = np.zeros_like(self.rest)
         blind = sight.blind[keep]
-        beside_blind = np.zeros_like(blind)
-        beside_blind[:, 1:] = blind[:, :-1]
-        self.variance[beside_blind] += (_CLIPPED * self.bright) ** 2
-        self.variance[blind] = (_BLIND * self.bright) ** 2
+        if blind.any():
+            self.doubt[:, 1:][blind[:, :-1]] = (_CLIPPED * self.bright) ** 2
+            self.doubt[blind] = (_BLIND * self.bright) ** 2
 
     def derive(self, moving: np.ndarray, widening: np.ndarray) -> None:
-        """Set the profiles' derivatives (K, J) by an edge that moves out, and by the blur."""
-        self.design[..., _LIMB] = moving[:, :, None] * self.rows[:, None]
-        self.design[..., _BLUR] = widening
+        """Set the derivatives of the innermost samples, with those (K, J) of the ground there by an
+        edge that moves out, and by the blur.
+        """
+        near = slice(moving.shape[1])
+        moving = self._moving[:, near] + moving
+        self.design[:, near, LIMB] = moving[..., None] * self.rows[:, None]
+        self.design[:, near, BLUR] = self._widening[:, near] + widening
 
 
-class _Ground:
-    """The ground's brightness as it is seen near the limb, a Gaussian field: a level of its own for
-    each of K stretches, and texture; in the inner samples (J), in rows of a stretch each.
+class _Normal:
+    """Normal equations of the unknowns (10) and of what else is unknown of the ground (E).
+
+    near : (K, J, 10 + E + 1) derivatives by all of them and residuals, along the ground's axes.
+    known : (10 + E, 10 + E) and pull : (10 + E,) what is known besides.
     """
 
-    def __init__(self, sight: GlowSight, lit: _Lit, keep: np.ndarray, psf_px: float) -> None:
-        self.inner = sight.d_px <= max(_TEXTURE_PX, math.ceil(_TEXTURE_PSF * psf_px))
-        d_px = sight.d_px[self.inner]
-        self.edge, self.fall = lit.edge[self.inner], lit.fall[self.inner]
-        self.widening = self.fall * (d_px / psf_px)
-        self.across, self._moved, self._widened = seen_across(d_px, psf_px, sight.px_over_radius)
-        along = np.flatnonzero(keep) * (sight.stretch_px * sight.px_over_radius)
-        self._likeness = rough_correlation(along[:, None] - along)
-        num = len(along)
-        self.levels = lit.bright**2 * (_OWN_LEVEL**2 * np.eye(num) + _COMMON_LEVEL**2)
-        self._plain = np.kron(self.levels, np.outer(self.edge, self.edge))
-        self.variance = lit.variance[:, self.inner]
-        self._plain.flat[:: len(self._plain) + 1] += self.variance.ravel()
-        self._texture = np.kron(self._likeness, self.across)
+    def __init__(self, near: np.ndarray, known: np.ndarray, pull: np.ndarray) -> None:
+        self.near, self.known, self.pull = near, known, pull
 
-    def covariance(self, strength: float) -> np.ndarray:
-        """Of all inner samples (K J, K J), with their noise."""
-        return np.asarray(self._plain + strength**2 * self._texture)
-
-    def derivatives(self, weights: np.ndarray, strength: float) -> tuple[np.ndarray, np.ndarray]:
-        """How the likeliest ground moves with the limb, and widens with the blur (K, J).
-
-        weights : (K, J) residuals over their covariance.
+    def solved(self, precision: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Solutions (S, 10 + E), their information, and what they leave of the cost (S,), for
+        precisions (S, K, J).
         """
-        level = (self.levels @ (weights @ self.edge))[:, None]
-        textured = strength**2 * (self._likeness @ weights)
-        return (
-            level * self.fall + textured @ self._moved.T,
-            level * self.widening + textured @ self._widened.T,
-        )
+        flat = self.near.reshape(-1, self.near.shape[2])
+        squares = flat.T @ (precision.reshape(len(precision), -1, 1) * flat)
+        information = squares[:, :-1, :-1] + self.known
+        towards = squares[:, :-1, -1] + self.pull
+        found = np.linalg.solve(information, towards[..., None])[..., 0]
+        return found, information, squares[:, -1, -1] - np.einsum("sp,sp->s", towards, found)
 
-    def volume(self, precise: np.ndarray, strength: float) -> tuple[np.ndarray, float]:
-        """Half of how the covariance's log determinant grows, by each edge (K,) and by the blur.
-
-        precise : inverse of the covariance.
+    def likelihood(self, precision: np.ndarray) -> np.ndarray:
+        """Twice the negative logarithms of the restricted likelihoods (S,), but for what is common
+        to all.
         """
-        num, count = self.variance.shape
-        by_row = precise.reshape(num, count, num, count)
-        level = np.einsum("iajb,ij,b->ia", by_row, self.levels, self.edge, optimize=True)
-        texture = np.einsum("iajb,ij->iab", by_row, self._likeness, optimize=True)
-        texture *= strength**2
-        edges = level @ self.fall + np.einsum("iab,ab->i", texture, self._moved)
-        blur = (level @ self.widening).sum() + np.einsum("iab,ab->", texture, self._widened)
-        return edges, float(blur)
+        _, information, cost = self.solved(precision)
+        cost -= np.log(precision).sum(axis=(1, 2))
+        return np.asarray(cost + np.linalg.slogdet(information)[1])
 
-    def own(self, strength: float) -> np.ndarray:
-        """Covariance (K, J, J) of each stretch by itself."""
-        alike = strength**2 * self.across + self.levels[0, 0] * np.outer(self.edge, self.edge)
-        return np.asarray(alike + np.eye(len(self.edge)) * self.variance[:, None])
+    def left(self, found: np.ndarray) -> np.ndarray:
+        """Residuals (K, J) of a solution."""
+        return np.asarray(self.near[..., -1] - self.near[..., :-1] @ found)
 
 
-def step_towards(
-    sight: GlowSight, air: Air, keep: np.ndarray, strength: float | None, shares: np.ndarray
-) -> GlowStep:
-    """One step of Gauss and Newton for all unknowns, from kept stretches (M,).
-
-    strength : of the texture; None: the likeliest of shares (S,) of the levels' scatter.
-    """
+def step_towards(sight: GlowSight, air: Air, keep: np.ndarray) -> GlowStep:
+    """One step of Gauss and Newton for all unknowns, from kept stretches (M,)."""
     lit = _Lit(sight, air, keep)
-    ground = _Ground(sight, lit, keep, air.psf_px)
-    inner = ground.inner
-    seen = lit.rest[:, inner].ravel()
-    prior, pull = air.beforehand()
-
-    def near() -> np.ndarray:
-        return np.asarray(lit.design[:, inner].reshape(len(seen), _NUM))
-
-    def beyond() -> tuple[np.ndarray, np.ndarray]:
-        """Information, and its pull: beyond the texture every sample stands for itself."""
-        far = lit.design[:, ~inner].reshape(-1, _NUM)
-        weighted = far / lit.variance[:, ~inner].reshape(-1, 1)
-        information = weighted.T @ far + np.diag(prior)
-        return information, weighted.T @ lit.rest[:, ~inner].ravel() + pull
-
-    if strength is None:
-        scatter = max(float(np.std(lit.level)), 0.02 * lit.bright)
-        costs = [_cost(ground.covariance(s), near(), seen, beyond()) for s in shares * scatter]
-        strength = float(shares[int(np.argmin(costs))]) * scatter
-    precise = np.linalg.inv(ground.covariance(strength))
-    information, towards = beyond()
-    back = near().T @ precise
-    change = np.linalg.solve(information + back @ near(), towards + back @ seen)
-    edges, blur = ground.volume(precise, strength)
-    pull[_LIMB] -= edges @ lit.rows
-    pull[_BLUR] -= blur
+    d_px, psf_px = sight.d_px, air.psf_px
+    num = int(np.count_nonzero(d_px <= max(_TEXTURE_PX, math.ceil(_TEXTURE_PSF * psf_px))))
+    beside = (d_px >= _BESIDE_PX[0]) & (d_px <= _BESIDE_PX[1])
+    level = lit.rest[:, beside].mean(axis=1, keepdims=True)
+    level /= normal_cdf(-d_px[beside] / psf_px).mean()
+    lit.variance += np.square(_SHAPE_ERROR * level)
+    ground = Ground(
+        d_px[:num],
+        psf_px,
+        sight.px_over_radius,
+        sight.stretch_px,
+        keep,
+        lit.bright,
+        lit.variance[:, :num].mean(axis=0),
+        lit.doubt[:, :num],
+    )
+    moving, widening = level * ground.fall, level * ground.widening
+    lit.derive(moving, widening)
+    near = ground.in_axes(np.concatenate([lit.design[:, :num], lit.rest[:, :num, None]], axis=2))
+    near = np.concatenate([near[..., :-1], ground.extra, near[..., -1:]], axis=2)
+    normal = _Normal(near, *_known(lit, air, ground, num))
+    scatter = max(float(np.std(level)), _LEAST_SCATTER * lit.bright)
+    tried = normal.likelihood(ground.precision(scatter * _STRENGTHS))
+    strength = scatter * _STRENGTHS[0] * _STRENGTH_STEP ** _lowest(tried)
+    precision = ground.precision(np.array([strength]))
+    found, information, _ = normal.solved(precision)
+    edges, blur = ground.volume(precision[0], strength)
+    normal.pull[LIMB] -= edges @ lit.rows
+    normal.pull[BLUR] -= blur
     for _ in range(_AGAIN):
-        weights = (precise @ (seen - near() @ change)).reshape(len(lit.rest), -1)
-        moving, widening = lit.glow_moving.copy(), lit.glow_wider.copy()
-        by_limb, by_blur = ground.derivatives(weights, strength)
-        moving[:, inner] += by_limb
-        widening[:, inner] += by_blur
-        lit.derive(moving, widening)
-        information, towards = beyond()
-        back = near().T @ precise
-        information += back @ near()
-        change = np.linalg.solve(information, towards + back @ seen)
+        lit.derive(*ground.derivatives(precision[0] * normal.left(found[0]), strength))
+        normal.near[..., : BLUR + 1] = ground.in_axes(lit.design[:, :num, : BLUR + 1])
+        found, information, _ = normal.solved(precision)
+    change = found[0, :NUM]
     left = lit.rest - lit.design @ change
-    solved = np.linalg.solve(ground.own(strength), left[:, inner, None])[..., 0]
     cost = np.full(len(sight), np.inf)
-    cost[keep] = (left[:, inner] * solved).sum(axis=1)
-    cost[keep] += (np.square(left[:, ~inner]) / lit.variance[:, ~inner]).sum(axis=1)
+    cost[keep] = ground.cost(left[:, :num], strength)
+    cost[keep] += (np.square(left) / (lit.variance + lit.doubt))[:, num:].sum(axis=1)
     cost /= left.shape[1] - 2.0
-    return GlowStep(change, np.linalg.inv(information)[_LIMB, _LIMB], strength, cost)
+    return GlowStep(change, np.linalg.inv(information[0])[LIMB, LIMB], cost)
 
 
-def _cost(
-    covariance: np.ndarray,
-    design: np.ndarray,
-    seen: np.ndarray,
-    beyond: tuple[np.ndarray, np.ndarray],
-) -> float:
-    """Twice the negative logarithm of the restricted likelihood, but for what is common to all."""
-    lower = np.linalg.cholesky(covariance)
-    white = np.linalg.solve(lower, np.column_stack([design, seen]))
-    information = beyond[0] + white[:, :-1].T @ white[:, :-1]
-    towards = beyond[1] + white[:, :-1].T @ white[:, -1]
-    explained = towards @ np.linalg.solve(information, towards)
-    volume = 2.0 * np.log(np.diag(lower)).sum() + np.linalg.slogdet(information)[1]
-    return float(white[:, -1] @ white[:, -1] - explained + volume)
+def _known(lit: _Lit, air: Air, ground: Ground, num: int) -> tuple[np.ndarray, np.ndarray]:
+    """What is known of the unknowns beforehand, and beyond the texture, where every sample stands
+    for itself: `_Normal.known` and `_Normal.pull`.
+
+    num : of the samples that texture reaches.
+    """
+    far = lit.design[:, num:].reshape(-1, NUM)
+    weighted = far / (lit.variance + lit.doubt)[:, num:].reshape(-1, 1)
+    prior, towards = air.beforehand()
+    known = np.diag(np.concatenate([prior, ground.extra_prior]))
+    known[:NUM, :NUM] += weighted.T @ far
+    pull = np.zeros(len(known))
+    pull[:NUM] = towards + weighted.T @ lit.rest[:, num:].ravel()
+    return known, pull
+
+
+def _lowest(costs: np.ndarray) -> float:
+    """Place of the lowest of equidistant costs, by the parabola through it and its neighbours."""
+    at = int(np.argmin(costs))
+    middle = min(max(at, 1), len(costs) - 2)
+    before, here, after = costs[middle - 1 : middle + 2].tolist()
+    bend = before - 2.0 * here + after
+    if at != middle or not bend > 0.0:
+        return float(at)
+    return middle + 0.5 * (before - after) / bend

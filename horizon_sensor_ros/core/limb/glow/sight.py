@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
-from horizon_sensor_ros.core.limb.curve import limb_curve
+from horizon_sensor_ros.core.limb.curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.limb.edge.clipping import white_level
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.profiles import Bundles, pixel_noise, sample_profiles
@@ -32,9 +32,13 @@ class GlowSight:
     limb moves along them with nadir's two tangent components and rho, pixels per radian.
     distance : (M, J) heights above the limb in pixels of the first one above it; rise : (M,) that
     pixel's height over the planet's radius. ground : length of a stretch, and px_over_radius : of
-    a pixel along the limb, over that radius. stretch_px : of limb.
+    a pixel along the limb, over that radius. stretch_px : of limb. curve, bundles : what was
+    sampled, reduced by factor.
     """
 
+    curve: LimbCurve
+    bundles: Bundles
+    factor: int
     d_px: np.ndarray
     profiles: np.ndarray
     blind: np.ndarray
@@ -54,6 +58,18 @@ class GlowSight:
     def along(self) -> np.ndarray:
         """Place (M,) of each stretch along the limb, -1 to 1."""
         return np.linspace(-1.0, 1.0, len(self))
+
+    def moved(self, gray: np.ndarray, shift_px: np.ndarray) -> GlowSight:
+        """Sample the same stretches about a limb that lies shift_px (M,) farther out, a pixel or so
+        at most.
+        """
+        every = np.interp(np.arange(len(self.curve)), self.bundles.middle, self.factor * shift_px)
+        normal_px = self.curve.normal_px
+        curve = replace(self.curve, px=self.curve.px + every[:, None] * normal_px)
+        sampled, _ = sample_profiles(gray, curve, self.d_px, self.factor)
+        profiles, blind = _means(gray, sampled, self.bundles)
+        px = self.px + (self.factor * shift_px)[:, None] * self.normal_px
+        return replace(self, curve=curve, profiles=profiles, blind=blind, px=px)
 
 
 def look_along(
@@ -81,9 +97,7 @@ def look_along(
     bundles = Bundles.of(valid, size)
     if num < 2 * size:
         return None
-    white = _SATURATED * white_level(gray, sampled)
-    blind = bundles.mean((sampled >= white).astype(np.float32))
-    profiles = bundles.mean(sampled).astype(np.float64)
+    profiles, blind = _means(gray, sampled, bundles)
     px, normal_px = curve.px[bundles.middle], curve.normal_px[bundles.middle]
     middles = LimbPoints(Status.OK, "", px, normal_px, np.ones(len(px)))
     limb = rays_of(view, middles)
@@ -99,9 +113,12 @@ def look_along(
         return None
     growth = limb.angles(nadir_base)[1] * factor
     return GlowSight(
+        curve,
+        bundles,
+        factor,
         d_px,
         profiles,
-        blind > _SATURATED_SHARE,
+        blind,
         PLAIN_NOISE * pixel_noise(profiles, size),
         px,
         normal_px,
@@ -111,3 +128,14 @@ def look_along(
         ground_across_px(factor * view.camera.pixel_rad, rho_rad),
         spacing_px * size,
     )
+
+
+def _means(
+    gray: np.ndarray, sampled: np.ndarray, bundles: Bundles
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means of profiles (N, J), and which of them (M, J) are of saturated samples."""
+    profiles = bundles.mean(sampled).astype(np.float64)
+    white = _SATURATED * white_level(gray, sampled)
+    if white == np.inf:
+        return profiles, np.zeros(profiles.shape, dtype=bool)
+    return profiles, bundles.mean((sampled >= white).astype(np.float32)) > _SATURATED_SHARE

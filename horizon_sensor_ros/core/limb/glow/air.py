@@ -1,0 +1,71 @@
+"""The air that glows above a limb: the same all along it, and so in every stretch that is seen.
+
+Its unknowns come after the limb's three, in this order: the background, the blur, the logarithm of
+A (3, a polynomial along the limb), that of the scale height, and the share of the air that lies in
+front of the ground.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+LIMB, BACKGROUND, BLUR, LOG_GLOW, LOG_HEIGHT, SHARE = slice(3), 3, 4, slice(5, 8), 8, 9
+NUM = 10
+_LOGS = slice(5, 9)
+# What is known beforehand, one sigma each: the scale height over the radius (of its logarithm), the
+# blur about that of the edges, the air in front of the ground over that above it; slope and bend of
+# the logarithm of A from the middle of the limb to its ends, the bend also as a share of the slope.
+USUAL_HEIGHT, _HEIGHT_SIGMA = 8.5e3 / 6371e3, 0.3
+_BLUR_SIGMA_PX = 0.1
+USUAL_SHARE, _SHARE_SIGMA = 0.5, 0.4
+_SLOPE_SIGMA, _BEND_SIGMA, _BEND_OF_SLOPE = 1.0, 0.05, 0.4
+BLURS_PX = 0.35, 1.7
+_MOST_CHANGE = 0.3  # of logarithms, in a step
+_NEAR, _NEAR_BLUR_PX = 0.15, 0.05  # changes in the last step: of logarithms and shares, of the blur
+
+
+@dataclass(frozen=True)
+class Air:
+    """What is common to a limb: scale height over the radius, log A (3,), share of the air in front
+    of the ground, blur, background; and edge_psf_px, the blur of edges found one by one.
+    """
+
+    height: float
+    log_glow: np.ndarray
+    share: float
+    psf_px: float
+    background: float
+    edge_psf_px: float
+
+    def changed(self, change: np.ndarray) -> Air:
+        """The same after a step (10,)."""
+        logs = np.clip(change[_LOGS], -_MOST_CHANGE, _MOST_CHANGE)
+        return replace(
+            self,
+            background=self.background + float(change[BACKGROUND]),
+            psf_px=float(np.clip(self.psf_px + change[BLUR], *BLURS_PX)),
+            log_glow=self.log_glow + logs[:3],
+            height=self.height * math.exp(logs[3]),
+            share=self.share + float(change[SHARE]),
+        )
+
+    def near(self, change: np.ndarray) -> bool:
+        """Whether a step (10,) changes so little that what it takes to be linear is."""
+        return bool(np.abs(change[5:]).max() <= _NEAR and abs(float(change[BLUR])) <= _NEAR_BLUR_PX)
+
+    def beforehand(self) -> tuple[np.ndarray, np.ndarray]:
+        """Information (10,) of what is known beforehand, and its pull (10,) from these values."""
+        bend = math.hypot(_BEND_SIGMA, _BEND_OF_SLOPE * self.log_glow[1])
+        sigma = np.full(NUM, np.inf)
+        sigma[BLUR] = _BLUR_SIGMA_PX
+        sigma[6:] = _SLOPE_SIGMA, bend, _HEIGHT_SIGMA, _SHARE_SIGMA
+        away = np.zeros(NUM)
+        away[BLUR] = self.edge_psf_px - self.psf_px
+        away[6:8] = -self.log_glow[1:]
+        away[LOG_HEIGHT] = math.log(USUAL_HEIGHT / self.height)
+        away[SHARE] = USUAL_SHARE - self.share
+        information = sigma**-2.0
+        return information, information * away
