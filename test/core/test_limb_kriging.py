@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,7 +14,8 @@ from scipy.special import ndtr
 from horizon_sensor_ros.core.limb.curve import LimbCurve
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook, place_edges
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, pixel_phase, sample_profiles
-from horizon_sensor_ros.core.limb.texture.kriging import Stretches, fitted_limb, krige_edges
+from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
+from horizon_sensor_ros.core.limb.texture.kriging import Stretches, krige_edges
 
 GRID = ProfileGrid(-7.0, 15, 1.0, 0.25)
 PSF_PX, LENGTH_PX, PX_OVER_RADIUS = 0.757, 16.0, 1e-3
@@ -160,20 +163,34 @@ def test_stretches_without_an_edge_tell_nothing() -> None:
     assert np.abs(other.offset_px[good] - 0.03).max() < 0.03
 
 
-def test_stretches_along_the_rows_count_as_one() -> None:
-    num = 30
-    profiles = clean(np.zeros(num), np.full(num, 100.0))
-    good = np.ones(num, dtype=bool)
+def test_what_the_raster_does_is_told_by_the_phases_and_taken_out() -> None:
+    rng = np.random.default_rng(6)
+    num, noise = 40, 0.5
     phase = np.zeros(num, dtype=complex)
-    free = krige_edges(stretches_of(profiles, 0.5), good, phase)
-    phase[10] = 1j
-    one = krige_edges(stretches_of(profiles, 0.5), good, phase)
-    phase[11:14] = 1j
-    four = krige_edges(stretches_of(profiles, 0.5), good, phase)
-    extra = [np.sqrt(found.sigma_px[10] ** 2 - free.sigma_px[10] ** 2) for found in (one, four)]
-    assert extra[1] == pytest.approx(2.0 * extra[0], rel=0.05)
-    # What is far from them stays as it was.
-    np.testing.assert_allclose(four.sigma_px[20:], free.sigma_px[20:], rtol=0.05)
+    phase[8:20] = np.exp(1j * rng.uniform(0.0, 2.0 * np.pi, 12))
+    error = 0.02 * phase.imag
+    profiles = clean(error, np.full(num, 150.0)) + noise * rng.standard_normal((num, 15))
+    found = krige_edges(stretches_of(profiles, noise), np.ones(num, dtype=bool), phase)
+    left = found.offset_px[8:20]
+    assert np.sqrt(np.mean(np.square(left))) < 0.5 * np.sqrt(np.mean(np.square(error[8:20])))
+    assert np.mean(np.square(left / found.sigma_px[8:20])) < 2.0
+    # Normals that point the other way see the same pixels, and the error with the other sign.
+    turned = replace(stretches_of(profiles, noise), base=-stretches_of(profiles, noise).base)
+    mirrored = krige_edges(turned, np.ones(num, dtype=bool), phase.conj())
+    np.testing.assert_allclose(mirrored.offset_px, found.offset_px, atol=1e-9)
+
+
+def test_stretches_along_one_row_count_as_one() -> None:
+    """Where all have the raster's error alike, nothing tells it from the limb's own place."""
+    num = 30
+    profiles = clean(np.full(num, 0.015), np.full(num, 100.0))
+    good = np.ones(num, dtype=bool)
+    free = krige_edges(stretches_of(profiles, 0.5), good, np.zeros(num))
+    alike = krige_edges(stretches_of(profiles, 0.5), good, np.full(num, 1j))
+    together = [np.sqrt(1.0 / np.sum(found.sigma_px**-2.0)) for found in (free, alike)]
+    assert together[0] < 0.002
+    assert 0.01 < together[1] < 0.02
+    assert np.abs(alike.offset_px).max() < 0.02
 
 
 def test_limb_is_fitted_without_edges_that_lie_far_off() -> None:

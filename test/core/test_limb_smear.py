@@ -33,11 +33,27 @@ def test_blur_follows_the_direction_only_where_that_is_sure() -> None:
     truth = 0.2 * np.cos(2.0 * angle) - 0.1 * np.sin(2.0 * angle)
     noise = 0.01 * np.random.default_rng(1).standard_normal(50)
     known = np.full(50, 1e4)
-    found = blur_along(normal_px, truth + noise, known, known)
+    still = np.zeros(50)
+    found = blur_along(normal_px, still, truth + noise, known, known)
     assert np.ptp(found) == pytest.approx(np.ptp(truth), rel=0.1)
     np.testing.assert_allclose(found - found.mean(), truth - truth.mean(), atol=0.02)
-    repeated = blur_along(normal_px, truth + noise, known, known / 1e5)
+    repeated = blur_along(normal_px, still, truth + noise, known, known / 1e5)
     assert np.ptp(repeated) == 0.0
+
+
+def test_what_the_raster_does_to_the_blur_is_no_smear() -> None:
+    """A limb that turns away from the rows: only where it runs with them is its blur another."""
+    angle = np.linspace(-0.3, 0.6, 40)
+    normal_px = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    raster = np.exp(-np.square(angle / 0.08)) * np.cos(9.0 * angle)
+    noise = 0.007 * np.random.default_rng(2).standard_normal(40)
+    known = np.full(40, 0.007**-2.0)
+    found = blur_along(normal_px, raster, 0.08 * raster + noise, known, known)
+    np.testing.assert_allclose(found, 0.08 * raster, atol=0.012)
+    smear = 0.1 * np.cos(2.0 * angle)
+    found = blur_along(normal_px, raster, 0.08 * raster + smear + noise, known, known)
+    off = found - (0.08 * raster + smear)
+    assert np.abs(off - off.mean()).max() < 0.012
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 35.0])

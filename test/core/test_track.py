@@ -84,10 +84,10 @@ def test_followed_fixes_are_those_of_a_search(searches: list[int]) -> None:
 
 @pytest.mark.parametrize("camera", [0, 1])
 def test_the_limb_is_predicted_to_a_part_of_a_pixel(camera: int) -> None:
-    """On one camera's arc: far better than nadir, or its disc, is known."""
+    """On one camera's arc, beside clouds: far better than nadir, or its disc, is known."""
     sensor = HorizonSensor()
-    followed, checked = False, 0
-    for steps in range(6):
+    followed, apart = False, []
+    for steps in range(10):
         frame = turned(steps)[0][camera]
         fix = sensor.process([frame])
         assert fix.ok
@@ -96,10 +96,11 @@ def test_the_limb_is_predicted_to_a_part_of_a_pixel(camera: int) -> None:
             # The points' own errors are the same about both.
             off = fix.predicted.residuals_px(frame.view, fix.limbs[0])
             off -= disc_of(fix.fit).residuals_px(frame.view, fix.limbs[0])
-            assert np.median(np.abs(off)) < 0.1
-            checked += 1
+            apart.append(np.median(np.abs(off)))
         followed = fix.predicted is not None
-    assert checked >= 2
+    assert len(apart) >= 6
+    assert np.median(apart) < 0.05
+    assert np.max(apart) < 0.15
 
 
 @pytest.mark.parametrize("air_dn", [60.0, 150.0])

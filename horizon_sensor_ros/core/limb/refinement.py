@@ -30,8 +30,8 @@ from horizon_sensor_ros.core.limb.sample import (
     RefinePass,
     sample_limb,
 )
+from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
 from horizon_sensor_ros.core.limb.texture.kriged_limb import KrigedLimb
-from horizon_sensor_ros.core.limb.texture.kriging import fitted_limb
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
 

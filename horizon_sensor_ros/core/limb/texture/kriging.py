@@ -22,13 +22,14 @@ from functools import lru_cache
 import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.model import MAX_LEVEL, normal_cdf
+from horizon_sensor_ros.core.limb.edge.raster import PLACE_SIGMA_PX, Raster
 from horizon_sensor_ros.core.limb.edge.smear import blur_along
 from horizon_sensor_ros.core.limb.points import SharedError
 from horizon_sensor_ros.core.limb.profiles import nearness
 from horizon_sensor_ros.core.limb.texture import ground_texture
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
+from horizon_sensor_ros.core.limb.texture.fitted_limb import limb_in_raster
 from horizon_sensor_ros.core.robust import median
-from horizon_sensor_ros.core.symmetric3 import solve
 
 INNER_PX, OUTER_PX = 6.0, 7.0  # the part of a profile that is used
 _BESIDE_PX = (-2.0, -1.0)  # where the planet beside the edge is seen
@@ -45,13 +46,9 @@ _STEP_VARIANCE = 0.5  # over that of a pixel of a profile: two of them are besid
 # texture and of smooth.
 _SHARED = ground_texture.by_kind(1.2, 2.4)
 _PARTS = 6  # of the limb, between which nothing is shared
-_FAR_OFF = 6.0  # times the median distance, from which on an edge is not the limb's
 _REPEATED = 10.0  # what texture says of a smear, over what it would if it were alike as it is
 _SCALES_PER_OCTAVE = 2.0  # tables are made for such steps of the ground's scale
-# An image that was blurred after it was sampled repeats errors with the pixels' phase. Where the
-# limb runs with rows or columns, the phase is one for whole stretches and nothing averages out.
-_PHASE_SIGMA_PX = 0.012
-_PHASE_WEIGHT = 3.0
+_PHASE_WEIGHT = 3.0  # by which a stretch's phase in the raster takes from what it says of texture
 _SHAPE_ERROR = 0.003  # over the step; no edge is quite the model's
 
 
@@ -148,24 +145,23 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     places, wider = solved[:, : ground_texture.NUM], solved[:, ground_texture.NUM :]
     variance = np.square(tables.sigma * over_step[:, None])
     wider_information = np.square((good / over_step)[:, None] / tables.widening_sigma)
-    # Stretches of the same phase have the same error, and count as one.
-    in_phase = (np.conj(phase) * (good @ phase)).real
-    phase = np.abs(phase)
-    phase2 = _PHASE_SIGMA_PX**2 * np.maximum(in_phase, phase * phase)
+    normal_px = stretches.base[:, :2]
+    raster = Raster.of(normal_px, phase, good)
+    wider_information /= 1.0 + wider_information * raster.blur_rest2()[:, None]
     ground = stretches.px_over_radius * stretches.length_px
     count = int(np.count_nonzero(good))
     alone = wider_information / _repetition(tables, count, ground)
-    # What the pixels' phase does to a profile is not texture.
+    # What the raster does to a profile is not texture.
     nearby = nearness(len(good), max(_LEAST_WINDOW, _WINDOW / ground)) + _ANYWHERE
-    nearby *= good * np.maximum(1.0 - _PHASE_WEIGHT * phase, 0.0)
+    nearby *= good * np.maximum(1.0 - _PHASE_WEIGHT * raster.size, 0.0)
     k = ground_texture.likely(_deviation(sure(step)) / noise)
-    normal_px = stretches.base[:, :2]
-    blur = blur_along(normal_px, wider[:, k], wider_information[:, k], alone[:, k])
+    blur = blur_along(normal_px, raster.blur, wider[:, k], wider_information[:, k], alone[:, k])
     place = places[:, k] - tables.lean[k] * blur
-    limb = fitted_limb(
-        sure(stretches.base), sure(place), np.sqrt(sure(variance[:, k]) + sure(phase2))
+    limb, error, _ = limb_in_raster(
+        sure(stretches.base), sure(place), sure(variance[:, k]), sure(raster.place)
     )
-    chi2 = _cost(scaled, stretches.base @ limb / over_step, blur / over_step, tables)
+    edge = stretches.base @ limb + error * raster.place
+    chi2 = _cost(scaled, edge / over_step, blur / over_step, tables)
     evidence = -0.5 * (chi2 + tables.log_det)
     level = _level_evidence(sure(step) / noise, ground)
     if every:
@@ -181,14 +177,19 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     wider_information *= share
     told = wider_information.sum(axis=1)
     lacking = (wider_information * wider).sum(axis=1) / np.maximum(told, 1e-30)
-    blur = blur_along(normal_px, lacking, told, (share * alone).sum(axis=1))
+    blur = blur_along(normal_px, raster.blur, lacking, told, (share * alone).sum(axis=1))
     places -= tables.lean * blur[:, None]
     place = (share * places).sum(axis=1)
     spread2 = (share * (variance + np.square(places - place[:, None]))).sum(axis=1)
     chi2 = _cost(scaled, place / over_step, blur / over_step, tables)
     misfit = (share * chi2).sum(axis=1) / (scaled.shape[1] - 3)
-    misfit /= 1.0 + np.square((_SHAPE_ERROR + _PHASE_SIGMA_PX * phase) / over_step)
-    spread2 += phase2
+    misfit /= 1.0 + np.square((_SHAPE_ERROR + PLACE_SIGMA_PX * raster.size) / over_step)
+    spread2 += raster.rest2()
+    _, error, open2 = limb_in_raster(
+        sure(stretches.base), sure(place), sure(spread2), sure(raster.place)
+    )
+    place -= error * raster.place
+    spread2 += raster.shared2(open2)
     # What weighs less moves the limb less.
     weight = good / spread2
     textured = (weight * np.square(over_step)) @ share * np.square(tables.textured) / weight.sum()
@@ -262,29 +263,6 @@ def _cost(scaled: np.ndarray, edge: np.ndarray, blur: np.ndarray, tables: _Table
     known = scaled - edge[:, None] * tables.slope - blur[:, None] * tables.widening
     chi = (known @ tables.residual).reshape(-1, scaled.shape[1])
     return np.asarray(np.einsum("nj,nj->n", chi, chi).reshape(len(scaled), -1))
-
-
-def fitted_limb(base: np.ndarray, place: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Three unknowns of the limb (`Stretches.base`) from places (N,) and their sigmas (N,).
-
-    Places that lie far off are left out.
-    """
-    weight = sigma**-2.0
-    limb = _solved(base, place, weight)
-    off = np.abs(place - base @ limb)
-    far = off > _FAR_OFF * median(off)
-    if not far.any():
-        return limb
-    weight[far] = 0.0
-    return _solved(base, place, weight)
-
-
-def _solved(base: np.ndarray, place: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    weighted = (base * weight[:, None]).T
-    information = weighted @ base
-    # Along a short arc the three are nearly one and the same.
-    information.flat[:: len(information) + 1] += 1e-9 * information[-1, -1]
-    return solve(information, weighted @ place)
 
 
 def _samples(d_px: np.ndarray, first_px: float, last_px: float = math.inf) -> slice:
