@@ -58,7 +58,8 @@ def _coherent_covariance(
 ) -> np.ndarray:
     """Covariance (4, 4) of nadir and altitude from the errors that neighbouring points share.
 
-    Each camera's limb counts as `_STRETCHES` independent stretches, whatever the number of points.
+    Each camera's limb counts as `_STRETCHES` independent stretches, whatever the number of points,
+    or by the covariance of the cone that was fitted to it.
     """
     shares = []
     negligible = True
@@ -76,16 +77,24 @@ def _coherent_covariance(
         bend2 = max(bend_px(fit, rays) ** 2 / freedom - _SURE * own2, 0.0)
         coherent2 = max(claimed_px**2, bend2)
         negligible &= coherent2 < _NEGLIGIBLE * own2
-        shares.append((observation, rays, _STRETCHES / (len(rays) * coherent2)))
+        shares.append((observation, rays, coherent2))
     if negligible:
         return np.zeros((4, 4))
     basis = tangent_basis(fit.nadir_base)
+    to_tangent = np.zeros((3, 4))
+    to_tangent[:2, :3], to_tangent[2, 3] = basis.T, 1.0
     information = np.zeros((3, 3))
     shifts = []
-    for observation, rays, weight in shares:
+    for observation, rays, coherent2 in shares:
+        limb = observation.limb
+        if limb.cov_cone is not None:
+            more = coherent2 / limb.coherent_px**2
+            information += inverse(more * to_tangent @ limb.cov_cone @ to_tangent.T)
+            continue
+        weight = _STRETCHES / (len(rays) * coherent2)
         rows = rays.design(fit.nadir_base, basis) / rays.angles(fit.nadir_base)[1][:, None]
         information += weight * rows.T @ rows
-        shifts.append(observation.limb.shift_px * weight * rows.sum(axis=0))
+        shifts.append(limb.shift_px * weight * rows.sum(axis=0))
     gain = inverse(information)
     moved = [gain @ shift for shift in shifts]
     cov = gain + sum((np.outer(move, move) for move in moved), np.zeros((3, 3)))

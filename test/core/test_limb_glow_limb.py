@@ -69,17 +69,29 @@ def test_limbs_lie_as_near_to_the_true_ones_as_they_claim() -> None:
     assert np.sqrt(np.mean(np.square(slopes))) < 2.0
 
 
-def test_neither_twilight_nor_glare_is_taken_for_even_glow() -> None:
+def test_twilight_is_not_taken_for_even_glow() -> None:
     altitude_m = 400e3
     rho = Planet().rho_from_altitude(altitude_m)
     limb = cone_rays(np.array([0.0, 0.0, 1.0]), rho, np.zeros(1))[0]
     along = np.cross([0.0, 0.0, 1.0], limb)
     twilight = _air(1, sun_direction=unit_vector(ROT_WORLD_FROM_BASE @ along))
     assert _fitted(twilight, altitude_m, 0)[0] is None
-    above = cone_rays(np.array([0.0, 0.0, 1.0]), rho + 0.12, np.zeros(1))[0]
+
+
+@pytest.mark.parametrize("height_rad", [0.2, 0.3])
+def test_a_limb_below_the_sun_lies_where_it_would_without(height_rad: float) -> None:
+    altitude_m = 400e3
+    rho = Planet().rho_from_altitude(altitude_m)
+    above = cone_rays(np.array([0.0, 0.0, 1.0]), rho + height_rad, np.zeros(1))[0]
     sun = unit_vector(ROT_WORLD_FROM_BASE @ above)
-    glare = _air(1, sun_direction=sun, even_light=True, sun_dn=1500.0)
-    assert _fitted(glare, altitude_m, 0)[0] is None
+    places = []
+    for sun_dn in (0.0, 1500.0):
+        scene = _air(1, sun_direction=sun, even_light=True, sun_dn=sun_dn)
+        limb, off_px = _fitted(scene, altitude_m, 0)
+        assert limb is not None
+        assert np.abs(off_px).max() < 3.0 * np.hypot(limb.shift_px, limb.coherent_px)
+        places.append(off_px.mean())
+    assert abs(places[1] - places[0]) < 0.15
 
 
 def test_cameras_all_show_the_limb_of_the_ground_or_none_does(
@@ -217,7 +229,7 @@ def test_ground_along_its_axes_is_the_gaussian_field_written_out(doubt: np.ndarr
 
 
 @pytest.mark.parametrize("brighter", [0.5, 1.0])
-def test_what_the_air_was_like_before_saves_steps_and_changes_nothing(brighter: float) -> None:
+def test_what_the_air_was_like_before_hardly_moves_the_limb(brighter: float) -> None:
     """Nor where the light has changed since."""
     altitude_m = 400e3
     rho = Planet().rho_from_altitude(altitude_m)
@@ -235,7 +247,7 @@ def test_what_the_air_was_like_before_saves_steps_and_changes_nothing(brighter: 
         assert fresh is not None
         assert followed is not None
         off_px = (followed.px - fresh.px) * fresh.normal_px
-        assert np.abs(off_px.sum(axis=1)).max() < 0.3 * np.hypot(fresh.shift_px, fresh.coherent_px)
+        assert np.abs(off_px.sum(axis=1)).max() < 0.6 * np.hypot(fresh.shift_px, fresh.coherent_px)
 
 
 def test_derivatives_of_the_texture_are_those_of_its_covariance() -> None:

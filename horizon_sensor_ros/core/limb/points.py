@@ -41,8 +41,9 @@ class LimbPoints:
     infinite where that was not measured.
     predicted : the limb all along which these were looked for; None where it was not drawn.
     offset_px : (N,) how far outside it these lie, in order along it.
-    joint : limb and glow were told apart by one fit: these are the ground's limb, where edges found
-    one by one lie in its glow, all of them higher by a pixel or two.
+    cov_cone : (4, 4) covariance of nadir (base frame) and rho of the cone that they lie on, where
+    limb and glow were told apart by one fit: these are the ground's limb, where edges found one by
+    one lie in its glow, all of them higher by a pixel or two. None for those.
     modelled : False where these are sharp edges that follow no model of one.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
@@ -58,8 +59,13 @@ class LimbPoints:
     jumps_px: float = np.inf
     predicted: LimbCurve | None = None
     offset_px: np.ndarray = field(default_factory=lambda: np.empty(0))
-    joint: bool = False
+    cov_cone: np.ndarray | None = None
     modelled: bool = True
+
+    @property
+    def joint(self) -> bool:
+        """Whether limb and glow were told apart."""
+        return self.cov_cone is not None
 
     @classmethod
     def none(cls, status: Status, reason: str) -> LimbPoints:

@@ -54,6 +54,9 @@ _COHERENT_PX = {
     (True, False): 0.2,
     (True, True): 0.4,
 }
+# Longer glow goes with ground that is seen finer: length from where on that error grows with it,
+# and by how much at most, as measured in the same way.
+_FINE_PX, _FINEST = 2.0, 2.5
 _SHIFT = 1.5  # error of a camera's whole limb, over that of its stretches, where air glows
 # Brightness left 2.5 px outside the edge, over the step, from which air glow is taken to be there.
 _GLOW_SHARE = 0.04
@@ -168,6 +171,9 @@ def refine_limb(
         # Where model and steepest fall move apart along the limb, the model does not hold.
         middles = [median(part) for part in np.array_split(apart, _STRETCHES)]
         coherent = max(coherent, _APART_SHARE * float(np.std(middles)))
+    if glows:
+        long = usual_length_px(view, rho_rad, step.factor) / _FINE_PX
+        coherent *= min(max(1.0, long), _FINEST)
     glow_px = max((look.glow_px for look in looks), default=0.0)
     if step.contour and 0.0 < glow_px <= _LONGEST_CONTOUR_PX:
         along = sample.bundles.middle[good]
@@ -288,7 +294,7 @@ def _with_glow(
         joint.stretch_px * factor,
         jumps_px * factor,
         joint.curve,
-        joint=True,
+        cov_cone=joint.cov_cone,
     )
     points = replace(points, offset_px=rays_of(view, points).residuals_px(*cone))
     return points, (replace(look, air=joint.air),)

@@ -18,11 +18,11 @@ _LOGS = slice(5, 9)
 # What is known beforehand, one sigma each: the scale height over the radius (of its logarithm), the
 # blur about that of the edges, the air in front of the ground over that above it; slope and bend of
 # the logarithm of A from the middle of the limb to its ends, the bend also as a share of the slope.
-USUAL_HEIGHT, _HEIGHT_SIGMA = 8.5e3 / 6371e3, 0.3
+USUAL_HEIGHT, _HEIGHT_SIGMA = 8.5e3 / 6371e3, 0.15
 _BLUR_SIGMA_PX = 0.1
-USUAL_SHARE, _SHARE_SIGMA = 0.5, 0.4
-_SLOPE_SIGMA, _BEND_SIGMA, _BEND_OF_SLOPE = 1.0, 0.05, 0.4
-BLURS_PX = 0.35, 1.7
+USUAL_SHARE, _SHARE_SIGMA = 0.5, 0.15
+_SLOPE_SIGMA, _BEND_SIGMA, _BEND_OF_SLOPE = 0.1, 0.02, 0.4
+BLURS_PX, SHARES = (0.35, 1.7), (0.0, 1.2)  # what can be told, and what air may be
 _MOST_CHANGE = 0.3  # of logarithms, in a step
 _NEAR, _NEAR_BLUR_PX = 0.15, 0.05  # changes in the last step: of logarithms and shares, of the blur
 

@@ -25,28 +25,31 @@ from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.curve import LimbCurve
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.glow.air import BLURS_PX, USUAL_HEIGHT, USUAL_SHARE, Air
+from horizon_sensor_ros.core.limb.glow.air import BLURS_PX, SHARES, USUAL_HEIGHT, USUAL_SHARE, Air
+from horizon_sensor_ros.core.limb.glow.glare import glare_lines, in_glare, reach_px
 from horizon_sensor_ros.core.limb.glow.model import GlowStep, powers, step_towards
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight, look_along
-from horizon_sensor_ros.core.robust import median, robust_sigma
+from horizon_sensor_ros.core.robust import median
 
 _LEAST_STRETCHES, _KEEP_SHARE = 10, 0.5
 _FROM_PX = 2.0  # beyond the edge, from where on there is hardly anything but glow
-_LENGTHS, _SHORTEST_PX, _LONGEST_PX = 3.5, 6.0, 16.0  # of glow that is looked at, beyond that
+_LENGTHS, _SHORTEST_PX, _LONGEST_PX = 3.5, 6.0, 40.0  # of glow that is looked at, beyond that
 _HEIGHTS = np.exp(np.linspace(np.log(4e3), np.log(16e3), 25)) / 6371e3  # to start from
 _THIN_PX, _THIN_GLOW = 1.0, 0.5  # glow so short hides in the blur: its brightness, over the ground
 _STEPS, _NEAR_PX, _FAR_PX = 12, 0.1, 4.0  # moves of the limb that are the last, or too far
+_SHARES = 0.3, 0.8  # of the step before, from where on it is looked ahead
 _AFRESH_PX = 1.0  # off the cone about which the limb was drawn, from where on it is drawn again
 _FAINTEST, _BRIGHTEST = 0.2, 5.0  # glow over the usual one that may still be the same air's
 _MOST_MISFIT = 4.0  # of a stretch's glow, over the noise or the usual one
-_GLARE = 4.0  # scatter of the background over its noise, from which on it is the Sun's glare
+_TWILIGHT = 1.0  # slope or bend of the logarithm of A, at first sight, that no daylight has
 _MOST_SLOPE, _MOST_BEND = 0.3, 0.15  # of the logarithm of A: steeper towards the terminator
 _OUTLIER, _MISFIT = 5.0, 1.4  # cost over the degrees of freedom: of a stretch, of all
 # One sigma of slope and of bend of a limb whose six stretches are off independently by one; and of
 # its mean.
 _SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
-# Clouds are no Gaussian process: errors beside the truth of simulated limbs, in sigmas.
-_MISJUDGED = 3.5
+# Clouds are no Gaussian process, and the less so the finer they are seen: errors beside the truth
+# of simulated limbs, in sigmas; of glow so long, and of longer by a power of its length.
+_MISJUDGED, _FINE_PX, _FINER = 3.5, 2.5, 0.75
 _POINT_SHARE = 0.5  # sigma of a point by itself, over what would explain all of the limb's
 
 
@@ -56,6 +59,7 @@ class GlowLimb:
 
     px, normal_px (M, 2) : points of it and their normals, in the full image. sigma_px, coherent_px,
     shift_px : as of `LimbPoints`, and stretch_px, length of limb of each point, in the reduced one.
+    cov_cone : as of `LimbPoints`.
     curve : all along which it was looked for. air : that glows above it.
     """
 
@@ -65,6 +69,7 @@ class GlowLimb:
     coherent_px: float
     shift_px: float
     stretch_px: float
+    cov_cone: np.ndarray
     curve: LimbCurve
     air: Air
 
@@ -91,34 +96,46 @@ def fit_glow(
     keep = np.empty(0, dtype=bool)
     sight: GlowSight | None = None
     moved = since = 0.0
+    last: np.ndarray | None = None
     for _ in range(_STEPS):
         if sight is None or since > _AFRESH_PX:
-            sight = look_along(gray, view, nadir_base, rho_rad, outer_px, factor)
+            glaring = sight is not None and bool(sight.glare.any())
+            sight = _look(gray, view, (nadir_base, rho_rad), outer_px, factor, glaring)
             since = 0.0
-            if sight is None or len(sight) < _LEAST_STRETCHES or _in_glare(sight):
+            if sight is None:
                 return None
         if air is None or len(keep) != len(sight):
             air, keep = _first_guess(sight, look, air)
+            if np.abs(air.log_glow[1:]).max() > _TWILIGHT:
+                return None
         if np.count_nonzero(keep) < max(_LEAST_STRETCHES, _KEEP_SHARE * len(sight)):
             return None
         found = step_towards(sight, air, keep)
         if not np.isfinite(found.change).all():
             return None
-        shift = sight.rows @ found.change[:3]
+        change = found.change
+        shift = sight.rows @ change[:3]
+        # Steps that follow one another the same way, each by a share of the last, have an end.
+        if last is not None and len(last) == len(shift):
+            share = float(shift @ last) / float(last @ last)
+            if _SHARES[0] < share < _SHARES[1]:
+                change = change / (1.0 - share)
+                shift = shift / (1.0 - share)
+        last = None if change is not found.change else shift
         far = float(np.abs(shift).max())
         outlying = keep & (found.cost > _OUTLIER * max(1.0, median(found.cost[keep])))
-        if far <= _NEAR_PX and air.near(found.change) and not outlying.any():
+        if far <= _NEAR_PX and air.near(change) and not outlying.any():
             holds = median(found.cost[keep]) < _MISFIT and _plausible(air)
-            return _limb(sight, found, keep, air) if holds else None
+            return _limb(sight, found, keep, air, nadir_base) if holds else None
         keep = keep & ~outlying
-        air = air.changed(found.change)
+        air = air.changed(change)
         moved += far
         since += far
         if moved > _FAR_PX:
             return None
-        nadir_base = nadir_base + tangent_basis(nadir_base) @ found.change[:2]
+        nadir_base = nadir_base + tangent_basis(nadir_base) @ change[:2]
         nadir_base = nadir_base / np.linalg.norm(nadir_base)
-        rho_rad += float(found.change[2])
+        rho_rad += float(change[2])
         if since <= _AFRESH_PX:
             sight = sight.moved(gray, shift)
     return None
@@ -128,14 +145,38 @@ def _plausible(air: Air) -> bool:
     """Whether it is daylight all along the limb, and the blur one that could be told."""
     slope, bend = np.abs(air.log_glow[1:])
     return bool(
-        slope < _MOST_SLOPE and bend < _MOST_BEND and BLURS_PX[0] < air.psf_px < BLURS_PX[1]
+        slope < _MOST_SLOPE
+        and bend < _MOST_BEND
+        and BLURS_PX[0] < air.psf_px < BLURS_PX[1]
+        and SHARES[0] < air.share < SHARES[1]
     )
 
 
-def _in_glare(sight: GlowSight) -> bool:
-    """Whether stretches stand on backgrounds of their own, as near the Sun."""
-    far = sight.profiles[:, -3:].mean(axis=1)
-    return robust_sigma(far - median(far)) > _GLARE * sight.noise / math.sqrt(3.0)
+def _look(
+    gray: np.ndarray,
+    view: CameraView,
+    cone: tuple[np.ndarray, float],
+    outer_px: float,
+    factor: int,
+    glaring: bool,
+) -> GlowSight | None:
+    """What is seen along a limb up to outer_px above it, without the Sun's glare; None if little.
+
+    glaring : it is known to be there.
+    """
+    sight = look_along(gray, view, *cone, outer_px, factor)
+    if sight is None or len(sight) < _LEAST_STRETCHES:
+        return None
+    if not (glaring or in_glare(sight)):
+        return sight
+    reach = reach_px(sight)
+    if reach is None:
+        return None
+    from_px, to_px = reach
+    sight = look_along(gray, view, *cone, to_px, factor)
+    if sight is None or len(sight) < _LEAST_STRETCHES:
+        return None
+    return sight.without_glare(glare_lines(sight, from_px), from_px, outer_px)
 
 
 def _first_guess(sight: GlowSight, look: EdgeLook, air: Air | None) -> tuple[Air, np.ndarray]:
@@ -172,9 +213,12 @@ def _first_guess(sight: GlowSight, look: EdgeLook, air: Air | None) -> tuple[Air
     return air or Air(height, log_glow, USUAL_SHARE, psf_px, background, psf_px), keep
 
 
-def _limb(sight: GlowSight, found: GlowStep, keep: np.ndarray, air: Air) -> GlowLimb:
+def _limb(
+    sight: GlowSight, found: GlowStep, keep: np.ndarray, air: Air, nadir_base: np.ndarray
+) -> GlowLimb:
     """Points of the limb, with the errors of its mean, slope and bend as points have them."""
-    cov = _MISJUDGED**2 * found.cov
+    length_px = air.height / median(sight.rise[keep])
+    cov = (_MISJUDGED * max(1.0, length_px / _FINE_PX) ** _FINER) ** 2 * found.cov
     rows = sight.rows[keep]
     to_shape = np.linalg.pinv(powers(sight.along)[keep]) @ rows
     shape = np.sqrt(np.diag(to_shape @ cov @ to_shape.T))
@@ -184,6 +228,8 @@ def _limb(sight: GlowSight, found: GlowStep, keep: np.ndarray, air: Air) -> Glow
     each2 = np.einsum("ij,jk,ik->i", rows, cov, rows)
     sigma = math.sqrt(float(each2.mean()) * len(rows) / 3.0)
     normal_px = sight.normal_px[keep]
+    to_cone = np.zeros((4, 3))
+    to_cone[:3, :2], to_cone[3, 2] = tangent_basis(nadir_base), 1.0
     return GlowLimb(
         sight.px[keep] + (sight.factor * (rows @ found.change[:3]))[:, None] * normal_px,
         normal_px,
@@ -191,6 +237,7 @@ def _limb(sight: GlowSight, found: GlowStep, keep: np.ndarray, air: Air) -> Glow
         float(coherent),
         math.sqrt(max(shift2, 0.0)),
         sight.stretch_px,
+        to_cone @ cov @ to_cone.T,
         sight.curve,
         air.changed(found.change),
     )

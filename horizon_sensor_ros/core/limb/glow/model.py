@@ -86,6 +86,7 @@ class _Lit:
         self.design[..., LOG_HEIGHT] = glow * above.by_length
         self.design[..., SHARE] = inside
         self.variance = sight.noise**2 + np.square(_GLOW_ERROR * bright)
+        self.variance += sight.glare_variance[keep]
         self.doubt = np.zeros_like(self.rest)
         blind = sight.blind[keep]
         if blind.any():

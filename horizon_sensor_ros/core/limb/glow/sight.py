@@ -20,6 +20,7 @@ from horizon_sensor_ros.core.status import Status
 
 INNER_PX = 4.0  # how far profiles reach into the planet
 _STRETCH_PX, _MOST_STRETCHES = 24.0, 27
+_BENT = 0.1  # change of glare that is no line's, over the line's
 _SATURATED, _SATURATED_SHARE = 0.98, 0.02  # of white; of a stretch's samples
 
 
@@ -33,7 +34,8 @@ class GlowSight:
     distance : (M, J) heights above the limb in pixels of the first one above it; rise : (M,) that
     pixel's height over the planet's radius. ground : length of a stretch, and px_over_radius : of
     a pixel along the limb, over that radius. stretch_px : of limb. curve, bundles : what was
-    sampled, reduced by factor.
+    sampled, reduced by factor. glare : (M, 2) level at the limb and slope of what has been taken
+    off the profiles, and glare_variance (M, J) that it left.
     """
 
     curve: LimbCurve
@@ -50,6 +52,8 @@ class GlowSight:
     rise: np.ndarray
     px_over_radius: float
     stretch_px: float
+    glare: np.ndarray
+    glare_variance: np.ndarray
 
     def __len__(self) -> int:
         return len(self.profiles)
@@ -68,8 +72,24 @@ class GlowSight:
         curve = replace(self.curve, px=self.curve.px + every[:, None] * normal_px)
         sampled, _ = sample_profiles(gray, curve, self.d_px, self.factor)
         profiles, blind = _means(gray, sampled, self.bundles)
+        if self.glare.any():
+            profiles -= self.glare[:, :1] + self.glare[:, 1:] * (shift_px[:, None] + self.d_px)
         px = self.px + (self.factor * shift_px)[:, None] * self.normal_px
         return replace(self, curve=curve, profiles=profiles, blind=blind, px=px)
+
+    def without_glare(self, glare: np.ndarray, from_px: float, outer_px: float) -> GlowSight:
+        """The same up to outer_px above the limb, without a glare (M, 2) seen beyond from_px."""
+        near = self.d_px <= outer_px
+        d_px = self.d_px[near]
+        return replace(
+            self,
+            d_px=d_px,
+            profiles=self.profiles[:, near] - glare[:, :1] - glare[:, 1:] * d_px,
+            blind=self.blind[:, near],
+            distance=self.distance[:, near],
+            glare=glare,
+            glare_variance=np.square(_BENT * glare[:, 1:] * (from_px - d_px)),
+        )
 
 
 def look_along(
@@ -127,6 +147,8 @@ def look_along(
         rise,
         ground_across_px(factor * view.camera.pixel_rad, rho_rad),
         spacing_px * size,
+        np.zeros((len(px), 2)),
+        np.zeros(profiles.shape),
     )
 
 

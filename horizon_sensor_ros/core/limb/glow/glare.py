@@ -1,0 +1,48 @@
+"""The Sun's glare beside a limb under glowing air: every stretch stands on a background of its own.
+
+Across some tens of pixels it is a line, which shows in the black sky beyond the glow.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from horizon_sensor_ros.core.limb.glow.air import USUAL_HEIGHT
+from horizon_sensor_ros.core.limb.glow.sight import GlowSight
+from horizon_sensor_ros.core.robust import median, robust_sigma
+
+_UNEVEN = 4.0  # scatter of the backgrounds over what noise makes of it
+_OUTER = 0.5  # share of what lies above the limb in which they are compared
+_FARTHEST_PX = 60.0
+_LENGTHS, _SKY_PX = 5.0, 14.0  # of glow, from where on the sky is black, and how much of it is seen
+
+
+def in_glare(sight: GlowSight) -> bool:
+    """Whether the stretches' backgrounds differ, beyond what is left there of the glow."""
+    outer = sight.d_px >= (1.0 - _OUTER) * sight.d_px[-1]
+    profiles = sight.profiles[:, outer]
+    fall = np.exp(-sight.distance[:, outer] * (sight.rise / USUAL_HEIGHT)[:, None])
+    mean = fall.mean(axis=1, keepdims=True)
+    squares = np.square(fall - mean).sum(axis=1)
+    glow = (profiles * (fall - mean)).sum(axis=1) / squares
+    background = profiles.mean(axis=1) - glow * mean[:, 0]
+    sigma = sight.noise * np.sqrt(1.0 / fall.shape[1] + np.square(mean[:, 0]) / squares)
+    return robust_sigma(background - median(background)) > _UNEVEN * median(sigma)
+
+
+def reach_px(sight: GlowSight) -> tuple[float, float] | None:
+    """From where and up to where above the limb glare is measured; None if the glow reaches far."""
+    from_px = max(float(sight.d_px[-1]), _LENGTHS * USUAL_HEIGHT / median(sight.rise))
+    return (from_px, from_px + _SKY_PX) if from_px < _FARTHEST_PX else None
+
+
+def glare_lines(sight: GlowSight, from_px: float) -> np.ndarray:
+    """Level at the limb and slope (M, 2) of the backgrounds as seen from from_px above it, over the
+    usual level.
+    """
+    sky = sight.d_px >= from_px
+    d_px = sight.d_px[sky]
+    design = np.stack([np.ones_like(d_px), d_px], axis=1)
+    lines = np.linalg.lstsq(design, sight.profiles[:, sky].T, rcond=None)[0].T
+    lines[:, 0] -= median(lines[:, 0])
+    return np.asarray(lines)
