@@ -26,7 +26,7 @@ def _profiles(limb_px: np.ndarray, glow: np.ndarray, pitch: np.ndarray) -> np.nd
 
 def _edges(offset_px: np.ndarray) -> EdgePlaces:
     ones = np.ones(_NUM)
-    return EdgePlaces(offset_px, 0.3 * ones, 90.0 * ones, 99.0 * ones, ones, ones < 0, ones)
+    return EdgePlaces(offset_px, 0.3 * ones, 90.0 * ones, 99.0 * ones, ones, ones < 0)
 
 
 def _looked(

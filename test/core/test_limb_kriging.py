@@ -12,7 +12,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.special import ndtr
 
 from horizon_sensor_ros.core.limb.curve import LimbCurve
-from horizon_sensor_ros.core.limb.edge.model import EdgeLook, place_edges
+from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.edge.places import place_edges
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, pixel_phase, sample_profiles
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
 from horizon_sensor_ros.core.limb.texture.kriging import Stretches, krige_edges

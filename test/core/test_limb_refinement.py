@@ -21,9 +21,9 @@ from horizon_sensor_ros.core.limb.edge.model import (
     Texture,
     edge_profile,
     edge_table,
-    place_edges,
     texture_covariance,
 )
+from horizon_sensor_ros.core.limb.edge.places import place_edges
 from horizon_sensor_ros.core.limb.edge.steepest import steepest_fall
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, pixel_noise, sample_profiles

@@ -63,7 +63,6 @@ class EdgePlaces:
     significance: np.ndarray
     misfit: np.ndarray
     at_border: np.ndarray
-    log_evidence: np.ndarray
 
     def take(self, keep: np.ndarray) -> EdgePlaces:
         """Those of the profiles that a mask (N,) keeps."""

@@ -10,19 +10,14 @@ import numpy as np
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.limb.edge.clipping import place_clipped_edges
-from horizon_sensor_ros.core.limb.edge.model import (
-    GLOW_LADDER_PX,
-    PSF_LADDER_PX,
-    EdgeLook,
-    likeliest_look,
-    normal_cdf,
-    place_edges,
-)
+from horizon_sensor_ros.core.limb.edge.looks import USUAL_PSF_PX, guess_looks, likeliest_look
+from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.edge.places import place_edges
 from horizon_sensor_ros.core.limb.edge.steepest import steepest_fall
 from horizon_sensor_ros.core.limb.glow.contour import contour_limb
 from horizon_sensor_ros.core.limb.glow.limb import fit_glow, usual_length_px
 from horizon_sensor_ros.core.limb.points import LimbPoints, SharedError
-from horizon_sensor_ros.core.limb.profiles import EdgePlaces, mean_profile, scatter_px
+from horizon_sensor_ros.core.limb.profiles import EdgePlaces, scatter_px
 from horizon_sensor_ros.core.limb.sample import (
     LEAST_SIGNIFICANCE,
     MIN_PROFILES,
@@ -58,11 +53,6 @@ _COHERENT_PX = {
 # and by how much at most, as measured in the same way.
 _FINE_PX, _FINEST = 2.0, 2.5
 _SHIFT = 1.5  # error of a camera's whole limb, over that of its stretches, where air glows
-# Brightness left 2.5 px outside the edge, over the step, from which air glow is taken to be there.
-_GLOW_SHARE = 0.04
-_USUAL_PSF_PX = (
-    0.75  # with the pixel's own width; the guess to start from where glow hides the blur
-)
 
 
 def refine_limb(
@@ -140,7 +130,7 @@ def refine_limb(
                 good = _believable(places)
     if joined and looks and model_free and looks[0].glow_px == 0.0:
         # From far away air is as thin as the blur, and no edge quite looks like either.
-        thin = EdgeLook(_USUAL_PSF_PX, usual_length_px(view, rho_rad, step.factor))
+        thin = EdgeLook(USUAL_PSF_PX, usual_length_px(view, rho_rad, step.factor))
         if thin.glow_px > _THINNEST_PX:
             jumps_px = scatter_px(places.offset_px[good])
             joint = _with_glow(gray, step.factor, view, cone, thin, jumps_px)
@@ -318,24 +308,3 @@ def _believable(places: EdgePlaces) -> np.ndarray:
         & ~places.at_border
         & (places.misfit < _MAX_MISFIT)
     )
-
-
-def guess_looks(profiles: np.ndarray, d_px: np.ndarray, places: EdgePlaces) -> tuple[EdgeLook, ...]:
-    """First guesses of the edge's look, at least two, from profiles aligned at their own edges."""
-    middle = median(places.offset_px)
-    apart = np.abs(places.offset_px - middle)
-    together = apart <= 3.0 * median(apart) + 0.3
-    where, mean = mean_profile(profiles[together], d_px, places.take(together))
-    near = (where > -2.5) & (where < 4.0)
-    rise = normal_cdf(-where[near] / np.array(PSF_LADDER_PX)[:, None])
-    slope = rise * np.minimum(where[near], 0.0)
-    q, _ = np.linalg.qr(np.stack([np.ones_like(rise), rise, slope], axis=2))
-    explained = np.sum(np.square(mean[near] @ q), axis=1)
-    sharp = EdgeLook(PSF_LADDER_PX[int(np.argmax(explained))], 0.0)
-    usual = EdgeLook(_USUAL_PSF_PX, 0.0)
-    inside, tail, far = (float(np.interp(at, where, mean)) for at in (-1.5, 2.5, 4.5))
-    if tail <= max(_GLOW_SHARE * inside, 0.0):
-        return (sharp, usual) if sharp != usual else (sharp, *sharp.neighbours())
-    slope = 0.5 * np.log(max(far, 0.02 * tail) / tail)
-    length = np.abs(np.log(np.array(GLOW_LADDER_PX) * max(-slope, 0.05)))
-    return (sharp, usual, EdgeLook(_USUAL_PSF_PX, GLOW_LADDER_PX[int(np.argmin(length))]))

@@ -104,7 +104,6 @@ def place_clipped_edges(
         scale / noise,
         least / samples.shape[1],
         np.abs(place) > reach_px,
-        np.zeros(len(samples)),
     )
     open_px = float(np.sqrt(apart2.mean()))
     return ClippedEdges(places, SharedError(open_px, open_px).besides(_LEAST_SHARED))

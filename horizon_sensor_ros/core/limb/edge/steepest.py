@@ -59,5 +59,4 @@ def steepest_fall(profiles: np.ndarray, noise: float, grid: ProfileGrid) -> Edge
         np.where(found, top / fall_noise, 0.0),
         np.ones(len(profiles)),
         ~found,
-        np.zeros(len(profiles)),
     )

@@ -68,5 +68,4 @@ def _places(
         found.step / stretches.noise,
         found.misfit,
         ~good | (np.abs(found.offset_px) > _FAR_PX),
-        np.zeros(len(good)),
     )

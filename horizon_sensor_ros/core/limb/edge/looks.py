@@ -1,0 +1,99 @@
+"""Which look of an edge, its blur and glow, makes an image's profiles most likely."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from horizon_sensor_ros.core.limb.edge.model import (
+    GLOW_LADDER_PX,
+    PSF_LADDER_PX,
+    EdgeLook,
+    normal_cdf,
+)
+from horizon_sensor_ros.core.limb.edge.places import look_evidence
+from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid, mean_profile
+from horizon_sensor_ros.core.robust import median
+
+_MOST_EVIDENCE = 8.0  # of one profile, for one look over another
+_PROFILES, _GRID_PX = 48, 0.2  # profiles that decide on the look, and places of their edges
+_COARSE_PSF_PX = np.array(PSF_LADDER_PX[::3])
+_FROM_PX, _TO_PX = -2.5, 4.0  # the part of the mean profile that is looked at
+# Brightness left 2.5 px outside the edge, over the step, from which air glow is taken to be there.
+_GLOW_SHARE = 0.04
+USUAL_PSF_PX = (
+    0.75  # with the pixel's own width; the guess to start from where glow hides the blur
+)
+
+
+def guess_looks(profiles: np.ndarray, d_px: np.ndarray, places: EdgePlaces) -> tuple[EdgeLook, ...]:
+    """First guesses of the edge's look, at least two, from profiles aligned at their own edges."""
+    middle = median(places.offset_px)
+    apart = np.abs(places.offset_px - middle)
+    together = apart <= 3.0 * median(apart) + 0.3
+    where, mean = mean_profile(profiles[together], d_px, places.take(together))
+    near = (where > _FROM_PX) & (where < _TO_PX)
+    rise = normal_cdf(-where[near] / _COARSE_PSF_PX[:, None])
+    slope = rise * np.minimum(where[near], 0.0)
+    q, _ = np.linalg.qr(np.stack([np.ones_like(rise), rise, slope], axis=2))
+    explained = np.sum(np.square(mean[near] @ q), axis=1)
+    sharp = EdgeLook(float(_COARSE_PSF_PX[int(np.argmax(explained))]), 0.0)
+    usual = EdgeLook(USUAL_PSF_PX, 0.0)
+    inside, tail, far = (float(np.interp(at, where, mean)) for at in (-1.5, 2.5, 4.5))
+    if tail <= max(_GLOW_SHARE * inside, 0.0):
+        return (sharp, usual) if sharp != usual else (sharp, *sharp.neighbours())
+    slope = 0.5 * np.log(max(far, 0.02 * tail) / tail)
+    length = np.abs(np.log(np.array(GLOW_LADDER_PX) * max(-slope, 0.05)))
+    return (sharp, usual, EdgeLook(USUAL_PSF_PX, GLOW_LADDER_PX[int(np.argmin(length))]))
+
+
+def likeliest_look(
+    profiles: np.ndarray,
+    noise: float,
+    guesses: Sequence[EdgeLook],
+    grid: ProfileGrid,
+    *,
+    climb: bool = True,
+) -> EdgeLook:
+    """Climb from the best of some guesses to the likeliest look of the profiles (N, J); or, not to
+    climb, stay with the guess.
+
+    No profile counts for more than `_MOST_EVIDENCE`: one across a boom fits no look at all.
+    """
+    if len(guesses) == 1:
+        return guesses[0]
+    few = profiles[:: max(1, len(profiles) // _PROFILES)]
+    coarse = replace(grid, grid_px=max(grid.grid_px, _GRID_PX))
+    tried: dict[EdgeLook, np.ndarray] = {}
+    fresh = list(guesses)
+    while fresh:
+        for glows in (False, True):
+            alike = [look for look in fresh if (look.glow_px > 0) == glows]
+            if alike:
+                evidence = look_evidence(few, noise, alike, coarse)
+                tried.update(zip(alike, evidence, strict=True))
+        found = np.array(list(tried.values()))
+        merit = np.maximum(found - found.max(axis=0), -_MOST_EVIDENCE).sum(axis=1)
+        look = list(tried)[int(merit.argmax())]
+        if not climb:
+            return look
+        fresh = [other for other in look.neighbours() if other not in tried]
+    return _between(look, dict(zip(tried, merit.tolist(), strict=True)))
+
+
+def _between(look: EdgeLook, merits: dict[EdgeLook, float]) -> EdgeLook:
+    """Likeliest blur between a look and its neighbours on the ladder, to one percent of a pixel:
+    the vertex of the parabola through their merits.
+    """
+    beside = [other for other in look.neighbours() if other.glow_px == look.glow_px]
+    if len(beside) < 2:
+        return look
+    below, at, above = (merits[other] for other in (beside[0], look, beside[1]))
+    curvature = below - 2.0 * at + above
+    if curvature >= 0.0:
+        return look
+    shift = min(max(0.5 * (below - above) / curvature, -0.5), 0.5)
+    psf = look.psf_px * (beside[1].psf_px / look.psf_px) ** shift
+    return EdgeLook(round(psf, 2), look.glow_px)
