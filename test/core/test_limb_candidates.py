@@ -5,7 +5,15 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from limb_frames import as_frames, clouds, draw, limb_views, share_near_limb, unlike_any_limb
+from limb_frames import (
+    as_frames,
+    clouds,
+    distance_px,
+    draw,
+    limb_views,
+    share_near_limb,
+    unlike_any_limb,
+)
 from scipy.spatial import cKDTree
 
 from horizon_sensor_ros.core.limb.search.candidates import (
@@ -76,6 +84,16 @@ def test_uniform_planet_gives_nothing_but_limb(uniform: SimFrame) -> None:
     assert found.space_level == pytest.approx(4.0, abs=1.0)
     # all of the step, save the blur
     assert np.median(found.contrast) == pytest.approx(195.0, rel=0.2)
+
+
+def test_candidates_lie_on_the_limb_to_a_part_of_a_pixel(uniform: SimFrame) -> None:
+    found = space_boundary_candidates(uniform.image)
+    assert found.pitch_px == 2.0
+    px = found.px + found.beyond_px[:, None] * found.normal_px
+    off = distance_px(uniform.truth.limb, px)
+    before = distance_px(uniform.truth.limb, found.px)
+    assert np.median(np.abs(off)) < 0.12 < np.median(np.abs(before))
+    assert abs(np.median(off)) < 0.03
 
 
 def test_hardly_any_candidate_looks_inwards(clouded: list[SimFrame]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,8 +12,11 @@ from limb_frames import CAMERA, CLEAN, PLANET, as_frames, clouds, draw, limb_vie
 from limb_samples import angle_between
 
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
+from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
+from horizon_sensor_ros.core.limb import detector
 from horizon_sensor_ros.core.limb.detector import detect_limb
+from horizon_sensor_ros.sim.earth_scene import EarthScene
+from horizon_sensor_ros.sim.poses import camera_from_fov
 
 ALTITUDE_M = 420e3
 FINER = 6
@@ -61,6 +65,36 @@ def test_a_sharp_limb_is_looked_at_in_the_frames_own_pixels() -> None:
     (view,) = limb_views(ALTITUDE_M, camera=camera)
     (drawn,) = draw((view,), ALTITUDE_M, clouds(4), CLEAN)
     assert factors(Frame(view, drawn.image)) == (1,)
+
+
+@pytest.mark.parametrize("size", [1, 3])
+def test_a_limb_that_all_candidates_agree_on_is_seen_at_once_as_pass_by_pass(
+    monkeypatch: pytest.MonkeyPatch, size: int
+) -> None:
+    """Even ground, two cameras: the same answer, to a small part of its sigma."""
+    camera = camera_from_fov(640 * size, 480 * size, np.radians(60.0))
+    views = limb_views(ALTITUDE_M, camera=camera, azimuths_rad=(0.0, 1.5))
+    frames = as_frames(views, draw(views, ALTITUDE_M, EarthScene(texture="uniform")))
+    sensor = HorizonSensor(HorizonConfig(tracking=False))
+    at_once = sensor.process(frames)
+    passes = []
+    refined = detector.refine_limb
+
+    def counted(*args: Any) -> Any:
+        passes.append(args)
+        return refined(*args)
+
+    monkeypatch.setattr(detector, "refine_limb", counted)
+    sensor.process(frames)
+    assert len(passes) == len(views)
+    monkeypatch.setattr(detector, "_seen_at_once", lambda *_: None)
+    passed = sensor.process(frames)
+    assert len(passes) >= 3 * len(views)
+    one, other = (
+        np.sqrt(np.trace(fix.fit.cov_nadir_altitude[:3, :3])) for fix in (at_once, passed)
+    )
+    assert angle_between(at_once.fit.nadir_base, passed.fit.nadir_base) < 0.5 * other
+    assert one == pytest.approx(other, rel=0.2)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

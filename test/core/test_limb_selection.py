@@ -16,6 +16,7 @@ from limb_samples import (
 )
 
 from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.limb.search import selection
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.selection import (
     MIN_INLIERS,
@@ -101,6 +102,16 @@ def test_finds_the_disc_among_sixty_percent_rubbish(
         if len(cameras) > 1:
             assert angle_between(consensus.nadir_base, NADIR) < np.radians(0.3)
             assert consensus.rho_rad == pytest.approx(rho, abs=np.radians(0.3))
+
+
+def test_candidates_that_agree_need_no_draw(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = consensus_of(CAMERAS[:2], 420e3, outliers=0.3)[0]
+    assert not drawn.unanimous
+    monkeypatch.setattr(selection, "_hypotheses", None)
+    consensus, found = consensus_of(CAMERAS[:2], 420e3, outliers=0.0)
+    assert consensus.unanimous
+    assert angle_between(consensus.nadir_base, NADIR) < np.radians(0.2)
+    assert consensus.inliers.sum() > 0.9 * len(found.rays)
 
 
 def test_shares_unknowns_between_cameras() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.maximum_likelihood import refine
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
+from horizon_sensor_ros.core.limb.curve import limb_curve
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.refinement import refine_limb
@@ -41,6 +42,8 @@ _FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0, joint=True)
 EXPECTED = replace(_FINAL, expected=True, inner_px=5.0)
 # Where the fit of limb and glow did not hold in the last frame one attempt is enough.
 _NEARER = replace(_GLOW, joint=False)
+# Around a consensus that nearly all candidates agree on: it is as near as the passes come.
+_AT_ONCE = replace(_FINAL, at_once=True, joint=False)
 # Where the prediction was off.
 _AGAIN = RefinePass(reach_px=10.0, grid_px=0.5, spacing_px=4.0, guess=False)
 _STRETCHES, _ON_COURSE_PX = 4, 0.6
@@ -50,8 +53,11 @@ _FRESH = (_NEAR, _GLOW, _FINAL)
 # pixels of the full frame, do not differ by so many times as much: a limb that is soft for those
 # shows itself better in larger ones.
 _FINER, _MORE_JUMPS = 3, 1.25
-_STEADY_PX = 0.3  # jumps from edge to edge of a limb that shows itself well at once
+# Jumps from edge to edge of a limb that shows itself well at once: of edges by themselves, and of
+# means of many.
+_STEADY_PX, _STEADY_MEANS_PX = 0.3, 0.15
 _CANNY_REACH_PX = 2.0
+_COARSE_PX = 16.0  # spacing of points that tell whether the limb is in a frame
 
 
 @dataclass(frozen=True)
@@ -135,15 +141,42 @@ def detect_limb(
         none = LimbPoints.none(consensus.status, consensus.reason)
         observations = tuple(LimbObservation(view, none) for view in views)
         return Detection(observations, candidates, consensus)
-    frames = [
-        _Frame(image, max(1, int(found.pitch_px) // 2), int(found.pitch_px))
-        for image, found in zip(images, candidates, strict=True)
-    ]
     near = consensus.nadir_base, consensus.rho_rad
-    looked = _look(views, frames, planet, near, [()] * len(views), (_SEARCH, *_FRESH))
+    looked = _seen_at_once(views, images, near) if consensus.unanimous else None
+    if looked is None:
+        frames = [
+            _Frame(image, max(1, int(found.pitch_px) // 2), int(found.pitch_px))
+            for image, found in zip(images, candidates, strict=True)
+        ]
+        looked = _look(views, frames, planet, near, [()] * len(views), (_SEARCH, *_FRESH))
     return replace(
         looked, candidates=candidates, consensus=consensus, layer_rad=consensus.layer_rad
     )
+
+
+def _seen_at_once(
+    views: Sequence[CameraView],
+    images: Sequence[np.ndarray],
+    near: tuple[np.ndarray, float],
+) -> Detection | None:
+    """Limb around a cone that is as near as passes come; None where it does not show itself well in
+    every frame that it crosses.
+    """
+    frames = [_Frame(image, 1) for image in images]
+    seen, held = _refined(views, frames, near, _AT_ONCE, [()] * len(views))
+    for view, observation in zip(views, seen, strict=True):
+        missed = observation.limb.status is not Status.OK
+        if missed and len(limb_curve(view, *near, spacing_px=_COARSE_PX)):
+            return None
+    found = Detection(
+        tuple(seen),
+        nadir_base=near[0],
+        rho_rad=near[1],
+        looks=tuple(held),
+        factors=(1,) * len(views),
+    )
+    steady = _shows_all(found, held, _STEADY_MEANS_PX)
+    return found if steady and found.modelled and found.on_course else None
 
 
 def follow_limb(
@@ -286,7 +319,7 @@ def _look(
             break
         nadir, rho = nearer.nadir_base, nearer.rho_rad
         if step is _SEARCH:
-            if _shows_all(found, looks):
+            if _shows_all(found, looks, _STEADY_PX):
                 passes.remove(_NEAR)
             else:
                 looks = [()] * len(views)
@@ -319,14 +352,14 @@ def _of_two_limbs(seen: Sequence[LimbObservation], held: Sequence[tuple[EdgeLook
     return any(joint) and not all(a or b for a, b in zip(joint, sharp, strict=True))
 
 
-def _shows_all(found: Detection, looks: Sequence[tuple[EdgeLook, ...]]) -> bool:
-    """Whether the search's pass, in whole frames, shows what the next one would: edges that lie
-    steadily, without glow.
+def _shows_all(found: Detection, looks: Sequence[tuple[EdgeLook, ...]], steady_px: float) -> bool:
+    """Whether a pass, in whole frames, shows what the next one would: edges that lie steadily,
+    without glow.
     """
     return (
         max(found.factors) == 1
         and not any(look.glow_px > 0.0 for kinds in looks for look in kinds)
-        and all(limb.jumps_px < _STEADY_PX for limb in found.limbs if limb.status is Status.OK)
+        and all(limb.jumps_px < steady_px for limb in found.limbs if limb.status is Status.OK)
     )
 
 

@@ -10,7 +10,12 @@ import numpy as np
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.limb.edge.clipping import place_clipped_edges
-from horizon_sensor_ros.core.limb.edge.looks import USUAL_PSF_PX, guess_looks, likeliest_look
+from horizon_sensor_ros.core.limb.edge.looks import (
+    CLEAR_SHARE,
+    USUAL_PSF_PX,
+    guess_looks,
+    likeliest_look,
+)
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.places import place_edges
 from horizon_sensor_ros.core.limb.edge.steepest import steepest_fall
@@ -79,7 +84,8 @@ def refine_limb(
             return joint
         # The next frame's fit begins anew.
         joined, looks = False, (replace(looks[0], air=None),)
-    sample = sample_limb(gray, view, *cone, step, modelled=bool(looks))
+    modelled = bool(looks) or step.at_once
+    sample = sample_limb(gray, view, *cone, step, modelled=modelled)
     if isinstance(sample, LimbPoints):
         return sample, ()
     near = None
@@ -94,13 +100,21 @@ def refine_limb(
     model_free = True
     shared = SharedError(0.0, 0.0)
     clipped = sample.clipped()
-    if looks and np.count_nonzero(good) >= MIN_PROFILES:
+    num_good = int(np.count_nonzero(good))
+    if step.at_once and num_good >= MIN_PROFILES:
+        looks = guess_looks(profiles[good], grid.d_px, places.take(good), CLEAR_SHARE)
+        if any(look.glow_px > 0.0 for look in looks):
+            return LimbPoints.none(
+                Status.NO_LIMB, "the edge is soft, or the air above it glows"
+            ), ()
+    if looks and num_good >= MIN_PROFILES:
         plain = good & ~clipped
         enough = np.count_nonzero(plain) >= MIN_PROFILES
         shown = profiles[plain if enough else good]
         jumps_px = scatter_px(places.offset_px[good])
         # Whether air glows is asked before; what else the edge looks like the joint fit finds out.
-        for climb in (False, True) if joined and len(looks) > 1 else (True,):
+        perhaps = joined and any(look.glow_px > 0.0 for look in looks)
+        for climb in (False, True) if perhaps and len(looks) > 1 else (True,):
             look = likeliest_look(shown, noise, looks, grid, climb=climb)
             if joined and look.glow_px > 0.0:
                 joint = _with_glow(gray, step.factor, view, cone, look, jumps_px)
@@ -119,7 +133,7 @@ def refine_limb(
         calm = max(_CALM * scatter_px(places.offset_px[good]), _CALM_PX)
         moved = median((likely.offset_px - places.offset_px)[good])
         if (
-            np.count_nonzero(fits) > _MODEL_SHARE * np.count_nonzero(good)
+            np.count_nonzero(fits) > _MODEL_SHARE * num_good
             and scatter_px(likely.offset_px[fits]) < calm
             and (not sharp or abs(moved) < _MOVED_PX)
         ):

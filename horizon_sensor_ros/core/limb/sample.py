@@ -41,7 +41,8 @@ class RefinePass:
     """One pass of refinement: edges within +-reach_px on a grid, a profile every spacing_px.
 
     All in pixels of the image, which is reduced by `factor`. guess : say what the edge may look
-    like where that was not known. expected : the limb is where it is predicted, as far as is known.
+    like where that was not known. at_once : and go on with that guess, if it is that of a sharp
+    edge. expected : the limb is where it is predicted, as far as is known.
     inner_px : how far a profile reaches into the planet, beside the search range. contour : where
     air glows its contour draws the limb. joint : limb and glow are fitted together.
     """
@@ -51,6 +52,7 @@ class RefinePass:
     spacing_px: float
     factor: int = 1
     guess: bool = True
+    at_once: bool = False
     expected: bool = False
     inner_px: float = 6.0
     contour: bool = True

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,18 +17,22 @@ from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid, mean_
 from horizon_sensor_ros.core.robust import median
 
 _MOST_EVIDENCE = 8.0  # of one profile, for one look over another
-_PROFILES, _GRID_PX = 48, 0.2  # profiles that decide on the look, and places of their edges
+_PROFILES = 48  # that decide on the look
 _COARSE_PSF_PX = np.array(PSF_LADDER_PX[::3])
 _FROM_PX, _TO_PX = -2.5, 4.0  # the part of the mean profile that is looked at
-# Brightness left 2.5 px outside the edge, over the step, from which air glow is taken to be there.
-_GLOW_SHARE = 0.04
-USUAL_PSF_PX = (
-    0.75  # with the pixel's own width; the guess to start from where glow hides the blur
-)
+# Brightness left 2.5 px outside the edge, over the step, from which air glow is taken to be there;
+# below it, a sharp edge above clear space has none.
+_GLOW_SHARE, CLEAR_SHARE = 0.04, 0.02
+USUAL_PSF_PX = 0.75  # with the pixel's own width; to start from where glow hides the blur
 
 
-def guess_looks(profiles: np.ndarray, d_px: np.ndarray, places: EdgePlaces) -> tuple[EdgeLook, ...]:
-    """First guesses of the edge's look, at least two, from profiles aligned at their own edges."""
+def guess_looks(
+    profiles: np.ndarray, d_px: np.ndarray, places: EdgePlaces, glow_share: float = _GLOW_SHARE
+) -> tuple[EdgeLook, ...]:
+    """First guesses of the edge's look, at least two, from profiles aligned at their own edges.
+
+    glow_share : brightness left outside the edge from which glow is one of them.
+    """
     middle = median(places.offset_px)
     apart = np.abs(places.offset_px - middle)
     together = apart <= 3.0 * median(apart) + 0.3
@@ -42,7 +45,7 @@ def guess_looks(profiles: np.ndarray, d_px: np.ndarray, places: EdgePlaces) -> t
     sharp = EdgeLook(float(_COARSE_PSF_PX[int(np.argmax(explained))]), 0.0)
     usual = EdgeLook(USUAL_PSF_PX, 0.0)
     inside, tail, far = (float(np.interp(at, where, mean)) for at in (-1.5, 2.5, 4.5))
-    if tail <= max(_GLOW_SHARE * inside, 0.0):
+    if tail <= max(glow_share * inside, 0.0):
         return (sharp, usual) if sharp != usual else (sharp, *sharp.neighbours())
     slope = 0.5 * np.log(max(far, 0.02 * tail) / tail)
     length = np.abs(np.log(np.array(GLOW_LADDER_PX) * max(-slope, 0.05)))
@@ -65,14 +68,13 @@ def likeliest_look(
     if len(guesses) == 1:
         return guesses[0]
     few = profiles[:: max(1, len(profiles) // _PROFILES)]
-    coarse = replace(grid, grid_px=max(grid.grid_px, _GRID_PX))
     tried: dict[EdgeLook, np.ndarray] = {}
     fresh = list(guesses)
     while fresh:
         for glows in (False, True):
             alike = [look for look in fresh if (look.glow_px > 0) == glows]
             if alike:
-                evidence = look_evidence(few, noise, alike, coarse)
+                evidence = look_evidence(few, noise, alike, grid)
                 tried.update(zip(alike, evidence, strict=True))
         found = np.array(list(tried.values()))
         merit = np.maximum(found - found.max(axis=0), -_MOST_EVIDENCE).sum(axis=1)

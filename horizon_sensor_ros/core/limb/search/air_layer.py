@@ -151,4 +151,4 @@ def _cone(rays: np.ndarray, consensus: Consensus, depth_rad: float) -> Consensus
     aside = float(np.linalg.norm(np.cross(nadir, consensus.nadir_base)))
     if aside > depth_rad or abs(consensus.rho_rad - depth_rad - rho) > depth_rad:
         return consensus
-    return replace(consensus, nadir_base=nadir, rho_rad=rho, layer_rad=depth_rad)
+    return replace(consensus, nadir_base=nadir, rho_rad=rho, unanimous=False, layer_rad=depth_rad)

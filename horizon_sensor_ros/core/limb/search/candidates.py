@@ -26,6 +26,7 @@ _FIRST_LOOK = 3  # outward steps that most edges inside the planet fail already
 _FARTHER_PX = np.arange(4.0, 25.0, 2.0, dtype=np.float32)
 _INWARD_STEPS_PX = np.array([-2.0, -6.0], dtype=np.float32)
 _RIDGE_SHARE = 0.15  # of the step, left so far inside: less is a streak, or a layer of air
+_ACROSS_PX = np.arange(-2.0, 3.0, dtype=np.float32)[:, None]
 _BORDER_PX = 48  # working pixels beyond the frame that may be asked for
 _MASK_CLEARANCE_PX = 4.0  # working pixels that a candidate keeps from a masked part of the frame
 
@@ -35,14 +36,12 @@ class LimbCandidates:
     """Edge points that may lie on the limb.
 
     px : (N, 2) float64 raw pixels of the full image. normal_px : (N, 2) unit vectors towards the
-    dark side.
-    contrast : (N,) gray-level step across the edge. outermost : (N,) False where another candidate
-    lies farther out along the normal. pitch_px : spacing of the candidates' grid,
-    full-image pixels.
-    space_level, noise : gray level of empty space and its one-sigma noise, as seen in the working
-    image. outermost : (N,) False where another candidate lies farther out along the normal; None
-    where that was not looked at. reduced : (h, w) float32, the working image, ``pitch_px`` times
-    smaller; empty where there is none.
+    dark side. contrast : (N,) gray-level step across the edge. pitch_px : spacing of the
+    candidates' grid, full-image pixels. space_level, noise : gray level of empty space and its
+    one-sigma noise, as seen in the working image. outermost : (N,) False where another candidate
+    lies farther out along the normal; None where that was not looked at. reduced : (h, w) float32,
+    the working image, ``pitch_px`` times smaller; empty where there is none. beyond_px : (N,) how
+    far outside px the image falls most steeply; empty where that was not looked at.
     """
 
     px: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
@@ -53,6 +52,7 @@ class LimbCandidates:
     noise: float = np.nan
     outermost: np.ndarray | None = None
     reduced: np.ndarray = field(default_factory=lambda: np.empty((0, 0), dtype=np.float32))
+    beyond_px: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     def __len__(self) -> int:
         return len(self.px)
@@ -186,6 +186,8 @@ def space_boundary_candidates(
         centre = (np.stack([found.u, found.v], axis=1) + 0.5) * factor - 0.5
         keep = mask.clear(centre, _MASK_CLEARANCE_PX * factor)
         found, step = found.take(keep), step[keep]
+    if len(step) == 0:
+        return empty
     there = np.zeros(smooth.shape, dtype=np.uint8)
     there[found.v, found.u] = 1
     if len(step) > max_candidates:
@@ -201,6 +203,7 @@ def space_boundary_candidates(
         noise,
         _outermost(found, there),
         small,
+        factor * found.beyond_px(smooth),
     )
 
 
@@ -225,6 +228,17 @@ class _Edges:
         y *= np.int32(bordered.shape[1])
         y += x
         return bordered.ravel().take(y)
+
+    def beyond_px(self, smooth: np.ndarray) -> np.ndarray:
+        """How far (N,) outside these pixels a smoothed image falls most steeply."""
+        x, y = (
+            (at + _ACROSS_PX * out).astype(np.float32)
+            for at, out in ((self.u, self.out_x), (self.v, self.out_y))
+        )
+        levels = cv2.remap(smooth, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        before, here, after = levels[:-2] - levels[2:]
+        bend = np.minimum(before - 2.0 * here + after, np.float32(-1e-6))
+        return np.minimum(np.maximum(0.5 * (before - after) / bend, -1.0), 1.0)
 
 
 def _with_border(image: np.ndarray, value: float) -> np.ndarray:

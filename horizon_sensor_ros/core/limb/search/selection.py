@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -38,7 +38,7 @@ class RayCandidates:
 
     rays (N, 3) unit; outward (N, 3) unit, tangent to the sphere of directions, towards the dark
     side; pitch_rad (N,) angle of one candidate grid step; weight (N,) in (0, 1]; camera (N,) index
-    of the view.
+    of the view; beyond_rad (N,) angle outwards to the very edge.
     """
 
     rays: np.ndarray
@@ -46,12 +46,20 @@ class RayCandidates:
     pitch_rad: np.ndarray
     weight: np.ndarray
     camera: np.ndarray
+    beyond_rad: np.ndarray
+
+    def placed(self) -> RayCandidates:
+        """The same at their very edges."""
+        rays = self.rays + self.beyond_rad[:, None] * self.outward
+        rays /= np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]
+        return replace(self, rays=rays)
 
 
 @dataclass(frozen=True)
 class Consensus:
     """The winning hypothesis; `inliers` is a mask over the ray candidates. Not OK: NaN and a
-    reason. layer_rad : how far above the limb a layer of airglow lies; 0 where there is none.
+    reason. unanimous : it explains nearly all of them, and lies as near to the limb as they do.
+    layer_rad : how far above the limb a layer of airglow lies; 0 where there is none.
     """
 
     status: Status
@@ -59,6 +67,7 @@ class Consensus:
     nadir_base: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     rho_rad: float = np.nan
     inliers: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=bool))
+    unanimous: bool = False
     layer_rad: float = 0.0
 
 
@@ -66,7 +75,7 @@ def rays_of_candidates(
     views: Sequence[CameraView], candidates: Sequence[LimbCandidates]
 ) -> RayCandidates:
     """Put the candidates of every camera into the base frame; those without a ray are dropped."""
-    rays, outward, pitch, weight, index = [], [], [], [], []
+    rays, outward, pitch, weight, index, beyond = [], [], [], [], [], []
     for i, (view, found) in enumerate(zip(views, candidates, strict=True)):
         if len(found) == 0:
             continue
@@ -84,16 +93,20 @@ def rays_of_candidates(
         if found.outermost is not None:
             trust[~found.outermost] *= _INNER_TRUST
         weight.append(trust[ok])
+        offset_px = found.beyond_px if len(found.beyond_px) else np.zeros(len(found))
+        beyond.append((angle_per_px * offset_px)[ok])
         index.append(np.full(int(ok.sum()), i))
     if not rays:
         none = np.empty((0, 3))
-        return RayCandidates(none, none, np.empty(0), np.empty(0), np.empty(0, dtype=int))
+        empty = np.empty(0)
+        return RayCandidates(none, none, empty, empty, np.empty(0, dtype=int), empty)
     return RayCandidates(
         np.concatenate(rays),
         np.concatenate(outward),
         np.concatenate(pitch),
         np.concatenate(weight),
         np.concatenate(index),
+        np.concatenate(beyond),
     )
 
 
@@ -114,8 +127,13 @@ def limb_consensus(
     whole = _Ballot.of(found, tolerance)
     cos_min, cos_max = math.cos(rho_max_rad), math.cos(rho_min_rad)
     nadirs, cos_rhos = whole.nearest()
-    agreeing = whole.scores(nadirs, cos_rhos, _NEAR)[0] > _NEARLY_ALL * whole.weight.sum()
-    if not (agreeing and cos_min <= cos_rhos[0] <= cos_max):
+    unanimous = bool(
+        whole.scores(nadirs, cos_rhos, _NEAR)[0] > _NEARLY_ALL * whole.weight.sum()
+        and cos_min <= cos_rhos[0] <= cos_max
+    )
+    if unanimous:
+        whole = _Ballot.of(found.placed(), tolerance)
+    else:
         nadirs, cos_rhos = _hypotheses(found, np.random.default_rng(count), cos_min, cos_max)
         if len(nadirs) == 0:
             return Consensus(Status.NO_LIMB, "no three candidates fit a disc of plausible altitude")
@@ -136,7 +154,7 @@ def limb_consensus(
     if num_inliers < MIN_INLIERS:
         return Consensus(Status.NO_LIMB, f"only {num_inliers} candidates agree on a disc")
     nadir, rho = nadirs[champion], math.acos(cos_rhos[champion])
-    return Consensus(Status.OK, "", nadir, rho, inliers)
+    return Consensus(Status.OK, "", nadir, rho, inliers, unanimous)
 
 
 def _hypotheses(
