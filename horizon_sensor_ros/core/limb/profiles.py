@@ -21,6 +21,7 @@ _REMAP_STEPS = np.float32(32.0)  # to a pixel: cv2.remap rounds positions to the
 # Samples near an edge, and what each says about its place, over the steps to a pixel.
 _NEAR_EDGE_PX = np.array([-1.0, 0.0, 1.0])
 _NEAR_EDGE_SHARES = np.array([0.25, 0.5, 0.25]) / _REMAP_STEPS
+_SPACE = 6  # samples at a profile's end
 _LEAST_NOISE = 0.25  # gray levels; what rounding alone adds
 
 
@@ -199,9 +200,26 @@ def pixel_noise(profiles: np.ndarray, size: int = 1) -> float:
     """One-sigma noise in gray levels, from the outermost six samples (space) of each profile
     (N, J), each the mean of `size`.
     """
-    first = profiles[:, -5:] - profiles[:, -6:-1]
+    first = profiles[:, 1 - _SPACE :] - profiles[:, -_SPACE:-1]
     spread = robust_sigma((first[:, 1:] - first[:, :-1]).ravel())
     return max(_NOISE_FACTOR * spread / math.sqrt(6.0), _LEAST_NOISE / math.sqrt(size))
+
+
+def space_mean(profiles: np.ndarray) -> float:
+    """Mean of the outermost six samples (space) of profiles (N, J)."""
+    return float(profiles[:, -_SPACE:].mean())
+
+
+def space_pixels(
+    gray: np.ndarray, px: np.ndarray, normal_px: np.ndarray, d_px: np.ndarray
+) -> np.ndarray:
+    """Gray levels (6 N,) of the pixels nearest to the outermost six samples of profiles (N,).
+
+    px, normal_px : (N, 2) of the limb. d_px : (J,) of the samples, pixels outwards.
+    """
+    at = px[:, None] + d_px[-_SPACE:, None] * normal_px[:, None]
+    x, y = np.rint(at.reshape(-1, 2)).astype(np.intp).T
+    return np.asarray(gray[y, x])
 
 
 def space_level(profiles: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.curve import LimbCurve, limb_curve
+from horizon_sensor_ros.core.limb.edge.black import Black, black_of, may_be_clipped
 from horizon_sensor_ros.core.limb.edge.clipping import clipped, white_level
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.profiles import (
@@ -17,6 +19,8 @@ from horizon_sensor_ros.core.limb.profiles import (
     pixel_noise,
     pixel_phase,
     sample_profiles,
+    space_mean,
+    space_pixels,
 )
 from horizon_sensor_ros.core.limb.texture.ground_texture import ground_across_px
 from horizon_sensor_ros.core.limb.texture.kriging import INNER_PX, OUTER_PX, Stretches
@@ -65,7 +69,7 @@ class LimbSample:
 
     gray : the image, reduced by `factor`. bundles : of the curve's points, a stretch each.
     spacing_px : between those, and pitch_rad : of a pixel, in that image. noise : one sigma of
-    `profiles`, see `pixel_noise`.
+    `profiles`, see `pixel_noise`. black : law of space where pixels are clipped at zero.
     """
 
     gray: np.ndarray
@@ -77,6 +81,7 @@ class LimbSample:
     pitch_rad: float
     profiles: np.ndarray
     noise: float
+    black: Black | None = None
 
     @property
     def px(self) -> np.ndarray:
@@ -134,7 +139,10 @@ class LimbSample:
         curve = LimbCurve(self.curve.px + (self.factor * shift)[:, None] * normal, normal)
         grid = replace(self.grid, first_px=-INNER_PX, num=round(INNER_PX + OUTER_PX) + 1)
         sampled, _ = sample_profiles(self.gray, curve, grid.d_px, self.factor)
-        return replace(self, curve=curve, grid=grid, profiles=self.bundles.mean(sampled))
+        profiles = self.bundles.mean(sampled)
+        if self.black is not None:
+            profiles = self.black.unclipped(profiles)
+        return replace(self, curve=curve, grid=grid, profiles=profiles)
 
     def phase(self) -> np.ndarray:
         """Means (M, 3) of `pixel_phase`."""
@@ -189,6 +197,12 @@ def sample_limb(
     profiles = bundles.mean(profiles)
     pitch_rad = step.factor * view.camera.pixel_rad
     noise = pixel_noise(profiles, size)
+    black = None
+    if step.factor == 1 and may_be_clipped(space_mean(profiles), noise * math.sqrt(size)):
+        black = black_of(space_pixels(gray, curve.px[valid], curve.normal_px[valid], grid.d_px))
+    if black is not None:
+        profiles = black.unclipped(profiles)
+        noise = max(noise, black.sigma / math.sqrt(size))
     return LimbSample(
-        gray, step.factor, curve, bundles, grid, spacing_px, pitch_rad, profiles, noise
+        gray, step.factor, curve, bundles, grid, spacing_px, pitch_rad, profiles, noise, black
     )
