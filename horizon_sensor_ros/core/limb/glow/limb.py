@@ -47,9 +47,11 @@ _OUTLIER, _MISFIT = 5.0, 1.4  # cost over the degrees of freedom: of a stretch, 
 # One sigma of slope and of bend of a limb whose six stretches are off independently by one; and of
 # its mean.
 _SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
-# Clouds are no Gaussian process, and the less so the finer they are seen: errors beside the truth
-# of simulated limbs, in sigmas; of glow so long, and of longer by a power of its length.
-_MISJUDGED, _FINE_PX, _FINER = 3.5, 2.5, 0.75
+# Clouds are no Gaussian process, and the less so the finer they are seen: errors of the limb's
+# mean, slope and bend beside the truth of simulated ones, in sigmas; of glow so long, and of longer
+# by a power of its length.
+_MISJUDGED = np.array([4.5, 3.5, 1.4])
+_FINE_PX, _FINER = 2.5, 0.75
 _POINT_SHARE = 0.5  # sigma of a point by itself, over what would explain all of the limb's
 
 
@@ -218,9 +220,11 @@ def _limb(
 ) -> GlowLimb:
     """Points of the limb, with the errors of its mean, slope and bend as points have them."""
     length_px = air.height / median(sight.rise[keep])
-    cov = (_MISJUDGED * max(1.0, length_px / _FINE_PX) ** _FINER) ** 2 * found.cov
     rows = sight.rows[keep]
     to_shape = np.linalg.pinv(powers(sight.along)[keep]) @ rows
+    misjudged = _MISJUDGED * max(1.0, length_px / _FINE_PX) ** _FINER
+    more = np.linalg.inv(to_shape) @ (misjudged[:, None] * to_shape)
+    cov = more @ found.cov @ more.T
     shape = np.sqrt(np.diag(to_shape @ cov @ to_shape.T))
     mean = rows.mean(axis=0)
     coherent = max(shape[1] / _SLOPE_OF_STRETCHES, shape[2] / _BEND_OF_STRETCHES)
