@@ -84,8 +84,7 @@ def refine_limb(
             return joint
         # The next frame's fit begins anew.
         joined, looks = False, (replace(looks[0], air=None),)
-    modelled = bool(looks) or step.at_once
-    sample = sample_limb(gray, view, *cone, step, modelled=modelled)
+    sample = sample_limb(gray, view, *cone, step, modelled=bool(looks) or step.at_once)
     if isinstance(sample, LimbPoints):
         return sample, ()
     near = None
@@ -122,15 +121,15 @@ def refine_limb(
                     return joint
         looks = (look,)
         sharp = look.glow_px == 0.0
-        kriged = KrigedLimb(sample, looks[0], rho_rad)
-        kriging = sharp and enough and _to_be_kriged(looks[0], places.step[plain])
+        kriged = KrigedLimb(sample, look, rho_rad)
+        kriging = sharp and enough and _to_be_kriged(look, places.step[plain])
         if kriging and not step.expected:
             near, shared = kriged.about_prediction(good)
-        likely = place_edges(profiles, noise, looks[0], grid) if near is None else near
+        likely = place_edges(profiles, noise, look, grid) if near is None else near
         fits = _believable(likely)
         # A model that most of the edges do not follow, that makes them jump about, or that without
         # glow moves them all, is wrong.
-        calm = max(_CALM * scatter_px(places.offset_px[good]), _CALM_PX)
+        calm = max(_CALM * jumps_px, _CALM_PX)
         moved = median((likely.offset_px - places.offset_px)[good])
         if (
             np.count_nonzero(fits) > _MODEL_SHARE * num_good

@@ -13,8 +13,8 @@ from horizon_sensor_ros.core.robust import median, robust_sigma
 
 _UNEVEN = 4.0  # scatter of the backgrounds over what noise makes of it
 _OUTER = 0.5  # share of what lies above the limb in which they are compared
-_FARTHEST_PX = 60.0
 _LENGTHS, _SKY_PX = 5.0, 14.0  # of glow, from where on the sky is black, and how much of it is seen
+_FARTHEST_PX = 60.0  # from the limb to that sky: beyond, glare is no line any more
 
 
 def in_glare(sight: GlowSight) -> bool:

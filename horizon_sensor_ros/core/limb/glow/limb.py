@@ -37,7 +37,7 @@ _LENGTHS, _SHORTEST_PX, _LONGEST_PX = 3.5, 6.0, 40.0  # of glow that is looked a
 _HEIGHTS = np.exp(np.linspace(np.log(4e3), np.log(16e3), 25)) / 6371e3  # to start from
 _THIN_PX, _THIN_GLOW = 1.0, 0.5  # glow so short hides in the blur: its brightness, over the ground
 _STEPS, _NEAR_PX, _FAR_PX = 12, 0.1, 4.0  # moves of the limb that are the last, or too far
-_SHARES = 0.3, 0.8  # of the step before, from where on it is looked ahead
+_AHEAD = 0.3, 0.8  # shares of the last step between which it is looked ahead
 _AFRESH_PX = 1.0  # off the cone about which the limb was drawn, from where on it is drawn again
 _FAINTEST, _BRIGHTEST = 0.2, 5.0  # glow over the usual one that may still be the same air's
 _MOST_MISFIT = 4.0  # of a stretch's glow, over the noise or the usual one
@@ -115,15 +115,10 @@ def fit_glow(
         found = step_towards(sight, air, keep)
         if not np.isfinite(found.change).all():
             return None
-        change = found.change
-        shift = sight.rows @ change[:3]
-        # Steps that follow one another the same way, each by a share of the last, have an end.
-        if last is not None and len(last) == len(shift):
-            share = float(shift @ last) / float(last @ last)
-            if _SHARES[0] < share < _SHARES[1]:
-                change = change / (1.0 - share)
-                shift = shift / (1.0 - share)
-        last = None if change is not found.change else shift
+        shift = sight.rows @ found.change[:3]
+        share = _share(shift, last)
+        last = shift if share == 0.0 else None
+        change, shift = found.change / (1.0 - share), shift / (1.0 - share)
         far = float(np.abs(shift).max())
         outlying = keep & (found.cost > _OUTLIER * max(1.0, median(found.cost[keep])))
         if far <= _NEAR_PX and air.near(change) and not outlying.any():
@@ -141,6 +136,16 @@ def fit_glow(
         if since <= _AFRESH_PX:
             sight = sight.moved(gray, shift)
     return None
+
+
+def _share(shift: np.ndarray, last: np.ndarray | None) -> float:
+    """By which share of the last step (M,) one goes the same way: as all that follow will, so that
+    they have an end; 0 where that cannot be told.
+    """
+    if last is None or len(last) != len(shift):
+        return 0.0
+    share = float(shift @ last) / float(last @ last)
+    return share if _AHEAD[0] < share < _AHEAD[1] else 0.0
 
 
 def _plausible(air: Air) -> bool:

@@ -32,9 +32,9 @@ class GlowSight:
     (M, 2) middles of the stretches in the full image, and their normals. rows : (M, 3) how the
     limb moves along them with nadir's two tangent components and rho, pixels per radian.
     distance : (M, J) heights above the limb in pixels of the first one above it; rise : (M,) that
-    pixel's height over the planet's radius. ground : length of a stretch, and px_over_radius : of
-    a pixel along the limb, over that radius. stretch_px : of limb. curve, bundles : what was
-    sampled, reduced by factor. glare : (M, 2) level at the limb and slope of what has been taken
+    pixel's height over the planet's radius. px_over_radius : ground across one pixel along the
+    limb, over that radius. stretch_px : length of limb. curve, bundles : what was sampled, reduced
+    by factor. glare : (M, 2) level at the limb and slope of what has been taken
     off the profiles, and glare_variance (M, J) that it left.
     """
 
