@@ -9,6 +9,7 @@ import pytest
 from limb_frames import ROT_WORLD_FROM_BASE, draw, limb_views
 from limb_samples import cone_rays
 
+from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
 from horizon_sensor_ros.core.limb import refinement
@@ -114,6 +115,22 @@ def test_cameras_all_show_the_limb_of_the_ground_or_none_does(
     apart = HorizonSensor().process(frames)
     assert apart.ok
     assert not any(limb.joint for limb in apart.limbs)
+
+
+def test_one_camera_knows_nadir_no_better_than_its_cone() -> None:
+    """What its points are off by, each by itself, adds to that."""
+    altitude_m = 400e3
+    (view,) = limb_views(altitude_m, azimuths_rad=(0.9,))
+    drawn = draw((view,), altitude_m, _air(4), Imaging(noise_dn=1.5), 3)[0]
+    found = HorizonSensor().process([Frame(view, drawn.image)])
+    assert found.ok
+    cov_cone = found.limbs[0].cov_cone
+    assert cov_cone is not None
+    basis = tangent_basis(found.fit.nadir_base)
+    of_cone = basis.T @ cov_cone[:3, :3] @ basis
+    of_fix = basis.T @ found.fit.cov_nadir_altitude[:3, :3] @ basis
+    assert np.linalg.eigvalsh(of_fix - of_cone).min() > 0.0
+    assert np.trace(of_cone) > 0.2 * np.trace(of_fix)
 
 
 def test_profiles_of_air_are_blurred_columns() -> None:
