@@ -483,7 +483,8 @@ def test_an_expected_limb_is_the_same_limb(texture: str, off_px: float) -> None:
     same = np.linalg.norm(always.px - expected.px[nearest], axis=1) < 2.0
     assert same.mean() > 0.9
     apart = (always.offset_px - expected.offset_px[nearest])[same]
-    assert abs(np.median(apart)) < 0.01
+    # Kriged about places that lie a little apart, clouds differ by less than what they leave open.
+    assert abs(np.median(apart)) < max(0.01, always.coherent_px)
     assert np.abs(apart).mean() < np.median(always.sigma_px)
 
 
@@ -503,3 +504,22 @@ def test_points_come_in_order_along_the_limb() -> None:
     assert predicted is not None
     where = np.linalg.norm(predicted.px[:, None] - limb.px, axis=2)
     np.testing.assert_allclose(where.min(axis=0), np.abs(limb.offset_px), atol=1e-6)
+
+
+@pytest.mark.parametrize("off_px", [0.25, 2.0, 3.0])
+def test_a_limb_that_is_not_where_it_is_expected_is_found_where_it_is(off_px: float) -> None:
+    """Kriging about a place in space takes the ground that is missing there for dark texture."""
+    altitude_m = 600e3
+    view = limb_views(altitude_m)[0]
+    image = draw((view,), altitude_m)[0].image
+    rho = PLANET.rho_from_altitude(altitude_m)
+    for direction in np.random.default_rng(7).normal(size=(25, 3)):
+        step = off_px / view.camera.fx * direction / np.linalg.norm(direction)
+        nadir = np.array([step[0], step[1], 1.0])
+        nadir /= np.linalg.norm(nadir)
+        limb, looks = refine_limb(image, view, nadir, rho + step[2], EXPECTED, (SHARP,))
+        if looks and looks[0].glow_px == 0.0:
+            off = rays_of(view, limb).residuals_px(NADIR, rho)
+            assert np.abs(off).max() < 0.1
+        else:  # A wider look follows.
+            assert off_px >= 2.0

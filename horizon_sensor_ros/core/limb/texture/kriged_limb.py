@@ -4,6 +4,8 @@ pixel or so.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
@@ -13,8 +15,9 @@ from horizon_sensor_ros.core.limb.sample import LimbSample
 from horizon_sensor_ros.core.limb.texture.kriging import KrigedEdges, Stretches, krige_edges
 
 # Off the predicted place: edges are placed one by one, and kriged about the limb that fits those.
-# Kriging about what it found itself would follow the texture further and further.
-_OFF_PX = 0.1
+# Kriging about what it found itself would follow the texture further and further; but once, and for
+# a limb that was followed and is not far off, it is as good.
+_OFF_PX, _NEARBY_PX = 0.1, 0.35
 _FAR_PX = 1.0  # from the limb about which it is done: no place of its edge
 
 
@@ -31,41 +34,50 @@ class KrigedLimb:
         self._stretches = sample.stretches(look.psf_px, rho_rad)
         self.base = self._stretches.base
 
-    def about_prediction(self, good: np.ndarray) -> tuple[EdgePlaces | None, SharedError]:
+    def about_prediction(
+        self, good: np.ndarray, *, followed: bool = False
+    ) -> tuple[EdgePlaces | None, SharedError]:
         """Places of the edges about the predicted limb, and their shared error; None where the limb
         lies too far from it.
 
-        good : (M,) profiles that show an edge; the others come back as at the border.
+        good : (M,) profiles that show an edge; the others come back as at the border. followed :
+        about the limb that is found, if it lies a little off the prediction.
         """
-        found, shift = self._kriged(self._sample, self._stretches, good)
-        if np.abs(self.base @ found.limb).max() > _OFF_PX:
-            return None, found.shared
-        return _places(found, shift, self._stretches, good), found.shared
+        found, places = self._kriged(self._sample, self._stretches, good)
+        off_px = self._off_px(found)
+        if followed and _OFF_PX < off_px < _NEARBY_PX:
+            found, places = self._kriged_about(found.limb, good)
+            # From farther off than that, places are found too near.
+            off_px = self._off_px(found)
+        return None if off_px > _OFF_PX else places, found.shared
 
     def about(self, limb: np.ndarray, good: np.ndarray) -> tuple[EdgePlaces, SharedError]:
         """The same about a limb that is moved from the predicted one by (3,), wherever it lies."""
+        found, places = self._kriged_about(limb, good)
+        return places, found.shared
+
+    def _off_px(self, found: KrigedEdges) -> float:
+        """How far the limb that is found lies from that about which it was sought, at most."""
+        return float(np.abs(self.base @ found.limb).max())
+
+    def _kriged_about(self, limb: np.ndarray, good: np.ndarray) -> tuple[KrigedEdges, EdgePlaces]:
         sample = self._sample.moved(limb)
         stretches = sample.stretches(self._look.psf_px, self._rho_rad)
-        found, shift = self._kriged(sample, stretches, good)
-        return _places(found, shift + self.base @ limb, stretches, good), found.shared
+        found, places = self._kriged(sample, stretches, good)
+        return found, replace(places, offset_px=places.offset_px + self.base @ limb)
 
     @staticmethod
     def _kriged(
         sample: LimbSample, stretches: Stretches, good: np.ndarray
-    ) -> tuple[KrigedEdges, np.ndarray]:
-        """What kriging finds, and by how much (M,) the samples' rounding shifted it."""
+    ) -> tuple[KrigedEdges, EdgePlaces]:
+        """What kriging finds, and where that is, for all that the samples' rounding shifted it."""
         phase = sample.phase()
-        return krige_edges(stretches, good, phase[:, 1] + 1j * phase[:, 2]), phase[:, 0]
-
-
-def _places(
-    found: KrigedEdges, shift_px: np.ndarray, stretches: Stretches, good: np.ndarray
-) -> EdgePlaces:
-    return EdgePlaces(
-        found.offset_px + shift_px,
-        found.sigma_px,
-        found.step,
-        found.step / stretches.noise,
-        found.misfit,
-        ~good | (np.abs(found.offset_px) > _FAR_PX),
-    )
+        found = krige_edges(stretches, good, phase[:, 1] + 1j * phase[:, 2])
+        return found, EdgePlaces(
+            found.offset_px + phase[:, 0],
+            found.sigma_px,
+            found.step,
+            found.step / stretches.noise,
+            found.misfit,
+            ~good | (np.abs(found.offset_px) > _FAR_PX),
+        )
