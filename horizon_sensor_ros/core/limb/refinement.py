@@ -22,7 +22,7 @@ from horizon_sensor_ros.core.limb.edge.steepest import steepest_fall
 from horizon_sensor_ros.core.limb.glow.contour import contour_limb
 from horizon_sensor_ros.core.limb.glow.limb import fit_glow, usual_length_px
 from horizon_sensor_ros.core.limb.points import LimbPoints, SharedError
-from horizon_sensor_ros.core.limb.profiles import EdgePlaces, scatter_px
+from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid, scatter_px
 from horizon_sensor_ros.core.limb.sample import (
     LEAST_SIGNIFICANCE,
     MIN_PROFILES,
@@ -32,7 +32,7 @@ from horizon_sensor_ros.core.limb.sample import (
 )
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
 from horizon_sensor_ros.core.limb.texture.kriged_limb import KrigedLimb
-from horizon_sensor_ros.core.robust import median, stretches
+from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
 
 _MAX_MISFIT = 6.0
@@ -45,7 +45,7 @@ _STRETCHES = 6
 _APART_SHARE = 0.75  # of what separates two kinds of edge along the limb, as measured beside truth
 _CALM, _CALM_PX = 3.0, 0.2  # jumps from profile to profile: over those without a model, and at all
 _MOVED_PX = 0.5
-_FALL_PX = 1.0  # from an edge, at most, to the pixel where brightness falls most
+_LEAST_FALL = 0.5  # of brightness at an edge, over the steepest in the profile
 _THINNEST_PX = 0.3  # length over which glow fades, from which it may be told from the blur
 _LONGEST_CONTOUR_PX = 4.0  # over which glow fades: longer, and a profile's end is not yet space
 # Error that neighbours share, by whether air glows and whether edges were placed without a model:
@@ -221,23 +221,21 @@ def _as_expected(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoin
         profiles, px, normal_px = profiles[fits], px[fits], normal_px[fits]
         places = places.take(fits)
     jumps_px = scatter_px(places.offset_px)
-    if not (jumps_px < _CALM_PX and _falls_there(profiles, sample.grid.d_px, places.offset_px)):
+    if not (jumps_px < _CALM_PX and _falls_there(profiles, sample.grid)):
         return None
     return _points(sample, px, normal_px, places, shared, jumps_px)
 
 
-def _falls_there(profiles: np.ndarray, d_px: np.ndarray, offset_px: np.ndarray) -> bool:
-    """Whether all along the limb profiles (N, J) fall where their edges were found (N,).
+def _falls_there(profiles: np.ndarray, grid: ProfileGrid) -> bool:
+    """Whether all along the limb profiles (N, J) fall where the edge is predicted.
 
     Around a limb that lies elsewhere kriging takes what is missing for texture.
     """
-    return all(
-        abs(float(d_px[(part[:, :-1] - part[:, 1:]).sum(axis=0).argmax()]) + 0.5 - median(found))
-        < _FALL_PX
-        for part, found in zip(
-            stretches(profiles, _STRETCHES), stretches(offset_px, _STRETCHES), strict=True
-        )
-    )
+    falls = profiles[:, :-1] - profiles[:, 1:]
+    falls = np.add.reduceat(falls, np.arange(_STRETCHES) * len(falls) // _STRETCHES)
+    here = round(-grid.first_px)
+    there = falls[:, here - 1 : here + 1].max(axis=1)
+    return bool((there > _LEAST_FALL * falls.max(axis=1)).all())
 
 
 def _with_clipped(
