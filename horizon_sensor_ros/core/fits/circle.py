@@ -45,12 +45,14 @@ def circle_on_sphere(rays: LimbRays, weight: np.ndarray | None = None) -> tuple[
     return nadir, float(np.arccos(np.clip(cos_rho, -1.0, 1.0)))
 
 
-def robust_circle_on_sphere(rays: LimbRays) -> tuple[np.ndarray, float]:
+def robust_circle_on_sphere(
+    rays: LimbRays, rounds: int = _ROBUST_ROUNDS
+) -> tuple[np.ndarray, float]:
     """`circle_on_sphere` of the points that agree, found by consensus where not all do.
 
     The circle through three points whose residuals' 40 % quantile is least (of a fixed number of
     triples, the same ones for the same points) starts a reweighting by Geman and McClure's
-    function. Holds up to about half of the points being elsewhere.
+    function, so many rounds of it. Holds up to about half of the points being elsewhere.
     """
     weight = rays.sigma_rad**-2
     nadir, rho = circle_on_sphere(rays, weight)
@@ -60,7 +62,7 @@ def robust_circle_on_sphere(rays: LimbRays) -> tuple[np.ndarray, float]:
     if np.abs(residual).max() < _CLEAN_SIGMAS * np.clip(_quantile_sigma(residual), 1.0, 5.0):
         return nadir, rho
     nadir, rho = _best_triple(rays, nadir, rho)
-    for _ in range(_ROBUST_ROUNDS):
+    for _ in range(rounds):
         residual = (rays.angles(nadir)[0] - rho) / rays.sigma_rad
         ratio = 0.5 * residual / max(_quantile_sigma(residual), 1.0)
         nadir, rho = circle_on_sphere(rays, weight / (1.0 + ratio * ratio) ** 2)

@@ -33,6 +33,7 @@ METHOD = "ml"
 _TUKEY = 4.685
 # The residuals' scale, in units of their claimed sigmas, is measured but not believed below this.
 _LEAST_SCALE = 0.1
+_START_ROUNDS = 1  # of the circle to start from, which is weighted anew in every step anyway
 _MAX_STEPS = 40
 _MAX_HALVINGS = 8
 _MAX_STEP_RAD = 0.3
@@ -43,10 +44,11 @@ _SCALE_STEPS = 3  # then the residuals' scale is kept
 # Residual, in sigmas, of a point that says nothing about a cone; finite, so that nothing times it
 # is nothing.
 _NOWHERE = 1e30
-# A step of this many (sigma)^2 is the last. One of `_NEAR_ENOUGH` will do when steps run out, or
-# of Newton's method, which then leaves hardly anything.
+# A step of this many (sigma)^2 is the last; one of `_NEAR_ENOUGH` will do when steps run out. After
+# one of Newton's method the next would be a thousand times shorter.
 _CONVERGED = 1e-5
 _NEAR_ENOUGH = 1e-3
+_NEWTON_ENOUGH = 0.03
 
 
 def fit_maximum_likelihood(
@@ -71,7 +73,7 @@ def refine(
     refused = too_few(rays, METHOD)
     if refused:
         return refused
-    nadir, rho = robust_circle_on_sphere(rays) if initial is None else initial
+    nadir, rho = robust_circle_on_sphere(rays, _START_ROUNDS) if initial is None else initial
     nadir = np.asarray(nadir, dtype=float)
     length = math.sqrt(nadir @ nadir)
     if not (0.0 < length < math.inf and math.isfinite(rho)):
@@ -221,7 +223,7 @@ def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool
                 step *= 2.0
         cone = new
         history.append(cone.state)
-        if length2 < (_NEAR_ENOUGH if newton else _CONVERGED) * max(1.0, scale * scale):
+        if length2 < (_NEWTON_ENOUGH if newton else _CONVERGED) * max(1.0, scale * scale):
             return cone, True, np.array(history)
     near = scale < np.inf and length2 < _NEAR_ENOUGH * max(1.0, scale * scale)
     return cone, near, np.array(history)

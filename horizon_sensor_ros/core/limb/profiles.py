@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.limb.curve import LimbCurve
-from horizon_sensor_ros.core.robust import robust_sigma
+from horizon_sensor_ros.core.robust import median, robust_sigma
 
 # Second differences along interpolated profiles show less than the pixels' own noise, and a real
 # edge is never quite the model's: on frames of known noise this factor makes the residuals of a
@@ -184,16 +184,13 @@ class Bundles:
         return (sums / self.count.astype(values.dtype)).T
 
 
+@lru_cache(maxsize=16)
 def nearness(count: int, width: float) -> np.ndarray:
     """Normal law, one at its top, of the distances (count, count) of stretches from each other."""
-    return np.exp(_distances2(count) * (-0.5 / width**2))
-
-
-@lru_cache(maxsize=16)
-def _distances2(count: int) -> np.ndarray:
-    """Squares (count, count) of the distances between numbers, in steps."""
     number = np.arange(count)
-    return np.square(number[:, None] - number).astype(float)
+    near = np.exp(np.square(number[:, None] - number) * (-0.5 / width**2))
+    near.setflags(write=False)
+    return near
 
 
 def pixel_noise(profiles: np.ndarray, size: int = 1) -> float:
@@ -240,10 +237,10 @@ def mean_profile(
     bins = np.rint((d_px - places.offset_px[:, None]) * 4.0).astype(np.intp)
     low = int(bins.min())
     background = space_level(profiles)[:, None]
-    step = np.maximum(places.step, 1e-6)[:, None]
+    step = np.maximum(places.step, 1e-6)
     # A bright profile says more, up to a point: one mirror-bright cloud is not the limb.
-    weight = np.broadcast_to(np.minimum(step, np.median(step)), bins.shape).ravel()
-    scaled = ((profiles - background) / step).ravel()
+    weight = np.minimum(step, median(step)).repeat(len(d_px))
+    scaled = ((profiles - background) / step[:, None]).ravel()
     count = np.bincount((bins - low).ravel(), weights=weight)
     total = np.bincount((bins - low).ravel(), weights=weight * scaled)
     use = count > 0.2 * count.max()

@@ -44,6 +44,9 @@ _FINE_PSF_PX, _EVEN = 0.6, 0.006
 _STRETCHES = 6
 _APART_SHARE = 0.75  # of what separates two kinds of edge along the limb, as measured beside truth
 _CALM, _CALM_PX = 3.0, 0.2  # jumps from profile to profile: over those without a model, and at all
+# Jumps of the steepest fall from which on texture moves it, and no cone that fits it is near enough
+# to krige about.
+_STEADY_PX = 0.05
 _MOVED_PX = 0.5
 _LEAST_FALL = 0.5  # of brightness at an edge, over the steepest in the profile
 _THINNEST_PX = 0.3  # length over which glow fades, from which it may be told from the blur
@@ -124,7 +127,7 @@ def refine_limb(
         sharp = look.glow_px == 0.0
         kriged = KrigedLimb(sample, look, rho_rad)
         kriging = sharp and enough and _to_be_kriged(look, places.step[plain])
-        if kriging and not step.expected:
+        if kriging and jumps_px < _STEADY_PX and not step.expected:
             near, shared = kriged.about_prediction(good)
         likely = place_edges(profiles, noise, look, grid) if near is None else near
         fits = _believable(likely)

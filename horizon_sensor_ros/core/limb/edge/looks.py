@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -24,6 +25,7 @@ _FROM_PX, _TO_PX = -2.5, 4.0  # the part of the mean profile that is looked at
 # below it, a sharp edge above clear space has none.
 _GLOW_SHARE, CLEAR_SHARE = 0.04, 0.02
 USUAL_PSF_PX = 0.75  # with the pixel's own width; to start from where glow hides the blur
+_USUAL = (EdgeLook(USUAL_PSF_PX, 0.0), *EdgeLook(USUAL_PSF_PX, 0.0).neighbours())
 
 
 def guess_looks(
@@ -38,18 +40,26 @@ def guess_looks(
     together = apart <= 3.0 * median(apart) + 0.3
     where, mean = mean_profile(profiles[together], d_px, places.take(together))
     near = (where > _FROM_PX) & (where < _TO_PX)
-    rise = normal_cdf(-where[near] / _COARSE_PSF_PX[:, None])
-    slope = rise * np.minimum(where[near], 0.0)
-    q, _ = np.linalg.qr(np.stack([np.ones_like(rise), rise, slope], axis=2))
-    explained = np.sum(np.square(mean[near] @ q), axis=1)
+    explained = np.square(mean[near] @ _edges(tuple(where[near].tolist()))).sum(axis=1)
     sharp = EdgeLook(float(_COARSE_PSF_PX[int(np.argmax(explained))]), 0.0)
-    usual = EdgeLook(USUAL_PSF_PX, 0.0)
     inside, tail, far = (float(np.interp(at, where, mean)) for at in (-1.5, 2.5, 4.5))
     if tail <= max(glow_share * inside, 0.0):
-        return (sharp, usual) if sharp != usual else (sharp, *sharp.neighbours())
+        # The usual one is the likeliest as a rule, which only those beside it tell.
+        return tuple(dict.fromkeys((sharp, *_USUAL)))
     slope = 0.5 * np.log(max(far, 0.02 * tail) / tail)
     length = np.abs(np.log(np.array(GLOW_LADDER_PX) * max(-slope, 0.05)))
-    return (sharp, usual, EdgeLook(USUAL_PSF_PX, GLOW_LADDER_PX[int(np.argmin(length))]))
+    return (sharp, _USUAL[0], EdgeLook(USUAL_PSF_PX, GLOW_LADDER_PX[int(np.argmin(length))]))
+
+
+@lru_cache(maxsize=16)
+def _edges(where: tuple[float, ...]) -> np.ndarray:
+    """Orthonormal bases (L, K, 3) of profiles at distances (K,) from edges of several blurs: space,
+    step, and slope inside.
+    """
+    at = np.array(where)
+    rise = normal_cdf(-at / _COARSE_PSF_PX[:, None])
+    slope = rise * np.minimum(at, 0.0)
+    return np.linalg.qr(np.stack([np.ones_like(rise), rise, slope], axis=2))[0]
 
 
 def likeliest_look(

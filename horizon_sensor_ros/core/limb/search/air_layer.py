@@ -95,10 +95,12 @@ def ground_under_airglow(
 
 def _is_layer(level: np.ndarray, falls: np.ndarray, crest: np.ndarray) -> bool:
     """Whether columns (N, D) fade behind their crests (N,) as a layer does."""
+    if not falls.mean() > 0.9:
+        return False
     band = (level / crest[:, None])[:, (_FADES_M[0] <= _DEPTHS_M) & (_FADES_M[1] >= _DEPTHS_M)]
     usual = np.median(band, axis=0)
     alike = np.abs(band - usual).max(axis=1) < _ALIKE
-    return bool(falls.mean() > 0.9 and usual[-1] < _FADED * usual[0] and alike.mean() > 0.6)
+    return bool(usual[-1] < _FADED * usual[0] and alike.mean() > 0.6)
 
 
 def _rays(rays: np.ndarray, consensus: Consensus, depths: np.ndarray) -> np.ndarray:
