@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -105,7 +106,7 @@ class Detection:
         """Whether limb and glow were told apart in every frame that shows a limb."""
         return all(limb.joint for limb in self.limbs if limb.status is Status.OK)
 
-    @property
+    @cached_property
     def on_course(self) -> bool:
         """Whether every limb that was seen lies near the cone that it was measured around, or was
         sought around cones of its own.

@@ -37,6 +37,7 @@ _BUNDLES = 160  # profiles, or means of neighbouring ones, along the limb in a f
 # there are enough of them for a robust fit; pixels of a frame of `_LARGE_PX`.
 _STRETCH_PX = 16.0
 _LEAST_STRETCHES = 32
+_OF_SPACE = 240  # profiles, whose ends tell enough of what clips space
 PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`, which allows for an edge's misfits
 
 
@@ -199,7 +200,8 @@ def sample_limb(
     noise = pixel_noise(profiles, size)
     black = None
     if step.factor == 1 and may_be_clipped(space_mean(profiles), noise * math.sqrt(size)):
-        black = black_of(space_pixels(gray, curve.px[valid], curve.normal_px[valid], grid.d_px))
+        some = bundles.index[:: max(1, num_valid // _OF_SPACE)]
+        black = black_of(space_pixels(gray, curve.px[some], curve.normal_px[some], grid.d_px))
     if black is not None:
         profiles = black.unclipped(profiles)
         noise = max(noise, black.sigma / math.sqrt(size))

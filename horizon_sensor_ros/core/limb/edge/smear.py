@@ -43,11 +43,13 @@ def blur_along(
     # What the raster may do is no smear.
     aside = raster - raster @ alone / total
     told_aside = aside * alone
-    design -= np.outer(design @ told_aside / (told_aside @ aside + BLUR_SIGMA_PX**-2.0), aside)
+    aside_of = design @ told_aside / (told_aside @ aside + BLUR_SIGMA_PX**-2.0)
+    design -= aside_of[:, None] * aside
     weighted = design * alone
     told = weighted @ (lacking - known)
-    (a, b), (_, c) = (weighted @ design.T + _SMEAR_SIGMA_PX**-2.0 * np.eye(2)).tolist()
-    smear = np.array(_solved(a, b, c, *told.tolist()))
+    (a, b), (_, c) = (weighted @ design.T).tolist()
+    before = _SMEAR_SIGMA_PX**-2.0
+    smear = np.array(_solved(a + before, b, c + before, *told.tolist()))
     if smear @ told < _SURE:
         return np.asarray(known)
     return np.asarray(known + smear @ design)
@@ -62,4 +64,4 @@ def _solved(a: float, b: float, c: float, u: float, v: float) -> tuple[float, fl
 def _twice_the_angle(normal_px: np.ndarray) -> np.ndarray:
     """Cosine and sine (2, N) of twice the angle of normals (N, 2)."""
     x, y = normal_px.T
-    return np.stack([x * x - y * y, 2.0 * x * y])
+    return np.array([x * x - y * y, 2.0 * x * y])

@@ -6,7 +6,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.raster import PLACE_SIGMA_PX
 from horizon_sensor_ros.core.robust import median
-from horizon_sensor_ros.core.symmetric3 import solve
+from horizon_sensor_ros.core.symmetric3 import inverse
 
 _FAR_OFF = 6.0  # times the median distance, from which on an edge is not the limb's
 
@@ -32,9 +32,13 @@ def limb_in_raster(
     variance of that.
     """
     weight = 1.0 / variance
-    limb = _solved(base, place, weight)
-    weight[_far_off(base, place, limb)] = 0.0
-    limb, feigned = _solved(base, place, weight), _solved(base, raster, weight)
+    both = np.stack([place, raster], axis=1)
+    limbs = _solved(base, both, weight)
+    far = _far_off(base, place, limbs[:, 0])
+    if far.any():
+        weight[far] = 0.0
+        limbs = _solved(base, both, weight)
+    limb, feigned = limbs.T
     aside = weight * (raster - base @ feigned)
     # What a limb may feign is not the raster's for sure.
     variance_open = 1.0 / (float(aside @ raster) + PLACE_SIGMA_PX**-2.0)
@@ -47,9 +51,10 @@ def _far_off(base: np.ndarray, place: np.ndarray, limb: np.ndarray) -> np.ndarra
     return np.asarray(off > _FAR_OFF * median(off))
 
 
-def _solved(base: np.ndarray, place: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _solved(base: np.ndarray, places: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Unknowns (3, ...) of the limb that is nearest to places (N, ...)."""
     weighted = (base * weight[:, None]).T
     information = weighted @ base
     # Along a short arc the three are nearly one and the same.
     information.flat[:: len(information) + 1] += 1e-9 * information[-1, -1]
-    return solve(information, weighted @ place)
+    return np.asarray(inverse(information) @ (weighted @ places))

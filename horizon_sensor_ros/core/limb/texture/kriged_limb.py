@@ -17,7 +17,7 @@ from horizon_sensor_ros.core.limb.texture.kriging import KrigedEdges, Stretches,
 # Off the predicted place: edges are placed one by one, and kriged about the limb that fits those.
 # Kriging about what it found itself would follow the texture further and further; but once, and for
 # a limb that was followed and is not far off, it is as good.
-_OFF_PX, _NEARBY_PX = 0.1, 0.5
+_OFF_PX, _NEARBY_PX = 0.1, 0.35
 _FAR_PX = 1.0  # from the limb about which it is done: no place of its edge
 
 

@@ -148,7 +148,7 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     normal_px = stretches.base[:, :2]
     raster = Raster.of(normal_px, phase, good)
     wider_information /= 1.0 + wider_information * raster.blur_rest2()[:, None]
-    ground = stretches.px_over_radius * stretches.length_px
+    ground = _rounded(stretches.px_over_radius * stretches.length_px)
     count = int(np.count_nonzero(good))
     alone = wider_information / _repetition(tables, count, ground)
     # What the raster does to a profile is not texture.
@@ -207,7 +207,7 @@ def _level_evidence(step: np.ndarray, ground: float) -> np.ndarray:
     index = np.arange(len(step))
     ahead, behind = np.minimum(index, len(change2) - 1), np.maximum(index - lag, 0)
     change2 = 0.5 * (change2[ahead] + change2[behind])
-    expected = _STEP_VARIANCE + _variogram(lag, _rounded(ground))
+    expected = _STEP_VARIANCE + _variogram(lag, ground)
     # Changes over stretches in common are one.
     return -0.5 * (change2[:, None] / expected + np.log(expected)) / lag
 
@@ -218,7 +218,7 @@ def _shared_error(variance: np.ndarray, count: int, ground: float) -> SharedErro
     count : stretches of limb, of a length of ``ground``.
     """
     part, whole = (
-        math.sqrt(float(variance @ (_SHARED * _alike(max(1, number), _rounded(ground)))))
+        math.sqrt(float(variance @ (_SHARED * _alike(max(1, number), ground))))
         for number in (round(count / _PARTS), count)
     )
     return SharedError(part, whole)
@@ -227,7 +227,7 @@ def _shared_error(variance: np.ndarray, count: int, ground: float) -> SharedErro
 def _repetition(tables: _Tables, count: int, ground: float) -> np.ndarray:
     """How often edges say the same of the blur (S,): so much of it as texture feigns."""
     of_texture = np.square(tables.textured / tables.sigma)
-    return 1.0 + _REPEATED * of_texture * (count * _alike(count, _rounded(ground)) - 1.0)
+    return 1.0 + _REPEATED * of_texture * (count * _alike(count, ground) - 1.0)
 
 
 def _rounded(ground: float) -> float:
