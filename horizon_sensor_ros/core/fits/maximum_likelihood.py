@@ -44,11 +44,10 @@ _SCALE_STEPS = 3  # then the residuals' scale is kept
 # Residual, in sigmas, of a point that says nothing about a cone; finite, so that nothing times it
 # is nothing.
 _NOWHERE = 1e30
-# A step of this many (sigma)^2 is the last; one of `_NEAR_ENOUGH` will do when steps run out. After
-# one of Newton's method the next would be a thousand times shorter.
+# A step of this many (sigma)^2 is the last. One of `_NEAR_ENOUGH` will do when steps run out, or
+# of Newton's method, which then leaves hardly anything.
 _CONVERGED = 1e-5
 _NEAR_ENOUGH = 1e-3
-_NEWTON_ENOUGH = 0.03
 
 
 def fit_maximum_likelihood(
@@ -223,7 +222,7 @@ def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool
                 step *= 2.0
         cone = new
         history.append(cone.state)
-        if length2 < (_NEWTON_ENOUGH if newton else _CONVERGED) * max(1.0, scale * scale):
+        if length2 < (_NEAR_ENOUGH if newton else _CONVERGED) * max(1.0, scale * scale):
             return cone, True, np.array(history)
     near = scale < np.inf and length2 < _NEAR_ENOUGH * max(1.0, scale * scale)
     return cone, near, np.array(history)
