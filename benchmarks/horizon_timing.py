@@ -281,8 +281,8 @@ def run(options: Options) -> list[Table]:
             (
                 "Each stage with those before it, ms, as above. limb drawn: where it is predicted. "
                 "+ profiles: sampled across it. + edges: kriged where the limb lies within a tenth "
-                "of a pixel of the prediction, else placed one by one first. all: with fit, "
-                "judgement and covariance.",
+                "of a pixel of the prediction, twice up to a third of a pixel off, else placed one "
+                "by one first. all: with fit, judgement and covariance.",
             ),
         ),
         _pairs(options, searching),
