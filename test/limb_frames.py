@@ -53,8 +53,11 @@ def draw(
     scene: EarthScene | None = None,
     imaging: Imaging | tuple[Imaging, ...] = CLEAN,
     seed: int = 0,
+    turn_base_rad: np.ndarray | None = None,
 ) -> tuple[SimFrame, ...]:
-    """Frames of all views at one moment, as seen from `ROT_WORLD_FROM_BASE`."""
+    """Frames of all views at one moment, as seen from `ROT_WORLD_FROM_BASE`; turn_base_rad : by
+    which the craft turns meanwhile.
+    """
     return render_views(
         views,
         ROT_WORLD_FROM_BASE,
@@ -62,6 +65,7 @@ def draw(
         EarthScene() if scene is None else scene,
         np.random.default_rng(seed),
         imaging=imaging,
+        turn_base_rad=turn_base_rad,
     )
 
 

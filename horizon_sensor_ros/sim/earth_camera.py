@@ -19,6 +19,7 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.air import airglow_layer, glow_above_limb, glow_inside_limb
 from horizon_sensor_ros.sim.cloud_texture import city_brightness, cloud_brightness
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
+from horizon_sensor_ros.sim.exposure import attitudes_during
 from horizon_sensor_ros.sim.frame_truth import (
     FrameTruth,
     LimbTruth,
@@ -242,20 +243,40 @@ def render(
     *,
     imaging: Imaging | None = None,
     rot_base_from_cam: FloatArray | None = None,
+    turn_base_rad: FloatArray | None = None,
 ) -> SimFrame:
     """Draw one frame.
 
     rot_world_from_cam : (3, 3), optical frame to the Earth-fixed world; position_ecef_m : (3,),
     outside the planet; rng : noise and defects only, the world itself is fixed by the scene;
     rot_base_from_cam : (3, 3), default identity (truth is then in the optical frame).
+    turn_base_rad : (3,) by which the base turns during the exposure, in its own frame; the pose is
+    that of the exposure's middle. Default none.
     Raises ValueError for a position inside the planet.
     """
     imaging = Imaging() if imaging is None else imaging
     rot = np.asarray(rot_world_from_cam, float)
     position = np.asarray(position_ecef_m, float)
     world = _World(scene, position)
-    shape = (camera.height, camera.width)
+    turn = np.zeros(3) if turn_base_rad is None else np.asarray(turn_base_rad, float)
+    turn = turn if rot_base_from_cam is None else turn @ rot_base_from_cam
+    moments = attitudes_during(rot, turn, camera)
+    light: Image = np.mean([_light(world, camera, at) for at in moments], axis=0)
+    hidden, parts = occlusion(imaging.occluders, (camera.height, camera.width))
+    if imaging.occluders:
+        light = light * (1.0 - hidden) + parts
+    sun_px = _sun_px(world, camera, rot)
+    if sun_px is not None:
+        _draw_sun(light, sun_px, scene, imaging, hidden)
+    signal = expose(light, imaging, rng)
+    limb = _limb_truth(world, camera, rot, signal, hidden)
+    truth = _truth(world, camera, rot, limb, rot_base_from_cam)
+    return SimFrame(digitise(signal, imaging, rng), truth)
 
+
+def _light(world: _World, camera: Camera, rot: FloatArray) -> Image:
+    """Brightness (H, W) at a moment, before the optics; without the Sun."""
+    shape = (camera.height, camera.width)
     rays = _frame_rays(camera)
     seen = np.isfinite(rays[:, 2])
     sight = world.sight(rays @ rot.T)
@@ -268,17 +289,7 @@ def render(
     pixels[off_planet] = world.sky(sight.take(off_planet))
     _draw_limb(light, world, camera, rot, sight.excess.reshape(shape))
     _draw_sky_objects(light, world, camera, rot)
-
-    hidden, parts = occlusion(imaging.occluders, shape)
-    if imaging.occluders:
-        light = light * (1.0 - hidden) + parts
-    sun_px = _sun_px(world, camera, rot)
-    if sun_px is not None:
-        _draw_sun(light, sun_px, scene, imaging, hidden)
-    signal = expose(light, imaging, rng)
-    limb = _limb_truth(world, camera, rot, signal, hidden)
-    truth = _truth(world, camera, rot, limb, rot_base_from_cam)
-    return SimFrame(digitise(signal, imaging, rng), truth)
+    return light
 
 
 def render_views(
@@ -289,10 +300,11 @@ def render_views(
     rng: np.random.Generator,
     *,
     imaging: Imaging | Sequence[Imaging] | None = None,
+    turn_base_rad: FloatArray | None = None,
 ) -> tuple[SimFrame, ...]:
     """Draw the frames of several cameras of one craft at one moment, in the order of `views`.
 
-    imaging : one for all, or one a view.
+    imaging : one for all, or one a view. turn_base_rad : see `render`.
     """
     each = [imaging] * len(views) if imaging is None or isinstance(imaging, Imaging) else imaging
     if len(each) != len(views):
@@ -306,6 +318,7 @@ def render_views(
             rng,
             imaging=how,
             rot_base_from_cam=view.rot_base_from_cam,
+            turn_base_rad=turn_base_rad,
         )
         for view, how in zip(views, each, strict=True)
     )

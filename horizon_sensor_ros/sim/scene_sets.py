@@ -1,5 +1,5 @@
 """Random sets of frames for benchmarks: A (uniform planet), B, C and E (clouds), D (smooth ground),
-B for two cameras.
+B for two cameras, M (a camera that turns while it exposes).
 
 All sets: sphere, altitude 300 to 6000 km (log-uniform), field of view 40 to 80 deg, 400 x 400 to
 1024 x 1024 pixels, any roll, PSF sigma 0.7 px. Set A: noise 2 DN. The others: noise 4 DN. The
@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
@@ -33,6 +33,9 @@ _SET_B_CONTRAST = 0.2
 # With this one a fit of sloped steps (`benchmarks/sloped_step.py`) has the error that was published
 # for the same set (0.0063).
 _SET_E_CONTRAST = 0.03
+# What set M shows, and by how many pixels motion smears the middle of its frames.
+MOVING_SCENES = ("uniform", "clouds of B", "clouds of C", "uniform, air", "clouds of B, air")
+SMEARS_PX = (2.0, 5.0, 10.0, 20.0)
 _OFF_LIMB = 0.4  # largest angle of a camera's axis to a point of the limb, over half its field
 
 
@@ -75,6 +78,23 @@ def set_e(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
     )
 
 
+def set_m(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
+    """Draw n frames of a camera that turns, any way, while they are exposed.
+
+    Scenes are `MOVING_SCENES` in turn, each of them with the first of `SMEARS_PX`, then the next.
+    """
+    for i in range(n):
+        name, smear_px = moving_scene(i)
+        scene = _moving(name, seed, i)
+        yield _one_camera("m", i, seed, scene, Imaging(noise_dn=4.0), smear_px)
+
+
+def moving_scene(i: int) -> tuple[str, float]:
+    """What frame i of set M shows, and its smear in pixels."""
+    turn, kind = divmod(i, len(MOVING_SCENES))
+    return MOVING_SCENES[kind], SMEARS_PX[turn % len(SMEARS_PX)]
+
+
 def two_camera_set(n: int = 200, seed: int = 0, planet: Planet = _SPHERE) -> Iterator[SceneCase]:
     """Draw n pairs as in set B, axes perpendicular; the base frame is camera 1's optical one.
 
@@ -97,6 +117,16 @@ def two_camera_set(n: int = 200, seed: int = 0, planet: Planet = _SPHERE) -> Ite
         imaging, scene = Imaging(noise_dn=4.0), replace(_clouds(seed, i), planet=planet)
         frames = render_views(views, rot_1, -nadir * distance, scene, rng, imaging=imaging)
         yield SceneCase(f"two{i}", views, frames)
+
+
+def _moving(name: str, seed: int, i: int) -> EarthScene:
+    ground, _, air = name.partition(", ")
+    contrasts = {"clouds of B": _SET_B_CONTRAST, "clouds of C": 1.0}
+    scene = _clouds(seed, i, contrasts[ground]) if ground in contrasts else EarthScene()
+    if not air:
+        return scene
+    air_dn = float(np.random.default_rng([seed, i, 0xA]).uniform(40.0, 130.0))
+    return replace(scene, air_dn=air_dn)
 
 
 def _clouds(seed: int, i: int, contrast: float = _SET_B_CONTRAST) -> EarthScene:
@@ -155,7 +185,9 @@ def _perpendicular_axes(
     raise RuntimeError("no pair of perpendicular axes near the limb was found")
 
 
-def _one_camera(name: str, i: int, seed: int, scene: EarthScene, imaging: Imaging) -> SceneCase:
+def _one_camera(
+    name: str, i: int, seed: int, scene: EarthScene, imaging: Imaging, smear_px: float = 0.0
+) -> SceneCase:
     rng = np.random.default_rng([seed, i, 1])
     distance = _distance(rng)
     nadir = random_direction(rng)
@@ -163,6 +195,17 @@ def _one_camera(name: str, i: int, seed: int, scene: EarthScene, imaging: Imagin
     size, fov = _size_and_fov(rng)
     axis = _near(rng, _limb_point(rng, nadir, rho), _OFF_LIMB * fov / 2.0)
     rot = rot_from_axis(axis, rng.uniform(0.0, 2.0 * np.pi))
-    views = (CameraView("camera_1", camera_from_fov(size, size, fov), np.eye(3)),)
-    frames = render_views(views, rot, -nadir * distance, scene, rng, imaging=imaging)
+    camera = camera_from_fov(size, size, fov)
+    turn = _turn(rng, camera, smear_px) if smear_px > 0.0 else None
+    views = (CameraView("camera_1", camera, np.eye(3)),)
+    frames = render_views(
+        views, rot, -nadir * distance, scene, rng, imaging=imaging, turn_base_rad=turn
+    )
     return SceneCase(f"{name}{i}", views, frames)
+
+
+def _turn(rng: np.random.Generator, camera: Camera, smear_px: float) -> FloatArray:
+    """Rotation vector (3,) that moves the middle of the frame by so much, and rolls it besides."""
+    angle = smear_px / camera.fx
+    across = rng.uniform(0.0, 2.0 * np.pi)
+    return angle * np.array([np.cos(across), np.sin(across), rng.uniform(-0.5, 0.5)])

@@ -11,6 +11,7 @@ from horizon_sensor_ros.sim.scene_sets import (
     set_c,
     set_d,
     set_e,
+    set_m,
     two_camera_set,
 )
 
@@ -20,7 +21,7 @@ def every_kind() -> list[HardScene]:
     return list(hard_scenes(len(KINDS), seed=5))
 
 
-@pytest.mark.parametrize("draw", [set_a, set_b, set_d, set_e])
+@pytest.mark.parametrize("draw", [set_a, set_b, set_d, set_e, set_m])
 def test_single_camera_sets_keep_their_definition(draw) -> None:
     cases: list[SceneCase] = list(draw(8, seed=2))
     for case in cases:
