@@ -26,6 +26,7 @@ PARTS = {
     "horizon_scenes": "horizon_scenes",
     "horizon_hard": "horizon_hard",
     "horizon_figure": "horizon_figure",
+    "horizon_motion": "horizon_motion",
     "horizon_timing": "horizon_timing",
     "self_calibration": "self_calibration",
     "target": "target_bench",

@@ -226,7 +226,15 @@ class HorizonSensor:
         views = [figure.view(frame.view) for frame in frames]
         images = [frame.gray for frame in frames]
         detection = follow_limb(
-            views, images, self._sphere, nadir, rho, track.sees, track.looks, track.factors
+            views,
+            images,
+            self._sphere,
+            nadir,
+            rho,
+            track.sees,
+            track.looks,
+            track.factors,
+            track.smears,
         )
         if detection is None:
             return None

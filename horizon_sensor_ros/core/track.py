@@ -11,6 +11,7 @@ from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.detector import Detection
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.edge.width import Smear
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.status import Status
 
@@ -22,9 +23,10 @@ class Track:
     views, cameras_used : of that set. nadir_base, rho_rad : its disc's cone. last_cone : those of
     the set before, None right after a search. sees : whether each frame's camera saw the limb.
     looks : of its edge, one per frame, with the air above it; empty where no model fits. factors :
-    one per frame, by which it is reduced where the limb is followed. skies : one per frame, level
-    and noise of empty space as the search measured them. layer_rad : height of airglow above the
-    limb. age : sets since the search.
+    one per frame, by which it is reduced where the limb is followed. smears : one per frame,
+    motion's in it, None where there is hardly any. skies : one per frame, level and noise of empty
+    space as the search measured them. layer_rad : height of airglow above the limb. age : sets
+    since the search.
     """
 
     views: tuple[CameraView, ...]
@@ -34,6 +36,7 @@ class Track:
     sees: tuple[bool, ...]
     looks: tuple[tuple[EdgeLook, ...], ...]
     factors: tuple[int, ...]
+    smears: tuple[Smear | None, ...]
     skies: tuple[LimbCandidates, ...]
     layer_rad: float
     last_cone: tuple[np.ndarray, float] | None = None
@@ -57,6 +60,7 @@ class Track:
             sees,
             detection.looks,
             detection.factors,
+            detection.smears,
             skies,
             detection.layer_rad,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,13 +14,13 @@ from horizon_sensor_ros.core.fits.maximum_likelihood import refine
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.limb.curve import limb_curve
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.edge.width import Smear, smear_of
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.refinement import refine_limb
 from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow
 from horizon_sensor_ros.core.limb.search.candidates import (
     LimbCandidates,
-    block_average,
     canny_candidates,
     space_boundary_candidates,
 )
@@ -29,6 +30,7 @@ from horizon_sensor_ros.core.limb.search.selection import (
     limb_consensus,
     rays_of_candidates,
 )
+from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.robust import median, stretches
 from horizon_sensor_ros.core.status import Status
@@ -50,13 +52,14 @@ _AGAIN = RefinePass(reach_px=10.0, grid_px=0.5, spacing_px=4.0, guess=False)
 _STRETCHES, _ON_COURSE_PX = 4, 0.6
 # Where it is not known what the edge looks like.
 _FRESH = (_NEAR, _GLOW, _FINAL)
-# A frame comes back to its full size in steps of so much, for as long as neighbouring edges, in
-# pixels of the full frame, do not differ by so many times as much: a limb that is soft for those
-# shows itself better in larger ones.
-_FINER, _MORE_JUMPS = 3, 1.25
 # Jumps from edge to edge of a limb that shows itself well at once: of edges by themselves, and of
 # means of many.
 _STEADY_PX, _STEADY_MEANS_PX = 0.3, 0.15
+# Blur of edges that no motion smeared; smears, without glow and with it, that are too long for a
+# frame's pixels; how much of them is left in those of a reduced frame, which is no smaller than so.
+_SHARP_PX, _SMEAR_PX, _GLOWING_PX, _LEFT_PX, _SMALLEST_PX = 0.82, 1.55, 3.0, 1.5, 64
+_AS_MUCH = 0.25  # share by which the next frame's smear may be another
+_SMEARED = "motion smears the limb too far"
 _CANNY_REACH_PX = 2.0
 _COARSE_PX = 16.0  # spacing of points that tell whether the limb is in a frame
 
@@ -69,7 +72,8 @@ class Detection:
     refined; NaN where there is none. candidates : step one's, for drawing. consensus : step two's.
     looks : one per frame, what the limb's edge looks like; none where no model fits it. factors :
     one per frame, by which it was reduced for the last pass. layer_rad : how far above the limb a
-    layer of airglow lies, 0 without one.
+    layer of airglow lies, 0 without one. smears : one per frame, motion's in it, None where there
+    is hardly any.
     """
 
     observations: tuple[LimbObservation, ...]
@@ -80,6 +84,7 @@ class Detection:
     looks: tuple[tuple[EdgeLook, ...], ...] = ()
     factors: tuple[int, ...] = ()
     layer_rad: float = 0.0
+    smears: tuple[Smear | None, ...] = ()
 
     @property
     def limbs(self) -> tuple[LimbPoints, ...]:
@@ -146,13 +151,67 @@ def detect_limb(
     looked = _seen_at_once(views, images, near) if consensus.unanimous else None
     if looked is None:
         frames = [
-            _Frame(image, max(1, int(found.pitch_px) // 2), int(found.pitch_px))
+            SizedFrame(image, max(1, int(found.pitch_px) // 2), int(found.pitch_px))
             for image, found in zip(images, candidates, strict=True)
         ]
         looked = _look(views, frames, planet, near, [()] * len(views), (_SEARCH, *_FRESH))
+    looked = _without_smear(views, images, planet, looked)
     return replace(
         looked, candidates=candidates, consensus=consensus, layer_rad=consensus.layer_rad
     )
+
+
+def _without_smear(
+    views: Sequence[CameraView], images: Sequence[np.ndarray], planet: Planet, found: Detection
+) -> Detection:
+    """The same limb, in frames blurred alike in all directions, and reduced until motion smears it
+    over no more than a pixel or two.
+
+    A camera whose frame would be too small is left out.
+    """
+    smears = _smears(views, images, found)
+    if not any(smears):
+        return replace(found, smears=tuple(smears))
+    factors = [
+        math.ceil(smear.across_px / _LEFT_PX) if smear else factor
+        for smear, factor in zip(smears, found.factors, strict=True)
+    ]
+    frames = [
+        SizedFrame(image, factor, smear=smear)
+        for image, factor, smear in zip(images, factors, smears, strict=True)
+    ]
+    near = found.nadir_base, found.rho_rad
+    fresh: list[tuple[EdgeLook, ...]] = [()] * len(views)
+    found = _look(views, frames, planet, near, fresh, _FRESH)
+    none = LimbPoints.none(Status.NO_LIMB, _SMEARED)
+    usable = [
+        seen
+        if smear is None or min(image.shape) >= _SMALLEST_PX * factor
+        else LimbObservation(seen.view, none)
+        for seen, image, smear, factor in zip(
+            found.observations, images, smears, factors, strict=True
+        )
+    ]
+    return replace(found, observations=tuple(usable), smears=tuple(smears))
+
+
+def _smears(
+    views: Sequence[CameraView], images: Sequence[np.ndarray], found: Detection
+) -> list[Smear | None]:
+    """Motion's smear in each frame, None where there is hardly any."""
+    smears: list[Smear | None] = []
+    seen = zip(views, images, found.limbs, found.looks, found.factors, strict=True)
+    for view, image, limb, looks, factor in seen:
+        smear = None
+        glows = any(look.glow_px > 0.0 for look in looks)
+        sharp = factor == 1 and looks and looks[0].psf_px < _SHARP_PX and not glows
+        if limb.status is Status.OK and not sharp:
+            smear = smear_of(image, view, found.nadir_base, found.rho_rad)
+            soft = glows or factor > 1
+            if smear.sure_px <= (_GLOWING_PX if soft else _SMEAR_PX) * factor:
+                smear = None
+        smears.append(smear)
+    return smears
 
 
 def _seen_at_once(
@@ -163,7 +222,7 @@ def _seen_at_once(
     """Limb around a cone that is as near as passes come; None where it does not show itself well in
     every frame that it crosses.
     """
-    frames = [_Frame(image, 1) for image in images]
+    frames = [SizedFrame(image, 1) for image in images]
     seen, held = _refined(views, frames, near, _AT_ONCE, [()] * len(views))
     for view, observation in zip(views, seen, strict=True):
         missed = observation.limb.status is not Status.OK
@@ -189,10 +248,12 @@ def follow_limb(
     sees: Sequence[bool],
     looks: Sequence[tuple[EdgeLook, ...]],
     factors: Sequence[int],
+    smears: Sequence[Smear | None],
 ) -> Detection | None:
     """Find the limb again near a predicted one; None where the prediction is of no help.
 
-    sees : whether each frame's camera saw the limb. looks, factors : as in the last detection.
+    sees : whether each frame's camera saw the limb. looks, factors, smears : as in the last
+    detection.
     The last passes of `detect_limb` around the predicted cone; where the limb lies farther off, or
     looks otherwise, a pass or two more, so that the answer is that of a search. Other cameras that
     see the limb than did, or an edge that no model fits and that a search may measure otherwise:
@@ -200,66 +261,38 @@ def follow_limb(
     """
     fresh: list[tuple[EdgeLook, ...]] = [()] * len(views)
     attempts = ((looks, (_NEARER, EXPECTED)), (fresh, (_AGAIN, *_FRESH)))
-    frames = [_Frame(image, factor) for image, factor in zip(images, factors, strict=True)]
+    frames = [
+        SizedFrame(image, factor, smear=smear)
+        for image, factor, smear in zip(images, factors, smears, strict=True)
+    ]
     for start, steps in attempts:
         found = _look(views, frames, planet, (nadir_base, rho_rad), start, steps)
         if [limb.status is Status.OK for limb in found.limbs] != list(sees):
             continue
         if found.modelled and found.on_course:
-            return found
+            return found if _smeared_alike(views, images, found, smears) else None
     return None
 
 
-class _Frame:
-    """One image, and the size in which its limb shows best.
-
-    factor : by which it is reduced for the next pass. coarsest : the largest to begin with; without
-    one the size is decided.
-    """
-
-    def __init__(self, gray: np.ndarray, factor: int, coarsest: int = 0) -> None:
-        self.factor = self._first = factor
-        self._coarsest = coarsest
-        self._rests = coarsest == 0
-        self._coarser = factor, np.inf  # the last size, and how neighbouring edges differ in it
-        self._reduced = {1: gray}
-
-    def coarsen(self) -> bool:
-        """Begin again in a coarser size; False where there is none."""
-        if 2 * self._first > self._coarsest:
+def _smeared_alike(
+    views: Sequence[CameraView],
+    images: Sequence[np.ndarray],
+    found: Detection,
+    smears: Sequence[Smear | None],
+) -> bool:
+    """Whether frames that motion smeared still are, by about as much."""
+    for view, image, limb, smear in zip(views, images, found.limbs, smears, strict=True):
+        if smear is None or limb.status is not Status.OK:
+            continue
+        now = smear_of(image, view, found.nadir_base, found.rho_rad)
+        if not abs(now.across_px - smear.across_px) < _AS_MUCH * smear.across_px:
             return False
-        self.factor = self._first = 2 * self._first
-        self._coarser = self.factor, np.inf
-        self._rests = False
-        return True
-
-    def image(self) -> np.ndarray:
-        """Gray levels in that size."""
-        if self.factor not in self._reduced:
-            self._reduced[self.factor] = block_average(self._reduced[1], self.factor)
-        return self._reduced[self.factor]
-
-    def resize(self, limb: LimbPoints) -> int:
-        """Go on to a finer size, 1, or back to the last, -1, by the limb as seen in this; or stay,
-        0.
-        """
-        factor, jumps_px = self._coarser
-        if self._rests:
-            return 0
-        if limb.jumps_px > _MORE_JUMPS * jumps_px:
-            self.factor, self._rests = factor, True
-            return -1
-        if self.factor == 1:
-            self._rests = True
-            return 0
-        self._coarser = self.factor, limb.jumps_px
-        self.factor = max(1, self.factor // _FINER)
-        return 1
+    return True
 
 
 def _look(
     views: Sequence[CameraView],
-    frames: Sequence[_Frame],
+    frames: Sequence[SizedFrame],
     planet: Planet,
     near: tuple[np.ndarray, float],
     looks: Sequence[tuple[EdgeLook, ...]],
@@ -329,7 +362,7 @@ def _look(
 
 def _refined(
     views: Sequence[CameraView],
-    frames: Sequence[_Frame],
+    frames: Sequence[SizedFrame],
     near: tuple[np.ndarray, float],
     step: RefinePass,
     looks: Sequence[tuple[EdgeLook, ...]],
@@ -337,7 +370,9 @@ def _refined(
     """One pass over all frames around a cone: the limbs, and the looks that hold of their edges."""
     seen, held = [], []
     for view, frame, kinds in zip(views, frames, looks, strict=True):
-        here = step if frame.factor == 1 else replace(step, factor=frame.factor)
+        here = step
+        if frame.factor > 1 or frame.smear is not None:
+            here = replace(step, factor=frame.factor, blur_open_px=frame.blur_open_px)
         limb, holds = refine_limb(frame.image(), view, *near, here, kinds)
         seen.append(LimbObservation(view, limb))
         held.append(holds)

@@ -49,7 +49,8 @@ class RefinePass:
     like where that was not known. at_once : and go on with that guess, if it is that of a sharp
     edge. expected : the limb is where it is predicted, as far as is known.
     inner_px : how far a profile reaches into the planet, beside the search range. contour : where
-    air glows its contour draws the limb. joint : limb and glow are fitted together.
+    air glows its contour draws the limb. joint : limb and glow are fitted together. blur_open_px :
+    one sigma of what the blur may differ by along the limb.
     """
 
     reach_px: float
@@ -62,6 +63,7 @@ class RefinePass:
     inner_px: float = 6.0
     contour: bool = True
     joint: bool = False
+    blur_open_px: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +73,7 @@ class LimbSample:
     gray : the image, reduced by `factor`. bundles : of the curve's points, a stretch each.
     spacing_px : between those, and pitch_rad : of a pixel, in that image. noise : one sigma of
     `profiles`, see `pixel_noise`. black : law of space where pixels are clipped at zero.
+    blur_open_px : as of `RefinePass`.
     """
 
     gray: np.ndarray
@@ -83,6 +86,7 @@ class LimbSample:
     profiles: np.ndarray
     noise: float
     black: Black | None = None
+    blur_open_px: float = 0.0
 
     @property
     def px(self) -> np.ndarray:
@@ -113,6 +117,7 @@ class LimbSample:
             self.stretch_px,
             ground_across_px(self.pitch_rad, rho_rad),
             base,
+            self.blur_open_px,
         )
 
     def steps(self) -> tuple[np.ndarray, np.ndarray]:
@@ -206,5 +211,15 @@ def sample_limb(
         profiles = black.unclipped(profiles)
         noise = max(noise, black.sigma / math.sqrt(size))
     return LimbSample(
-        gray, step.factor, curve, bundles, grid, spacing_px, pitch_rad, profiles, noise, black
+        gray,
+        step.factor,
+        curve,
+        bundles,
+        grid,
+        spacing_px,
+        pitch_rad,
+        profiles,
+        noise,
+        black,
+        step.blur_open_px,
     )

@@ -6,13 +6,32 @@ so that the blur goes with twice the angle of the limb's normal.
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.raster import BLUR_SIGMA_PX
 
 _BLUR_SIGMA_PX = 0.03  # how well a limb's blur is known beforehand
 _SMEAR_SIGMA_PX = 0.3  # of what motion may add to it
-_SURE = 12.0  # times its variance, the square of a smear that chance does not make
+_LEAST_INFORMATION = 1e-3  # px^-2
+_PARTS = 12  # of a limb, in which edges may be wrong about their blur together
+_SURE = 40.0  # times its variance, the square of a smear that chance does not make
+# Blur that needs no motion: of optics and pixels, in a whole frame. What there is more of it may be
+# a smear's, and may go with the direction by so large a share.
+_STILL_PX, _SMEARED_SHARE = 0.85, 0.5
+_UNTOLD = 3.0  # times its sigma, what texture may hide of a smear
+
+
+@dataclass(frozen=True)
+class Blur:
+    """lacking_px : (N,) what an assumed blur lacks at each edge. open_px : one sigma of what may go
+    with the limb's direction besides.
+    """
+
+    lacking_px: np.ndarray
+    open_px: float
 
 
 def blur_along(
@@ -20,13 +39,13 @@ def blur_along(
     raster: np.ndarray,
     lacking: np.ndarray,
     information: np.ndarray,
-    alone: np.ndarray,
-) -> np.ndarray:
-    """What an assumed blur lacks at each edge (N,), px: the same for all, what the raster makes of
-    it, and what goes with the direction.
+    assumed_px: float,
+) -> Blur:
+    """What an assumed blur lacks at each edge: the same for all, what the raster makes of it, and
+    what goes with the direction.
 
-    raster : `Raster.blur`. lacking : (N,) what each edge says of it, and information : (N,) how
-    well; alone : (N,) so much of that as its neighbours do not say too.
+    normal_px : (N, 2). raster : (N,), `Raster.blur`. lacking : (N,) what each edge says of it, and
+    information : (N,) how well, by itself.
     """
     weighted = information * raster
     common, pixels = _solved(
@@ -37,22 +56,50 @@ def blur_along(
         float(weighted @ lacking),
     )
     known = common + pixels * raster
+    total = float(information.sum())
     design = _twice_the_angle(normal_px)
-    total = alone.sum()
-    design -= (design @ alone / total)[:, None]
+    design -= (design @ information / total)[:, None]
     # What the raster may do is no smear.
-    aside = raster - raster @ alone / total
-    told_aside = aside * alone
+    aside = raster - raster @ information / total
+    told_aside = aside * information
     aside_of = design @ told_aside / (told_aside @ aside + BLUR_SIGMA_PX**-2.0)
     design -= aside_of[:, None] * aside
-    weighted = design * alone
-    told = weighted @ (lacking - known)
-    (a, b), (_, c) = (weighted @ design.T).tolist()
-    before = _SMEAR_SIGMA_PX**-2.0
-    smear = np.array(_solved(a + before, b, c + before, *told.tolist()))
-    if smear @ told < _SURE:
-        return np.asarray(known)
-    return np.asarray(known + smear @ design)
+    weighted = design * information
+    rest = lacking - known
+    told = weighted @ rest
+    normal = weighted @ design.T
+    smear = _solved_with(normal, _LEAST_INFORMATION, told)
+    repeated = _repetition(rest - smear @ design, information)
+    before = repeated * _SMEAR_SIGMA_PX**-2.0
+    smear = _solved_with(normal, before, told)
+    sure = float(smear @ told) >= _SURE * repeated
+    more = assumed_px + float(information @ known) / total - _STILL_PX
+    if not sure and more <= 0.0:
+        return Blur(known, 0.0)
+    # Root of the mean variance of what a smear adds.
+    (a, b), (_, c) = normal.tolist()
+    size = (a + before) * (c + before) - b * b
+    spread = (c + before) * a - 2.0 * b * b + (a + before) * c
+    open_px = math.sqrt(repeated * max(spread, 0.0) / (size * total))
+    if sure:
+        return Blur(known + smear @ design, open_px)
+    return Blur(known, min(_SMEARED_SHARE * more, _UNTOLD * open_px))
+
+
+def _repetition(rest: np.ndarray, information: np.ndarray) -> float:
+    """How often edges say the same: what parts of a limb leave of a smear, over chance."""
+    num = min(_PARTS, len(rest))
+    first = np.arange(num) * len(rest) // num
+    weight = np.add.reduceat(information, first)
+    sums = np.add.reduceat(information * rest, first)
+    chi2 = float(np.sum(np.square(sums) / np.maximum(weight, _LEAST_INFORMATION)))
+    return max(1.0, chi2 / max(num - 3, 1))
+
+
+def _solved_with(normal: np.ndarray, before: float, told: np.ndarray) -> np.ndarray:
+    """Solution (2,) of normal equations (2, 2) with so much information beforehand."""
+    (a, b), (_, c) = normal.tolist()
+    return np.array(_solved(a + before, b, c + before, *told.tolist()))
 
 
 def _solved(a: float, b: float, c: float, u: float, v: float) -> tuple[float, float]:

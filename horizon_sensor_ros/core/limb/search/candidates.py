@@ -27,6 +27,8 @@ _FARTHER_PX = np.arange(4.0, 25.0, 2.0, dtype=np.float32)
 _INWARD_STEPS_PX = np.array([-2.0, -6.0], dtype=np.float32)
 _RIDGE_SHARE = 0.15  # of the step, left so far inside: less is a streak, or a layer of air
 _ACROSS_PX = np.arange(-2.0, 3.0, dtype=np.float32)[:, None]
+# Types of images, and those that hold sums of them.
+_SUMS: dict[type, type] = {np.uint8: np.uint16, np.uint16: np.uint32, np.float32: np.float32}
 _BORDER_PX = 48  # working pixels beyond the frame that may be asked for
 _MASK_CLEARANCE_PX = 4.0  # working pixels that a candidate keeps from a masked part of the frame
 
@@ -71,7 +73,7 @@ def block_average(gray: np.ndarray, factor: int) -> np.ndarray:
     """
     height, width = (size // factor * factor for size in gray.shape)
     # Whole rows of integers are added up first: a fraction of the time of OpenCV's area resampling.
-    sums = gray[:height:factor].astype(np.uint16 if gray.dtype == np.uint8 else np.uint32)
+    sums: np.ndarray = gray[:height:factor].astype(_SUMS[gray.dtype.type])
     for row in range(1, factor):
         sums += gray[row:height:factor]
     means = sums[:, :width:factor].astype(np.float32)

@@ -46,7 +46,6 @@ _STEP_VARIANCE = 0.5  # over that of a pixel of a profile: two of them are besid
 # texture and of smooth.
 _SHARED = ground_texture.by_kind(1.2, 2.4)
 _PARTS = 6  # of the limb, between which nothing is shared
-_REPEATED = 10.0  # what texture says of a smear, over what it would if it were alike as it is
 _SCALES_PER_OCTAVE = 2.0  # tables are made for such steps of the ground's scale
 _PHASE_WEIGHT = 3.0  # by which a stretch's phase in the raster takes from what it says of texture
 _SHAPE_ERROR = 0.003  # over the step; no edge is quite the model's
@@ -59,7 +58,8 @@ class Stretches:
     profiles : (N, J) gray levels at d_px (J,), whole pixels outwards. noise : one sigma of each.
     psf_px : the edge's blur. length_px : of limb. px_over_radius : ground across one pixel at the
     limb, along it, over the planet's radius. base : (N, 3) how the edge moves along the normals
-    with the limb's three unknowns.
+    with the limb's three unknowns. blur_open_px : one sigma of what the blur may differ by along
+    the limb.
     """
 
     profiles: np.ndarray
@@ -69,6 +69,7 @@ class Stretches:
     length_px: float
     px_over_radius: float
     base: np.ndarray
+    blur_open_px: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -150,12 +151,13 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     wider_information /= 1.0 + wider_information * raster.blur_rest2()[:, None]
     ground = _rounded(stretches.px_over_radius * stretches.length_px)
     count = int(np.count_nonzero(good))
-    alone = wider_information / _repetition(tables, count, ground)
     # What the raster does to a profile is not texture.
     nearby = nearness(len(good), max(_LEAST_WINDOW, _WINDOW / ground)) + _ANYWHERE
     nearby *= good * np.maximum(1.0 - _PHASE_WEIGHT * raster.size, 0.0)
     k = ground_texture.likely(_deviation(sure(step)) / noise)
-    blur = blur_along(normal_px, raster.blur, wider[:, k], wider_information[:, k], alone[:, k])
+    blur = blur_along(
+        normal_px, raster.blur, wider[:, k], wider_information[:, k], stretches.psf_px
+    ).lacking_px
     place = places[:, k] - tables.lean[k] * blur
     limb, error, _ = limb_in_raster(
         sure(stretches.base), sure(place), sure(variance[:, k]), sure(raster.place)
@@ -177,7 +179,8 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     wider_information *= share
     told = wider_information.sum(axis=1)
     lacking = (wider_information * wider).sum(axis=1) / np.maximum(told, 1e-30)
-    blur = blur_along(normal_px, raster.blur, lacking, told, (share * alone).sum(axis=1))
+    smeared = blur_along(normal_px, raster.blur, lacking, told, stretches.psf_px)
+    blur = smeared.lacking_px
     places -= tables.lean * blur[:, None]
     place = (share * places).sum(axis=1)
     spread2 = (share * (variance + np.square(places - place[:, None]))).sum(axis=1)
@@ -193,7 +196,9 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     # What weighs less moves the limb less.
     weight = good / spread2
     textured = (weight * np.square(over_step)) @ share * np.square(tables.textured) / weight.sum()
-    shared = _shared_error(textured, count, ground)
+    hidden_px = math.hypot(smeared.open_px, stretches.blur_open_px)
+    hidden_px *= float(weight @ (share @ tables.lean)) / float(weight.sum())
+    shared = _shared_error(textured, count, ground).besides(SharedError(hidden_px, hidden_px))
     return KrigedEdges(place, np.sqrt(spread2), limb, misfit, step, shared)
 
 
@@ -222,12 +227,6 @@ def _shared_error(variance: np.ndarray, count: int, ground: float) -> SharedErro
         for number in (round(count / _PARTS), count)
     )
     return SharedError(part, whole)
-
-
-def _repetition(tables: _Tables, count: int, ground: float) -> np.ndarray:
-    """How often edges say the same of the blur (S,): so much of it as texture feigns."""
-    of_texture = np.square(tables.textured / tables.sigma)
-    return 1.0 + _REPEATED * of_texture * (count * _alike(count, ground) - 1.0)
 
 
 def _rounded(ground: float) -> float:
