@@ -299,7 +299,7 @@ def _good_beside(good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 _NONE = np.zeros(1, dtype=bool)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _tables(
     d_px: tuple[float, ...], psf_px: float, px_over_radius: float, length_px: int
 ) -> _Tables:
