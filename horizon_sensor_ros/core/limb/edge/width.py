@@ -9,13 +9,14 @@ side only: of the whole width and twice either half the least counts.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.curve import limb_curve
 from horizon_sensor_ros.core.limb.profiles import sample_profiles
+from horizon_sensor_ros.core.robust import median
 
 _PITCH_PX = 0.5
 _D_PX = _PITCH_PX * np.arange(-48, 49)
@@ -25,28 +26,36 @@ _NEAR_PX = 3.5  # from where the limb is thought to be, as far as its edge may l
 _TOP = 0.75  # share of the steepest fall that is its top
 _STILL_PX = 2.1  # width of an edge that is as sharp as usual
 _BY_GROUND_PX2 = 5.0  # square of the width that clouds may feign, in one frame of a hundred
+_BOXED = 0.72  # width at the top over that at half the height; of a normal law 0.64
 _BOX = 12.0  # square of a box's width, over its variance
 _BEFOREHAND = np.diag([0.0, 0.02, 0.02])  # parts of a limb that tell as much as is known before
 
 
 @dataclass(frozen=True, eq=False)
 class Smear:
-    """across_px : how far motion smeared the limb where it did most. lacking_px2 : (2, 2), the
-    covariance of a blur that makes the frame's the same in all directions; open_px2 : one sigma of
-    what its variance then still differs by.
+    """across_px : how far motion smeared the limb where it did most; least_px : and where least.
+    lacking_px2 : (2, 2), the covariance of a blur that makes the frame's the same in all
+    directions; open_px2 : one sigma of what its variance then still differs by. boxed : the edge
+    falls as a box's does, not as soft optics let it fall.
     """
 
     across_px: float
+    least_px: float
     lacking_px2: np.ndarray
     open_px2: float
+    boxed: bool = False
 
     @property
     def sure_px(self) -> float:
-        """How far motion smeared the limb for sure; ground may widen parts of it by a little."""
-        return math.sqrt(max(self.across_px**2 - min(_BOX * self.open_px2, _BY_GROUND_PX2), 0.0))
+        """How far motion smeared the limb for sure: what is alike all along it may be soft optics',
+        and ground may widen parts of it by a little.
+        """
+        optics2 = 0.0 if self.boxed else self.least_px**2
+        by_ground2 = min(_BOX * self.open_px2, _BY_GROUND_PX2)
+        return math.sqrt(max(self.across_px**2 - optics2 - by_ground2, 0.0))
 
 
-_NONE = Smear(0.0, np.zeros((2, 2)), 0.0)
+_NONE = Smear(0.0, 0.0, np.zeros((2, 2)), 0.0)
 
 
 def smear_of(gray: np.ndarray, view: CameraView, nadir_base: np.ndarray, rho_rad: float) -> Smear:
@@ -59,11 +68,13 @@ def smear_of(gray: np.ndarray, view: CameraView, nadir_base: np.ndarray, rho_rad
     if np.count_nonzero(valid) < _PARTS * _LEAST_PROFILES:
         return _NONE
     parts = np.array_split(np.flatnonzero(valid), _PARTS)
-    width = np.array([_width_px(profiles[part].mean(axis=0)) for part in parts])
+    widths = [_widths_px(profiles[part].mean(axis=0)) for part in parts]
+    width, top = np.array(widths).T
     # Of a blurred box, about: its cube is the sum of those of the box's and of the blur's.
     across2 = np.maximum(width**3 - _STILL_PX**3, 0.0) ** (2.0 / 3.0)
     normal_px = np.array([curve.normal_px[part].mean(axis=0) for part in parts])
-    return smear_from_parts(normal_px, across2)
+    smear = smear_from_parts(normal_px, across2)
+    return replace(smear, boxed=bool(median(top) > _BOXED * median(width)))
 
 
 def smear_from_parts(normal_px: np.ndarray, across2: np.ndarray) -> Smear:
@@ -85,7 +96,8 @@ def smear_from_parts(normal_px: np.ndarray, across2: np.ndarray) -> Smear:
     # Of what goes with the direction no more is made up for than can be told.
     told = size * size / (size * size + misfit * misfit + 1e-9)
     lacking = (told / _BOX) * (2.0 * size * np.eye(2) - along)
-    return Smear(math.sqrt(max(float(found.max()), 0.0)), lacking, misfit / _BOX)
+    most, least = (math.sqrt(max(float(across), 0.0)) for across in (found.max(), found.min()))
+    return Smear(most, least, lacking, misfit / _BOX)
 
 
 def _motion(design: np.ndarray, across2: np.ndarray) -> np.ndarray:
@@ -94,19 +106,22 @@ def _motion(design: np.ndarray, across2: np.ndarray) -> np.ndarray:
     return np.linalg.solve(design.T @ design + _BEFOREHAND, design.T @ across2)
 
 
-def _width_px(profile: np.ndarray) -> float:
-    """Width of the fall of a profile (J,) at half its height; 0 where it does not fall."""
+def _widths_px(profile: np.ndarray) -> tuple[float, float]:
+    """Widths of the fall of a profile (J,) at half its height and at its top; 0 where it does not
+    fall.
+    """
     smooth = 0.25 * (profile[:-2] + profile[2:]) + 0.5 * profile[1:-1]
     fall = smooth[:-2] - smooth[2:]
     near = np.flatnonzero(np.abs(_D_PX[2:-2]) <= _NEAR_PX)
     steepest = near[int(np.argmax(fall[near]))]
     height = float(fall[steepest])
     if not height > 0.0:
-        return 0.0
+        return 0.0, 0.0
     first, last = (_end(fall, steepest, way, _TOP * height) for way in (-1, 1))
     inner, outer = (_end(fall, steepest, way, 0.5 * height) for way in (-1, 1))
     middle = 0.5 * (first + last)
-    return _PITCH_PX * min(outer - inner, 2.0 * (middle - inner), 2.0 * (outer - middle))
+    width = min(outer - inner, 2.0 * (middle - inner), 2.0 * (outer - middle))
+    return _PITCH_PX * width, _PITCH_PX * (last - first)
 
 
 def _end(fall: np.ndarray, start: int, way: int, level: float) -> float:
