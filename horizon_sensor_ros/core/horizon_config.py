@@ -42,7 +42,7 @@ class HorizonConfig:
     vertical: str = "geocentric"
     altitude_min_m: float = 10e3
     altitude_max_m: float = 100e6
-    max_nadir_sigma_rad: float = float(np.radians(0.75))
+    max_nadir_sigma_rad: float = float(np.radians(0.5))
     max_residual_px: float = 1.2
     min_limb_share: float = 0.5
     max_bright_sky: float = 0.25

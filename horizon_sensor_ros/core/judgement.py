@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import MIN_POINTS
 from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
@@ -102,9 +103,12 @@ def refusal(
 
 def disagreement_rad(one: HorizonFit, other: HorizonFit) -> float:
     """Angle between two fits' nadirs if it is more than their covariances allow, else 0."""
-    apart = float(np.linalg.norm(np.cross(one.nadir_base, other.nadir_base)))
-    sigma = np.hypot(nadir_sigma_rad(one), nadir_sigma_rad(other))
-    return apart if apart > max(_DISAGREEMENT_SIGMAS * sigma, _DISAGREEMENT_RAD) else 0.0
+    basis = tangent_basis(one.nadir_base)
+    apart = basis.T @ (other.nadir_base - one.nadir_base)
+    cov = basis.T @ (one.cov_nadir_altitude + other.cov_nadir_altitude)[:3, :3] @ basis
+    apart_rad = math.sqrt(apart @ apart)
+    unlikely = float(apart @ np.linalg.solve(cov, apart)) > _DISAGREEMENT_SIGMAS**2
+    return apart_rad if unlikely and apart_rad > _DISAGREEMENT_RAD else 0.0
 
 
 def nadir_sigma_rad(fit: HorizonFit) -> float:

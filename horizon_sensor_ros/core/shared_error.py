@@ -28,13 +28,13 @@ _SURE = 2.0  # times the points' own variance: what chance makes of it
 def with_shared_error(
     fit: HorizonFit, observations: Sequence[LimbObservation], figure: Figure
 ) -> HorizonFit:
-    """Return the fit with the errors that points share added to its covariance.
+    """Return the fit with the errors that points share in its covariance.
 
-    Those are what stretches of the limb have in common (`LimbPoints.coherent_px`), and what the
-    figure that was fitted leaves out of the planet's.
+    Those are what stretches of the limb have in common (`LimbPoints.coherent_px`), or what is known
+    of the cone that they lie on, and what the figure that was fitted leaves out of the planet's.
     """
-    cov = fit.cov_nadir_altitude + _coherent_covariance(fit, observations, figure.sphere)
-    cov += figure.covariance(fit, observations)
+    cov = _with_shared(fit, observations, figure.sphere)
+    cov = cov + figure.covariance(fit, observations)
     return replace(fit, cov_nadir_altitude=cov)
 
 
@@ -53,49 +53,77 @@ def _bend_px(rays: LimbRays, nadir_base: tuple[float, ...], rho_rad: float) -> f
     return bend if bend < math.inf else 9.0
 
 
-def _coherent_covariance(
+def _with_shared(
     fit: HorizonFit, observations: Sequence[LimbObservation], sphere: Planet
 ) -> np.ndarray:
-    """Covariance (4, 4) of nadir and altitude from the errors that neighbouring points share.
+    """Covariance (4, 4) of nadir and altitude with the errors that neighbouring points share.
 
-    Each camera's limb counts as `_STRETCHES` independent stretches, whatever the number of points,
-    or by the covariance of the cone that was fitted to it.
+    The fit is linear in where the points lie, so its errors are theirs: their own, which are in its
+    covariance already, and those of `_STRETCHES` independent stretches of each camera's limb,
+    whatever the number of points; or the covariance of the cone that was fitted to a camera's limb,
+    which holds both.
     """
-    shares = []
+    cameras = []
     negligible = True
     for observation in observations:
         rays = gather([observation])
-        if len(rays) < 2 * _STRETCHES or observation.view.name not in fit.cameras:
+        if len(rays) == 0 or observation.view.name not in fit.cameras:
             continue
-        claimed_px = observation.limb.coherent_px
-        if claimed_px == 0.0:
-            return np.zeros((4, 4))
-        # What the stretches show of it, beyond their points' own errors, counts too, more than it
-        # seems: the fit has bent to them.
-        freedom = max(1.0 - 3.0 / (_STRETCHES * len(fit.cameras)), 0.25)
+        limb = observation.limb
+        claimed_px = limb.coherent_px if len(rays) >= 2 * _STRETCHES else 0.0
         own2 = _MEDIAN_VARIANCE * median(rays.sigma_px) ** 2 * _STRETCHES / len(rays)
-        bend2 = max(bend_px(fit, rays) ** 2 / freedom - _SURE * own2, 0.0)
-        coherent2 = max(claimed_px**2, bend2)
-        negligible &= coherent2 < _NEGLIGIBLE * own2
-        shares.append((observation, rays, coherent2))
+        if limb.cov_cone is not None:
+            negligible = False
+        elif claimed_px > 0.0:
+            negligible &= claimed_px**2 < _NEGLIGIBLE * own2 and bend_px(fit, rays) ** 2 < own2
+        cameras.append((limb, rays, claimed_px**2, own2))
     if negligible:
-        return np.zeros((4, 4))
+        return fit.cov_nadir_altitude
     basis = tangent_basis(fit.nadir_base)
     to_tangent = np.zeros((3, 4))
     to_tangent[:2, :3], to_tangent[2, 3] = basis.T, 1.0
-    information = np.zeros((3, 3))
-    shifts = []
-    for observation, rays, coherent2 in shares:
-        limb = observation.limb
+    rows = [_rows(camera[1], fit.nadir_base, basis) for camera in cameras]
+    gain = inverse(sum((a.T @ a for a in rows), np.zeros((3, 3))))
+    cov = np.zeros((3, 3))
+    variance = np.diag(fit.cov_nadir_altitude).copy()
+    variance[3] /= sphere.altitude_slope(fit.rho_rad) ** 2
+    # Of the points' own errors, over those that they claim.
+    more_own = float(variance.sum() / np.trace(gain))
+    for (limb, rays, claimed2, own2), a in zip(cameras, rows, strict=True):
+        # How a sigma of each point moves the fit, and a pixel.
+        by_sigma = a @ gain
+        by_px = by_sigma / rays.sigma_px[:, None]
+        coherent2 = claimed2
+        if claimed2 > 0.0:
+            # What the stretches show of it, beyond their points' own errors, counts too.
+            order = rays.along_limb(fit.nadir_base)
+            left = _left(a[order] * rays.sigma_px[order, None], by_px[order])
+            coherent2 = max(claimed2, bend_px(fit, rays) ** 2 / left - _SURE * own2)
         if limb.cov_cone is not None:
-            more = coherent2 / limb.coherent_px**2
-            information += inverse(more * to_tangent @ limb.cov_cone @ to_tangent.T)
+            more = max(coherent2 / limb.coherent_px**2, 1.0)
+            turned = by_sigma.T @ a @ to_tangent
+            cov += more * turned @ limb.cov_cone @ turned.T
             continue
-        weight = _STRETCHES / (len(rays) * coherent2)
-        rows = rays.design(fit.nadir_base, basis) / rays.angles(fit.nadir_base)[1][:, None]
-        information += weight * rows.T @ rows
-        shifts.append(limb.shift_px * weight * rows.sum(axis=0))
-    gain = inverse(information)
-    moved = [gain @ shift for shift in shifts]
-    cov = gain + sum((np.outer(move, move) for move in moved), np.zeros((3, 3)))
+        shift = limb.shift_px * by_px.sum(axis=0)
+        cov += more_own * by_sigma.T @ by_sigma + np.outer(shift, shift)
+        cov += coherent2 * len(rays) / _STRETCHES * by_px.T @ by_px
     return covariance_nadir_altitude(cov, basis, fit.rho_rad, sphere)
+
+
+def _rows(rays: LimbRays, nadir_base: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """How residuals in sigmas move with the cone (N, 3)."""
+    growth = rays.angles(nadir_base)[1]
+    growth = np.where(growth > rays.least_growth, growth, np.inf) * rays.sigma_px
+    return rays.design(nadir_base, basis) / growth[:, None]
+
+
+def _left(rows_px: np.ndarray, by_px: np.ndarray) -> float:
+    """What a fit leaves of the variance of stretches that are off independently, mean of them.
+
+    rows_px, by_px : (N, 3), in order along the limb, how points' residuals move with the cone, and
+    the cone with the points.
+    """
+    starts = [part[0] for part in stretches(np.arange(len(rows_px)), _STRETCHES)]
+    sizes = np.diff([*starts, len(rows_px)])
+    fitted = np.add.reduceat(rows_px, starts) / sizes[:, None] @ np.add.reduceat(by_px, starts).T
+    return float(np.mean(np.sum((np.eye(_STRETCHES) - fitted) ** 2, axis=1)))

@@ -117,8 +117,8 @@ def test_cameras_all_show_the_limb_of_the_ground_or_none_does(
     assert not any(limb.joint for limb in apart.limbs)
 
 
-def test_one_camera_knows_nadir_no_better_than_its_cone() -> None:
-    """What its points are off by, each by itself, adds to that."""
+def test_one_camera_knows_nadir_as_well_as_its_cone() -> None:
+    """What its points are off by, each by itself, is in that."""
     altitude_m = 400e3
     (view,) = limb_views(altitude_m, azimuths_rad=(0.9,))
     drawn = draw((view,), altitude_m, _air(4), Imaging(noise_dn=1.5), 3)[0]
@@ -129,8 +129,7 @@ def test_one_camera_knows_nadir_no_better_than_its_cone() -> None:
     basis = tangent_basis(found.fit.nadir_base)
     of_cone = basis.T @ cov_cone[:3, :3] @ basis
     of_fix = basis.T @ found.fit.cov_nadir_altitude[:3, :3] @ basis
-    assert np.linalg.eigvalsh(of_fix - of_cone).min() > 0.0
-    assert np.trace(of_cone) > 0.2 * np.trace(of_fix)
+    assert np.allclose(of_fix, of_cone, rtol=1e-3, atol=1e-12)
 
 
 def test_profiles_of_air_are_blurred_columns() -> None:

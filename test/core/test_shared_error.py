@@ -1,0 +1,115 @@
+"""Covariances of fits to points that are off together: against fits to points drawn so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from limb_samples import PINHOLE, observe, view_at_limb
+
+from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.figure import MeanSphere
+from horizon_sensor_ros.core.fits import LimbObservation, fit_horizon
+from horizon_sensor_ros.core.fits.observation import gather
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.shared_error import with_shared_error
+
+NADIR, PLANET = np.array([0.0, 0.0, 1.0]), Planet()
+RHO_RAD = PLANET.rho_from_altitude(800e3)
+STRETCHES = 6
+BASIS = tangent_basis(NADIR)
+
+
+def limb_of(camera: int, **claims: object) -> LimbObservation:
+    """One camera's exact limb, a tenth of a pixel claimed for each point unless said otherwise."""
+    view = view_at_limb(PINHOLE, NADIR, RHO_RAD, 1.7 * camera, name=f"camera_{camera + 1}")
+    exact = observe(view, NADIR, RHO_RAD, spacing_px=12.0)
+    claims.setdefault("sigma_px", np.full(len(exact.limb.px), 0.1))
+    return LimbObservation(view, replace(exact.limb, **claims))
+
+
+def unequal(num: int) -> np.ndarray:
+    """Sigmas (num,) of points beside ground that is even for a third of the limb."""
+    return np.where(np.arange(num) < num // 3, 0.03, 0.3)
+
+
+def drawn(exact: LimbObservation, rng: np.random.Generator) -> LimbObservation:
+    """The limb with the errors that it claims."""
+    limb = exact.limb
+    num = len(limb.px)
+    off = limb.sigma_px * rng.standard_normal(num) + limb.shift_px * rng.standard_normal()
+    stretch = np.minimum(np.arange(num) * STRETCHES // num, STRETCHES - 1)
+    off += limb.coherent_px * rng.standard_normal(STRETCHES)[stretch]
+    return replace(exact, limb=replace(limb, px=limb.px + off[:, None] * limb.normal_px))
+
+
+def cov_of_cone(cov: np.ndarray) -> np.ndarray:
+    """(3, 3) by tangent components and rho, of (4, 4) by nadir and altitude."""
+    to_cone = np.zeros((3, 4))
+    to_cone[:2, :3], to_cone[2, 3] = BASIS.T, 1.0 / PLANET.altitude_slope(RHO_RAD)
+    return to_cone @ cov @ to_cone.T
+
+
+@pytest.mark.parametrize("cameras", [1, 2])
+@pytest.mark.parametrize("even", [True, False], ids=["alike", "unequal"])
+def test_errors_are_as_large_as_claimed(cameras: int, even: bool) -> None:
+    """Also where few points of the limb, or those of one camera, weigh most in the fit."""
+    rng = np.random.default_rng(20 + cameras)
+    exact = [limb_of(i, coherent_px=(0.15, 0.4)[i], shift_px=0.1) for i in range(cameras)]
+    if not even:
+        exact = [
+            replace(one, limb=replace(one.limb, sigma_px=unequal(len(one.limb.px))))
+            for one in exact
+        ]
+    nees = []
+    for _ in range(400):
+        seen = [drawn(one, rng) for one in exact]
+        fit = with_shared_error(fit_horizon(seen, PLANET), seen, MeanSphere(PLANET, "geocentric"))
+        assert fit.ok
+        cov = cov_of_cone(fit.cov_nadir_altitude)
+        off = np.append(BASIS.T @ fit.nadir_base, fit.rho_rad - RHO_RAD)
+        nees.append(off @ np.linalg.solve(cov, off))
+    # Three degrees of freedom; stretches that happen to lie off far are believed, which adds to
+    # the covariance.
+    assert 1.8 < np.mean(nees) < 3.4
+
+
+def test_one_cameras_cone_is_known_as_it_says() -> None:
+    root = np.array([[1.0, 0.0, 0.0], [0.3, 0.8, 0.0], [0.5, -0.2, 0.4]]) * 1e-4
+    to_base = np.zeros((4, 3))
+    to_base[:3, :2], to_base[3, 2] = BASIS, 1.0
+    cone = to_base @ root @ root.T @ to_base.T
+    seen = [limb_of(0, coherent_px=0.1, shift_px=0.1, cov_cone=cone)]
+    fit = with_shared_error(fit_horizon(seen, PLANET), seen, MeanSphere(PLANET, "geocentric"))
+    assert np.allclose(cov_of_cone(fit.cov_nadir_altitude), root @ root.T, rtol=1e-4, atol=1e-13)
+
+
+def test_two_cameras_cones_are_weighed_as_their_points_are() -> None:
+    """The fit by a second method: normal equations of both cameras' points, one pixel at a time."""
+    root = np.diag([2.0, 1.0, 0.5]) * 1e-4
+    to_base = np.zeros((4, 3))
+    to_base[:3, :2], to_base[3, 2] = BASIS, 1.0
+    cone = to_base @ root @ root.T @ to_base.T
+    seen = [
+        limb_of(0, coherent_px=0.1, cov_cone=cone),
+        limb_of(1, coherent_px=0.1, cov_cone=4.0 * cone),
+    ]
+    seen[1] = replace(seen[1], limb=replace(seen[1].limb, sigma_px=2.0 * seen[1].limb.sigma_px))
+    fit = with_shared_error(fit_horizon(seen, PLANET), seen, MeanSphere(PLANET, "geocentric"))
+    information = []
+    for one in seen:
+        rays = gather([one])
+        step = 1e-6
+        columns = []
+        for moved in (*BASIS.T, None):
+            nadir = NADIR if moved is None else NADIR + step * moved
+            rho = RHO_RAD + (step if moved is None else 0.0)
+            nadir = nadir / np.linalg.norm(nadir)
+            columns.append(rays.residuals_px(nadir, rho) / (step * rays.sigma_px))
+        rows = np.column_stack(columns)
+        information.append(rows.T @ rows)
+    gains = [np.linalg.solve(sum(information), each) for each in information]
+    covs = (root @ root.T, 4.0 * root @ root.T)
+    expected = sum(gain @ cov @ gain.T for gain, cov in zip(gains, covs, strict=True))
+    assert np.allclose(cov_of_cone(fit.cov_nadir_altitude), expected, rtol=2e-3, atol=1e-12)
