@@ -1,5 +1,7 @@
 """Motion between two views: right, honest about its error, and refused where it cannot be known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -8,8 +10,10 @@ from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.alternatives import face_axes, right_turns
 from horizon_sensor_ros.core.target.config import RegistrationConfig
 from horizon_sensor_ros.core.target.consistency import view_consistency
+from horizon_sensor_ros.core.target.parts import Parts
 from horizon_sensor_ros.core.target.registration import (
     Registration,
+    TargetView,
     register,
     target_view,
 )
@@ -123,6 +127,28 @@ def test_a_body_of_revolution_is_degenerate_about_its_axis() -> None:
         move = Rotation.from_rotvec(way / np.linalg.norm(way) * np.radians(20))
         axis.append(abs(turn @ (move * Rotation.random(random_state=seed)).as_matrix()[:, 2]))
     assert np.median(axis) > 0.95
+
+
+def without_parts(view: TargetView) -> TargetView:
+    none = Parts(np.empty(0, int), *np.empty((2, 0, 3), np.float32), np.empty(0, np.float32))
+    assert view.surface is not None
+    return replace(view, surface=replace(view.surface, parts=none))
+
+
+def test_a_truss_is_known_better_by_its_bars() -> None:
+    deg, spread = [], []
+    for seed in range(12):
+        a, b, truth = pair("l_truss", seed, 15.0)
+        views = target_view(a), target_view(b)
+        found = register(*views, prior_b_from_a=truth)
+        plain = register(*(without_parts(view) for view in views), prior_b_from_a=truth)
+        if found.status is plain.status is Status.OK:
+            deg.append([errors(each, truth, centroid(a))[0] for each in (found, plain)])
+            spread.append(np.trace(found.covariance) / np.trace(plain.covariance))
+    assert len(deg) > 8
+    better, worse = np.median(deg, axis=0)
+    assert better < worse
+    assert np.median(spread) < 0.95
 
 
 def test_plain_and_organised_clouds_agree() -> None:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from horizon_sensor_ros.core.target.consistency import project
+from horizon_sensor_ros.core.target.parts import PART_TILT_RAD
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 
 # Cosines between side normals, and between directions, of edges that may be one.
@@ -107,12 +108,15 @@ class Matcher:
 
         self.a, self.b = a, b
         self._tree = cKDTree(b.edges.points)
+        # Which of b's parts is at a pixel, or -1.
+        self._part = np.full(b.plane.shape, -1, np.int32)
+        self._part[b.parts.place] = np.arange(len(b.parts))
 
     def pairs(
         self, rotation: np.ndarray, translation: np.ndarray, gate_m: float, step: int = 1
     ) -> Pairs:
         """Pairs whose distance along the normal is below ``gate_m``; of planes and edges
-        each ``step``-th."""
+        each ``step``-th, and parts only where that is 1."""
         a, b = self.a, self.b
         turn, shift = rotation.astype(np.float32), translation.astype(np.float32)
         sets = [
@@ -121,6 +125,9 @@ class Matcher:
         ]
         if len(a.edges) and len(b.edges):
             sets += self._edges(rotation, translation, gate_m, step)
+        # From afar a bar may be taken for the next side of it.
+        if step == 1 and len(a.parts) and len(b.parts):
+            sets.append(self._parts(turn, shift, gate_m))
         parts = [np.concatenate(part) for part in zip(*sets, strict=True)]
         point_a, point_b, normal_a, normal_b = (
             np.array(part.T, np.float64, order="C") for part in parts[:4]
@@ -170,9 +177,25 @@ class Matcher:
                   *_alike(len(keep), THIN, step))  # fmt: skip
         return [sides, fronts]
 
+    def _parts(self, rotation: np.ndarray, translation: np.ndarray, gate_m: float) -> _Set:
+        """a's parts, moved into b's frame, against those that b sees in the same direction."""
+        a, b = self.a.parts, self.b.parts
+        point = a.points @ rotation.T + translation
+        index = self._part[project(self.b, *point.T)]
+        of_a = np.flatnonzero(index >= 0)
+        of_b, point = index[of_a], point.take(of_a, axis=0)
+        other, n = b.points.take(of_b, axis=0), b.normals.take(of_b, axis=0)
+        normal = a.normals.take(of_a, axis=0) @ rotation.T
+        agree = (_dots(normal, n) > _SAME_NORMAL) & (np.abs(_dots(point - other, n)) < gate_m)
+        kept = np.flatnonzero(agree)
+        point, other, normal, n = (part.take(kept, axis=0) for part in (point, other, normal, n))
+        sigma = np.hypot(a.sigma_m[of_a[kept]], b.sigma_m[of_b[kept]])
+        weight, _, kind = _alike(len(kept), FACE, 1)
+        return point, other, normal, n, sigma, weight, np.full(len(kept), PART_TILT_RAD**2), kind
+
 
 def _alike(count: int, kind: int, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weight, tilt2 and kind of pairs of edges."""
+    """Weight, tilt2 and kind of pairs, each for ``step`` measurements with no tilt in common."""
     return np.full(count, float(step)), np.zeros(count), np.full(count, kind, np.int8)
 
 

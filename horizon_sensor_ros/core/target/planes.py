@@ -32,7 +32,7 @@ class Planes:
     """The local plane at each pixel of an image, (H, W) each.
 
     sigma_m : range noise.  footprint_m : a pixel's width at the target.  normal_noise_rad : of the
-        normals.
+        normals.  radius_px : of the windows.
     found : bool, where there is a plane.  own : bool, where it is that of the pixel's own window,
         whole where the surface is curved; elsewhere it is borrowed from a window beside it, or of
         the part of a window that a limb leaves.
@@ -46,6 +46,7 @@ class Planes:
     sigma_m: float
     footprint_m: float
     normal_noise_rad: float
+    radius_px: int
     found: np.ndarray
     own: np.ndarray
     level: np.ndarray
@@ -103,7 +104,7 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     normals[at] = (np.array([a, b, c]) / -length).take(good, axis=1).T
     shape = inverse.shape
     return Planes(
-        sigma, footprint, sigma / footprint / _slope_gain(radius), found.reshape(shape),
+        sigma, footprint, sigma / footprint / _slope_gain(radius), radius, found.reshape(shape),
         (own & found & firm).reshape(shape), level.reshape(shape), slope_u.reshape(shape),
         slope_v.reshape(shape), cosine.reshape(shape), noise, points, normals,
     )  # fmt: skip
@@ -265,3 +266,19 @@ def _borrow_planes(
     there = there.take(pick)
     slope_u[here], slope_v[here] = slope_u[there], slope_v[there]
     return found, slope_u, slope_v, level
+
+
+def normal_noise(
+    sigma_m: float, footprint_m: float, cosine: np.ndarray, tilt_rad: np.ndarray
+) -> np.ndarray:
+    """Standard deviation (m) along the normal of one measurement on a plane seen at ``cosine`` to
+    its normal.
+
+    Range noise shrinks with the cosine. A window that passed as flat bends little between its
+    pixels; a borrowed plane (``tilt_rad`` not 0) may, the more so at a slant, where pixels lie
+    wide apart.
+    """
+    slant = np.maximum(cosine, MIN_BORROWED_COSINE)
+    bend = footprint_m * (0.05 + 0.008 * (tilt_rad > 0) / (slant * slant))
+    across = sigma_m * cosine
+    return np.sqrt(across * across + bend * bend)

@@ -9,27 +9,12 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.target.edges import Edges, find_edges
-from horizon_sensor_ros.core.target.planes import MIN_BORROWED_COSINE, Planes, local_planes
+from horizon_sensor_ros.core.target.parts import Parts, find_parts
+from horizon_sensor_ros.core.target.planes import Planes, local_planes, normal_noise
 from horizon_sensor_ros.core.target.range_image import RangeImage
 
 # What a plane borrowed from the next window may lean by on a curved surface, alike in both views.
 _BORROWED_TILT_RAD = 0.08
-
-
-def normal_noise(
-    sigma_m: float, footprint_m: float, cosine: np.ndarray, tilt_rad: np.ndarray
-) -> np.ndarray:
-    """Standard deviation (m) along the normal of one measurement on a plane seen at ``cosine`` to
-    its normal.
-
-    Range noise shrinks with the cosine. A window that passed as flat bends little between its
-    pixels; a borrowed plane (``tilt_rad`` not 0) may, the more so at a slant, where pixels lie
-    wide apart.
-    """
-    slant = np.maximum(cosine, MIN_BORROWED_COSINE)
-    bend = footprint_m * (0.05 + 0.008 * (tilt_rad > 0) / (slant * slant))
-    across = sigma_m * cosine
-    return np.sqrt(across * across + bend * bend)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +48,7 @@ class SurfaceView:
         each pixel; without a plane the return itself, and 0.
     plane : (H W) bool, where there is one.  tilt_rad : (H W) of its normal, see Surfels;
         normal_noise_rad : of all.  noise_m : (H W) float32, along the normal, of one measurement.
-    surfels, edges : what is registered.
+    surfels, edges, parts : what is registered.
     depth_map : (H W) depth of the return, 0 where there is none.
     gap_px : (H W) distance to the nearest return or unknown pixel.
     """
@@ -82,6 +67,7 @@ class SurfaceView:
     gap_px: np.ndarray
     surfels: Surfels
     edges: Edges
+    parts: Parts
 
     @cached_property
     def nearest(self) -> np.ndarray:
@@ -137,7 +123,7 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
         image, planes.sigma_m, planes.footprint_m, float(size), planes.points, planes.normals,
         planes.found.ravel(), tilt, planes.normal_noise_rad, noise, depth_map,
         cv2.distanceTransform(hidden, cv2.DIST_L2, 3).ravel(),
-        _surfels(image, planes, tilt, noise), find_edges(image, planes),
+        _surfels(image, planes, tilt, noise), find_edges(image, planes), find_parts(image, planes),
     )  # fmt: skip
 
 
