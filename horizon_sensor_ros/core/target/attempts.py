@@ -12,7 +12,7 @@ from horizon_sensor_ros.core.target.config import RegistrationConfig
 from horizon_sensor_ros.core.target.consistency import view_consistency
 from horizon_sensor_ros.core.target.judgement import Uncertainty, uncertainty, worst_known
 from horizon_sensor_ros.core.target.pairs import Matcher, Pairs
-from horizon_sensor_ros.core.target.refinement import Refined, refine
+from horizon_sensor_ros.core.target.refinement import COARSE_STEP, Refined, mean_loss, refine
 from horizon_sensor_ros.core.target.rigid import rotation_from_vector
 from horizon_sensor_ros.core.target.search import align_batch, rotation_starts
 from horizon_sensor_ros.core.target.surfels import SurfaceView
@@ -25,10 +25,15 @@ _LIKELY = 0.9
 BEYOND_DOUBT = 0.98
 # Of the share of odd returns in both clouds so much is missing from the score of the true motion.
 SCORE_LOST = 0.6
-# Reach, in rms radii of the target, of the look along a direction that is not observed, and the
-# gain that counts.
+# A direction known worse than this, in units of what is allowed, is looked along for a better
+# motion: this far, in rms radii of the target, and the gain in score that counts; the smaller one
+# where nothing else is to be said against the motion.
+_FIRM = 0.2
 _SLIDE = 0.4
-_BETTER = 0.01
+_BETTER, _CLEARER = 0.01, 0.005
+# And so many pixels' widths to either side, for a loss that is less by this factor.
+_BESIDE_PX = np.array([-4.0, -2.0, 2.0, 4.0])
+_LESS = 0.95
 # A direction known worse than allowed by this factor stays so, wherever it comes to rest.
 _HOPELESS = 1.5
 # But one of a shift known worse by this one lacks pairs, which the next step or another start may
@@ -154,20 +159,45 @@ class Finder:
         return worst > _HOPELESS and not _lost(covariance, self._b.size_m, config)
 
     def _settle(self, rotation: np.ndarray, translation: np.ndarray, searched: bool) -> Found:
-        """Refine; where a direction is not observed, or the views do not quite agree, look along
+        """Refine; where a direction is not known well, or the views do not quite agree, look along
         the weakest direction for what agrees better."""
         found = self._finish(rotation, translation, searched)
-        clear = found.score > BEYOND_DOUBT - SCORE_LOST * self._odd
-        if clear and found.sound(self._config):
+        sound = found.sound(self._config)
+        clear = sound and found.score > BEYOND_DOUBT - SCORE_LOST * self._odd
+        if clear and found.worst(self._config) < _FIRM:
             return found
-        rotations, translations = _along_weakest(found, self._b)
-        seen = view_consistency(self._a, self._b, rotations, translations, 300)
-        merit = seen.score * np.sqrt(seen.overlap)
-        best = int(np.argmax(merit))
-        if merit[best] < merit[len(merit) // 2] + _BETTER:
+        count = int(np.ceil(_SLIDE * self._b.size_m / self._b.footprint_m))
+        rotations, translations = _along_weakest(found, np.arange(-count, count + 1))
+        score = view_consistency(self._a, self._b, rotations, translations, 300).score
+        best = int(np.argmax(score))
+        if score[best] > score[count] + (_CLEARER if clear else _BETTER):
+            again = self._finish(rotations[best], translations[best], searched)
+            if again.score > found.score and again.sound(self._config):
+                found = again
+        return self._deepest(found)
+
+    def _deepest(self, found: Found) -> Found:
+        """The found motion, or one some pixels' widths beside it whose pairs lie closer together.
+
+        Where a body is nearly one of revolution, what stands out on it comes to rest beside its
+        like: the pairs found there are near, but with more reach there are others.
+        """
+        if not (found.sound(self._config) and found.worst(self._config) > _FIRM):
             return found
-        again = self._finish(rotations[best], translations[best], searched)
-        return max(found, again, key=lambda one: one.merit)
+        loss = self._loss(found.refined.rotation, found.refined.translation_m)
+        motions = list(zip(*_along_weakest(found, _BESIDE_PX), strict=True))
+        losses = [self._loss(*motion) for motion in motions]
+        best = int(np.argmin(losses))
+        if losses[best] > _LESS * loss:
+            return found
+        again = self._finish(*motions[best], found.searched)
+        closer = self._loss(again.refined.rotation, again.refined.translation_m) < loss
+        agrees = again.score > found.score - _BETTER and again.sound(self._config)
+        return again if closer and agrees else found
+
+    def _loss(self, rotation: np.ndarray, translation: np.ndarray) -> float:
+        """Of a motion's pairs, with the reach of a start."""
+        return mean_loss(self._matcher.pairs(rotation, translation, self._gates[0], COARSE_STEP))
 
 
 def _lost(covariance: np.ndarray, size_m: float, config: RegistrationConfig) -> bool:
@@ -184,13 +214,13 @@ def odd_share(a: SurfaceView, b: SurfaceView) -> float:
     return 1 - (a.image.num_used / a.image.num_points + b.image.num_used / b.image.num_points) / 2
 
 
-def _along_weakest(found: Found, b: SurfaceView) -> tuple[np.ndarray, np.ndarray]:
-    """Motions (C, 3, 3), (C, 3) to both sides of the found one (the middle one) in the direction
-    that is observed least, in steps of a pixel's width."""
+def _along_weakest(found: Found, steps_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Motions (C, 3, 3), (C, 3) so many pixels' widths (C,) beside the found one in the direction
+    that is observed least."""
+    b = found.b
     scale = np.array([b.size_m] * 3 + [1.0] * 3)
     vectors = np.linalg.eigh(found.uncertainty.covariance * np.outer(scale, scale))[1]
-    count = int(np.ceil(_SLIDE * b.size_m / b.footprint_m))
-    steps = np.arange(-count, count + 1)[:, None] * b.footprint_m * vectors[:, -1] / scale
+    steps = steps_px[:, None] * b.footprint_m * vectors[:, -1] / scale
     turns, centre = rotation_from_vector(steps[:, :3]), b.image.centroid_m
     rotations = turns @ found.refined.rotation
     moved = turns @ (found.refined.translation_m - centre) + centre + steps[:, 3:]

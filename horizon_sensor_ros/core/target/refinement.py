@@ -13,7 +13,7 @@ from horizon_sensor_ros.core.target.pairs import Matcher, Pairs
 from horizon_sensor_ros.core.target.rigid import orthonormal
 
 # Before the last gate a part of the planes does.
-_COARSE_STEP = 3
+COARSE_STEP = 3
 # Pairs serve until the target has moved by so many pixel widths.
 _STRAY_PX = 0.1
 # Step in units of its standard deviation, squared, below which it may be asked whether to go on.
@@ -37,8 +37,18 @@ class Refined:
 
 def robust_weights(pairs: Pairs) -> np.ndarray:
     """(N,) Cauchy weights of the residuals."""
+    return 1 / (1 + _square_ratio(pairs))
+
+
+def mean_loss(pairs: Pairs) -> float:
+    """Cauchy's loss of the residuals, in the weighted mean; infinite without a pair."""
+    total = pairs.weight.sum()
+    return float(pairs.weight @ np.log1p(_square_ratio(pairs)) / total) if total > 0 else np.inf
+
+
+def _square_ratio(pairs: Pairs) -> np.ndarray:
     ratio = pairs.residual / (1.5 * pairs.sigma_m)
-    return 1 / (1 + ratio * ratio)
+    return ratio * ratio
 
 
 def jacobian(point: np.ndarray, normal: np.ndarray, centre: np.ndarray) -> np.ndarray:
@@ -88,7 +98,7 @@ def refine(
     for iteration in range(1, max_iterations + 1):
         if stage < last or strayed > _STRAY_PX * matcher.b.footprint_m:
             stage = min(stage + 1, last)
-            each = _COARSE_STEP if stage < last else 1
+            each = COARSE_STEP if stage < last else 1
             pairs = matcher.pairs(rotation, translation, gates_m[stage], each)
             strayed = 0.0
         else:
