@@ -12,6 +12,7 @@ from limb_frames import as_frames, clouds, draw, limb_views
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
 from horizon_sensor_ros.core.limb.curve import limb_curve
 from horizon_sensor_ros.core.limb.edge.width import smear_from_parts, smear_of
+from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import SimFrame
@@ -141,3 +142,12 @@ def test_following_looks_again_where_motion_begins() -> None:
         off = np.cross(fix.fit.nadir_base, frame.truth.nadir_base)
         sigma2 = np.linalg.eigvalsh(fix.fit.cov_nadir_altitude[:3, :3])[-1]
         assert off @ off < 9.0 * sigma2
+
+
+def test_errors_that_points_share_are_larger_where_motion_smeared() -> None:
+    limb = LimbPoints(Status.OK, coherent_px=0.2, shift_px=0.1, cov_cone=np.eye(4))
+    more = limb.misjudged(2.0)
+    assert (more.coherent_px, more.shift_px) == (0.4, 0.2)
+    assert more.cov_cone is not None
+    np.testing.assert_array_equal(more.cov_cone, 4.0 * np.eye(4))
+    assert LimbPoints(Status.OK).misjudged(2.0).cov_cone is None

@@ -59,6 +59,9 @@ _STEADY_PX, _STEADY_MEANS_PX = 0.3, 0.15
 # frame's pixels; how much of them is left in those of a reduced frame, which is no smaller than so.
 _SHARP_PX, _SMEAR_PX, _GLOWING_PX, _LEFT_PX, _SMALLEST_PX = 0.82, 1.55, 3.0, 1.5, 64
 _AS_MUCH = 0.25  # share by which the next frame's smear may be another
+# Errors that points of smeared limbs share, over what they are where nothing moved: as measured
+# beside the truth of simulated ones.
+_MISJUDGED = 1.6
 _SMEARED = "motion smears the limb too far"
 _CANNY_REACH_PX = 2.0
 _COARSE_PX = 16.0  # spacing of points that tell whether the limb is in a frame
@@ -192,7 +195,18 @@ def _without_smear(
             found.observations, images, smears, factors, strict=True
         )
     ]
-    return replace(found, observations=tuple(usable), smears=tuple(smears))
+    return _misjudged(replace(found, observations=tuple(usable), smears=tuple(smears)))
+
+
+def _misjudged(found: Detection) -> Detection:
+    """The same with the errors that points of smeared limbs really share."""
+    return replace(
+        found,
+        observations=tuple(
+            seen if smear is None else LimbObservation(seen.view, seen.limb.misjudged(_MISJUDGED))
+            for seen, smear in zip(found.observations, found.smears, strict=True)
+        ),
+    )
 
 
 def _smears(
@@ -270,7 +284,8 @@ def follow_limb(
         if [limb.status is Status.OK for limb in found.limbs] != list(sees):
             continue
         if found.modelled and found.on_course:
-            return found if _smeared_alike(views, images, found, smears) else None
+            alike = _smeared_alike(views, images, found, smears)
+            return _misjudged(replace(found, smears=tuple(smears))) if alike else None
     return None
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -66,6 +66,16 @@ class LimbPoints:
     def joint(self) -> bool:
         """Whether limb and glow were told apart."""
         return self.cov_cone is not None
+
+    def misjudged(self, times: float) -> LimbPoints:
+        """These with errors so many times as large that they share."""
+        cov = self.cov_cone
+        return replace(
+            self,
+            coherent_px=times * self.coherent_px,
+            shift_px=times * self.shift_px,
+            cov_cone=None if cov is None else times**2 * cov,
+        )
 
     @classmethod
     def none(cls, status: Status, reason: str) -> LimbPoints:
