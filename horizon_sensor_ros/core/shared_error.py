@@ -84,7 +84,7 @@ def _with_shared(
     to_tangent[:2, :3], to_tangent[2, 3] = basis.T, 1.0
     rows = [_rows(camera[1], fit.nadir_base, basis) for camera in cameras]
     gain = inverse(sum((a.T @ a for a in rows), np.zeros((3, 3))))
-    cov = np.zeros((3, 3))
+    cov, height = np.zeros((3, 3)), np.zeros(3)
     variance = np.diag(fit.cov_nadir_altitude).copy()
     variance[3] /= sphere.altitude_slope(fit.rho_rad) ** 2
     # Of the points' own errors, over those that they claim.
@@ -104,9 +104,12 @@ def _with_shared(
             turned = by_sigma.T @ a @ to_tangent
             cov += more * turned @ limb.cov_cone @ turned.T
             continue
-        shift = limb.shift_px * by_px.sum(axis=0)
+        of_all = by_px.sum(axis=0)
+        shift = limb.shift_px * of_all
+        height += limb.height_px * of_all
         cov += more_own * by_sigma.T @ by_sigma + np.outer(shift, shift)
         cov += coherent2 * len(rays) / _STRETCHES * by_px.T @ by_px
+    cov += np.outer(height, height)
     return covariance_nadir_altitude(cov, basis, fit.rho_rad, sphere)
 
 

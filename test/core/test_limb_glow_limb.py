@@ -132,6 +132,23 @@ def test_one_camera_knows_nadir_as_well_as_its_cone() -> None:
     assert np.allclose(of_fix, of_cone, rtol=1e-3, atol=1e-12)
 
 
+def test_overexposed_glow_leaves_altitude_as_uncertain_as_it_is() -> None:
+    """It is taken for ground, alike in all cameras: altitudes come out kilometres too low."""
+    rng = np.random.default_rng(9)
+    off = []
+    for seed in range(8):
+        altitude_m = float(rng.uniform(350e3, 1000e3))
+        views = limb_views(altitude_m, azimuths_rad=(0.7 * seed, 0.7 * seed + 1.6))
+        imaging = Imaging(noise_dn=1.5, gain=3.5)
+        drawn = draw(views, altitude_m, _air(seed), imaging, seed)
+        frames = [Frame(view, each.image) for view, each in zip(views, drawn, strict=True)]
+        found = HorizonSensor().process(frames)
+        assert found.ok, found.reason
+        sigma_m = np.sqrt(found.fit.cov_nadir_altitude[3, 3])
+        off.append((found.fit.altitude_m - altitude_m) / sigma_m)
+    assert 0.4 < np.sqrt(np.mean(np.square(off))) < 2.0
+
+
 def test_profiles_of_air_are_blurred_columns() -> None:
     fine = np.arange(-60.0, 60.0, 0.002) + 0.001
     blur = np.exp(-0.5 * np.square((_D_PX[:, None] - fine) / _PSF_PX))

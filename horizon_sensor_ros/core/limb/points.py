@@ -45,6 +45,7 @@ class LimbPoints:
     limb and glow were told apart by one fit: these are the ground's limb, where edges found one by
     one lie in its glow, all of them higher by a pixel or two. None for those.
     modelled : False where these are sharp edges that follow no model of one.
+    height_px : one sigma of what the limbs of all cameras are off by alike (overexposed air).
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -61,6 +62,7 @@ class LimbPoints:
     offset_px: np.ndarray = field(default_factory=lambda: np.empty(0))
     cov_cone: np.ndarray | None = None
     modelled: bool = True
+    height_px: float = 0.0
 
     @property
     def joint(self) -> bool:
@@ -74,6 +76,7 @@ class LimbPoints:
             self,
             coherent_px=times * self.coherent_px,
             shift_px=times * self.shift_px,
+            height_px=times * self.height_px,
             cov_cone=None if cov is None else times**2 * cov,
         )
 

@@ -61,6 +61,9 @@ _COHERENT_PX = {
 # Longer glow goes with ground that is seen finer: length from where on that error grows with it,
 # and by how much at most, as measured in the same way.
 _FINE_PX, _FINEST = 2.0, 2.5
+# Where glow is overexposed as well it is taken for ground: error of simulated limbs' height, over
+# the length over which glow fades.
+_CLIPPED_HEIGHT = 0.6
 _SHIFT = 1.5  # error of a camera's whole limb, over that of its stretches, where air glows
 
 
@@ -199,6 +202,9 @@ def refine_limb(
     points = _points(sample, px, normal_px, places, shared.besides(of_clipping), jumps_px)
     if given and model_free and not glows:
         points = replace(points, modelled=False)
+    if glows:
+        height_px = _CLIPPED_HEIGHT * float(np.mean(clipped)) * usual_length_px(view, rho_rad)
+        points = replace(points, height_px=height_px)
     return points, () if given and model_free else tuple(looks)
 
 
