@@ -50,8 +50,11 @@ _SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
 # Clouds are no Gaussian process, and the less so the finer they are seen: errors of the limb's
 # mean, slope and bend beside the truth of simulated ones, in sigmas; of glow so long, and of longer
 # by a power of its length.
-_MISJUDGED = np.array([4.5, 3.5, 1.4])
+_MISJUDGED = np.array([4.5, 1.75, 1.0])
 _FINE_PX, _FINER = 2.5, 0.75
+# The faster glow changes along the limb, the less it does so as A says: more of these, in a unit of
+# the slope and bend of its logarithm.
+_UNEVEN = np.array([0.0, 12.0, 25.0])
 _POINT_SHARE = 0.5  # sigma of a point by itself, over what would explain all of the limb's
 
 
@@ -228,6 +231,7 @@ def _limb(
     rows = sight.rows[keep]
     to_shape = np.linalg.pinv(powers(sight.along)[keep]) @ rows
     misjudged = _MISJUDGED * max(1.0, length_px / _FINE_PX) ** _FINER
+    misjudged = misjudged * (1.0 + _UNEVEN * np.abs(air.log_glow))
     more = np.linalg.inv(to_shape) @ (misjudged[:, None] * to_shape)
     cov = more @ found.cov @ more.T
     shape = np.sqrt(np.diag(to_shape @ cov @ to_shape.T))

@@ -54,7 +54,11 @@ class KrigedLimb:
     def about(self, limb: np.ndarray, good: np.ndarray) -> tuple[EdgePlaces, SharedError]:
         """The same about a limb that is moved from the predicted one by (3,), wherever it lies."""
         found, places = self._kriged_about(limb, good)
-        return places, found.shared
+        off_px = self._off_px(found)
+        if off_px < _NEARBY_PX:
+            return places, found.shared
+        # Too far to be found in one step: by how much it is short may be wrong all along.
+        return places, found.shared.besides(SharedError(off_px, 0.0))
 
     def _off_px(self, found: KrigedEdges) -> float:
         """How far the limb that is found lies from that about which it was sought, at most."""
