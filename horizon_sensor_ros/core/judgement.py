@@ -26,7 +26,7 @@ _DISAGREEMENT_RAD = np.radians(0.25)
 # which happens to run along some cone, by more.
 _MAX_BEND, _LEAST_BEND_PX = 4.5, 0.75
 # Of edges that follow no model, over their own errors: beyond it another limb fits them as well.
-_MOST_SCATTER = 2.5
+_MOST_SCATTER = 1.5
 # Lit ground is lit behind its limb too: all but 14 % of it in the darkest of 1400 simulated limbs;
 # between a night side's lamps a third or more is dark, and their outermost ones are no limb.
 _MOST_DARK_GROUND = 0.25
