@@ -167,11 +167,11 @@ class HorizonSensor:
         """
         if not fix.ok or len(fix.cameras_used) > 1:
             return None
-        # However little the other knows: that is in its covariance.
-        any_sigma = HorizonSensor(replace(self.config, max_nadir_sigma_rad=np.pi))
         for frame, limb in zip(frames, fix.limbs, strict=True):
             if limb.status in (Status.OK, Status.BAD_IMAGE):
                 continue
+            # However little the other knows: that is in its covariance.
+            any_sigma = HorizonSensor(replace(self.config, max_nadir_sigma_rad=np.pi))
             alone, doubtful = any_sigma._attempt([frame], aiding)
             if not alone.ok or doubtful:
                 continue

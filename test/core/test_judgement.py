@@ -9,8 +9,9 @@ import pytest
 from limb_samples import PINHOLE, observe, view_at_limb
 
 from horizon_sensor_ros.core.fits import LimbObservation, fit_horizon
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.judgement import refusal
+from horizon_sensor_ros.core.judgement import disagreement_rad, refusal
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
@@ -38,7 +39,13 @@ def seen(scatter_px: float, modelled: bool, cameras: int = 1) -> list[LimbObserv
 
 @pytest.mark.parametrize(
     ("scatter_px", "modelled", "cameras", "refused"),
-    [(0.4, False, 1, True), (0.4, True, 1, False), (0.1, False, 1, False), (0.4, False, 2, False)],
+    [
+        (0.4, False, 1, True),
+        (0.2, False, 1, True),
+        (0.4, True, 1, False),
+        (0.1, False, 1, False),
+        (0.4, False, 2, False),
+    ],
 )
 def test_one_cameras_edges_that_follow_neither_a_model_nor_a_limb(
     scatter_px: float, modelled: bool, cameras: int, refused: bool
@@ -55,3 +62,24 @@ def test_one_cameras_edges_that_follow_neither_a_model_nor_a_limb(
         assert "camera_1" in reason
     else:
         assert found is None
+
+
+@pytest.mark.parametrize(("sigma_deg", "contradicts"), [(1.0, True), (3.0, False)])
+def test_a_camera_contradicts_by_what_it_knows_in_that_direction(
+    sigma_deg: float, contradicts: bool
+) -> None:
+    """However little it knows across it: here 20 deg."""
+    apart_rad = np.radians(8.0)
+    sigma = np.radians([sigma_deg, 20.0, 0.0, 0.0])
+    fits = [
+        HorizonFit(
+            Status.OK,
+            "",
+            "ml",
+            nadir_base=np.array([np.sin(angle), 0.0, np.cos(angle)]),
+            cov_nadir_altitude=np.diag(np.square(sigma)),
+        )
+        for angle in (0.0, apart_rad)
+    ]
+    expected = pytest.approx(apart_rad, rel=0.01) if contradicts else 0.0
+    assert disagreement_rad(*fits) == expected

@@ -49,7 +49,7 @@ def factors(frame: Frame) -> tuple[int, ...]:
 
 
 def test_a_limb_that_is_soft_for_its_pixels_is_looked_at_in_larger_ones() -> None:
-    frame = soft_frame(noise_dn=7.0)
+    frame = soft_frame(noise_dn=6.0)
     assert factors(frame)[0] > 1
     sensor = HorizonSensor()
     for following in (False, True):

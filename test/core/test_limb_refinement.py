@@ -483,6 +483,8 @@ def test_an_expected_limb_is_the_same_limb(texture: str, off_px: float) -> None:
     nearest = np.linalg.norm(always.px[:, None] - expected.px, axis=2).argmin(axis=1)
     same = np.linalg.norm(always.px - expected.px[nearest], axis=1) < 2.0
     assert same.mean() > 0.9
+    apart = (always.offset_px - expected.offset_px[nearest])[same]
+    assert np.abs(apart).mean() < np.median(always.sigma_px)
     off_always, off = (
         rays_of(view, limb).residuals_px(NADIR, true_rho) for limb in (always, expected)
     )

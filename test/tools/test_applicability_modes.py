@@ -23,7 +23,6 @@ from horizon_sensor_ros.core.fits.bound import (
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.visibility import cone_rays, horizon_in_view, rot_base_from_down
 from horizon_sensor_ros.tools.applicability.applicability import main
-from horizon_sensor_ros.tools.applicability.modes import USABLE_DEG
 from horizon_sensor_ros.tools.applicability.mounting_angle import depression_deg, mountings, tilted
 from horizon_sensor_ros.tools.applicability.quality_map import ALL, quality_maps
 
@@ -78,7 +77,7 @@ def test_quality_of_both_is_better_than_of_one(rig: Path, tmp_path: Path, capsys
     assert main([str(rig), *given]) == 0
     answer = capsys.readouterr().out
     assert answer.count("\n") == 1
-    assert f"sigma below {USABLE_DEG:g} deg at these shares of 121 attitudes: camera_1 " in answer
+    assert "sigma below 0.5 deg at these shares of 121 attitudes: camera_1 " in answer
     rows = rows_of(prefix.with_suffix(".csv"))
     # Over roll and pitch when it is not said.
     assert list(rows[0])[:2] == ["roll_deg", "pitch_deg"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -59,7 +60,7 @@ _CLIPPED_HEIGHT = 0.6
 _SHIFT = 1.5  # error of a camera's whole limb, over that of its stretches, where air glows
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LimbEdges:
     """Edges of a limb, each by itself. good : (M,), which to believe. model_free : they are where
     brightness falls most steeply, not where a model of the edge lies.
@@ -70,6 +71,11 @@ class LimbEdges:
     model_free: bool = True
     shared: SharedError = _NOTHING_SHARED
 
+    @cached_property
+    def jumps_px(self) -> float:
+        """By how much those differ from one to the next, one sigma."""
+        return scatter_px(self.places.offset_px[self.good])
+
 
 def modelled_edges(
     sample: LimbSample, look: EdgeLook, steepest: LimbEdges, rho_rad: float, step: RefinePass
@@ -78,9 +84,9 @@ def modelled_edges(
     most of the edges do not follow it, it makes them jump about, or without glow moves them all.
     """
     places, good = steepest.places, steepest.good
-    plain = good & ~sample.clipped()
+    plain = good & ~sample.clipped
     sharp = look.glow_px == 0.0
-    jumps_px = scatter_px(places.offset_px[good])
+    jumps_px = steepest.jumps_px
     kriged = KrigedLimb(sample, look, rho_rad)
     enough = np.count_nonzero(plain) >= MIN_PROFILES
     kriging = sharp and enough and _to_be_kriged(look, places.step[plain])
@@ -117,7 +123,7 @@ def limb_of_edges(
     steepest : where brightness falls most steeply.
     """
     places, good, model_free = edges.places, edges.good, edges.model_free
-    clipped = sample.clipped()
+    clipped = sample.clipped
     of_clipping = _NOTHING_SHARED
     if clipped.any() and not any(look.glow_px > 0 for look in looks):
         places, of_clipping = _with_clipped(sample, clipped, places)
@@ -192,7 +198,7 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
     step, good = sample.steps()
     if np.count_nonzero(good) < MIN_PROFILES or not _to_be_kriged(look, step[good]):
         return None
-    if sample.clipped().any():
+    if sample.clipped.any():
         return None
     places, shared = KrigedLimb(sample, look, rho_rad).about_prediction(good, followed=True)
     if places is None:

@@ -26,7 +26,6 @@ from horizon_sensor_ros.core.limb.edges import (
 )
 from horizon_sensor_ros.core.limb.glow.limb import fit_glow, usual_length_px
 from horizon_sensor_ros.core.limb.points import LimbPoints
-from horizon_sensor_ros.core.limb.profiles import scatter_px
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, RefinePass, sample_limb
 from horizon_sensor_ros.core.status import Status
 
@@ -75,16 +74,15 @@ def refine_limb(
                 Status.NO_LIMB, "the edge is soft, or the air above it glows"
             ), ()
     edges = LimbEdges(steepest, good)
-    jumps_px = scatter_px(steepest.offset_px[good])
     if looks and enough:
-        plain = good & ~sample.clipped()
+        plain = good & ~sample.clipped
         shown = profiles[plain if np.count_nonzero(plain) >= MIN_PROFILES else good]
         # Whether air glows is asked before; what else the edge looks like the joint fit finds out.
         perhaps = joined and any(look.glow_px > 0.0 for look in looks)
         for climb in (False, True) if perhaps and len(looks) > 1 else (True,):
             look = likeliest_look(shown, noise, looks, grid, climb=climb)
             if joined and look.glow_px > 0.0:
-                joint = _with_glow(gray, step.factor, view, cone, look, jumps_px)
+                joint = _with_glow(gray, step.factor, view, cone, look, edges.jumps_px)
                 if joint is not None:
                     return joint
         looks = (look,)
@@ -93,7 +91,7 @@ def refine_limb(
         # From far away air is as thin as the blur, and no edge quite looks like either.
         thin = EdgeLook(USUAL_PSF_PX, usual_length_px(view, rho_rad, step.factor))
         if thin.glow_px > _THINNEST_PX:
-            joint = _with_glow(gray, step.factor, view, cone, thin, jumps_px)
+            joint = _with_glow(gray, step.factor, view, cone, thin, edges.jumps_px)
             if joint is not None:
                 return joint
     return limb_of_edges(sample, edges, steepest, looks, view, rho_rad, step)

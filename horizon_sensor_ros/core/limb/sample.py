@@ -132,6 +132,7 @@ class LimbSample:
         """`white_level` of the image."""
         return white_level(self.gray, self.profiles)
 
+    @cached_property
     def clipped(self) -> np.ndarray:
         """Stretches (M,) that are saturated beside the predicted limb."""
         return clipped(self.profiles, self.grid.d_px, self.white)

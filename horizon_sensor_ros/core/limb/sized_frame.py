@@ -7,6 +7,7 @@ import math
 import cv2
 import numpy as np
 
+from horizon_sensor_ros.core.limb.edge.looks import USUAL_PSF_PX
 from horizon_sensor_ros.core.limb.edge.width import Smear
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.search.candidates import block_average
@@ -15,7 +16,10 @@ from horizon_sensor_ros.core.limb.search.candidates import block_average
 # pixels of the full frame, do not differ by so many times as much: a limb that is soft for those
 # shows itself better in larger ones.
 _FINER, _MORE_JUMPS = 3, 1.25
-_USUAL_PSF2, _PIXEL2 = 0.75**2, 1.0 / 12.0  # squares of the blur, and of what pixels are of it
+_USUAL_PSF2, _PIXEL2 = (
+    USUAL_PSF_PX**2,
+    1.0 / 12.0,
+)  # squares of the blur, and of what pixels are of it
 _LEAST_BLUR2, _BLUR_REACH = 0.05, 3.5  # px^2, so that a blur has an inverse; its roots
 
 
@@ -41,7 +45,7 @@ class SizedFrame:
         """One sigma of what the blur may differ by along the limb, in that size."""
         if self.smear is None:
             return 0.0
-        return self.smear.open_px2 / self.factor**2 / (2.0 * math.sqrt(_USUAL_PSF2))
+        return self.smear.open_px2 / self.factor**2 / (2.0 * USUAL_PSF_PX)
 
     def coarsen(self) -> bool:
         """Begin again in a coarser size; False where there is none."""

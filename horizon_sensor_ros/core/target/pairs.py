@@ -190,13 +190,15 @@ class Matcher:
         kept = np.flatnonzero(agree)
         point, other, normal, n = (part.take(kept, axis=0) for part in (point, other, normal, n))
         sigma = np.hypot(a.sigma_m[of_a[kept]], b.sigma_m[of_b[kept]])
-        weight, _, kind = _alike(len(kept), FACE, 1)
-        return point, other, normal, n, sigma, weight, np.full(len(kept), PART_TILT_RAD**2), kind
+        alike = _alike(len(kept), FACE, 1, PART_TILT_RAD**2)
+        return point, other, normal, n, sigma, *alike
 
 
-def _alike(count: int, kind: int, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weight, tilt2 and kind of pairs, each for ``step`` measurements with no tilt in common."""
-    return np.full(count, float(step)), np.zeros(count), np.full(count, kind, np.int8)
+def _alike(
+    count: int, kind: int, step: int, tilt2: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weight, tilt2 and kind of pairs, each for ``step`` measurements."""
+    return np.full(count, float(step)), np.full(count, tilt2), np.full(count, kind, np.int8)
 
 
 def _dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
