@@ -298,7 +298,13 @@ class HorizonSensor:
         )
         if aiding.altitude is not None:
             fit = with_altitude(fit, figure.altitude(aiding.altitude), self._sphere)
-        refused = refusal(fit, observations, self.config)
+        refused = refusal(
+            fit,
+            observations,
+            self.config,
+            layered=detection.layer_rad > 0.0,
+            layer_rho_rad=detection.consensus.layer_rho_rad,
+        )
         if refused is not None:
             none = HorizonFit.none(*refused, self.config.method, fit.num_points)
             return HorizonFix(*refused, none, limbs, ()), {}

@@ -14,6 +14,7 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.limb.evidence import SkyEvidence
+from horizon_sensor_ros.core.limb.search.air_layer import layer_height_m
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.shared_error import bend_px
 from horizon_sensor_ros.core.status import Status
@@ -27,6 +28,9 @@ _DISAGREEMENT_RAD = np.radians(0.25)
 _MAX_BEND, _LEAST_BEND_PX = 4.5, 0.75
 # Of edges that follow no model, over their own errors: beyond it another limb fits them as well.
 _MOST_SCATTER = 1.5
+# Heights of the airglow's edge that may be: it lies at 85 to 105 km, and a lens that was never
+# calibrated bends a short arc by half of that.
+_LAYER_M = 30e3, 120e3
 # Lit ground is lit behind its limb too: all but 14 % of it in the darkest of 1400 simulated limbs;
 # between a night side's lamps a third or more is dark, and their outermost ones are no limb.
 _MOST_DARK_GROUND = 0.25
@@ -55,9 +59,24 @@ def doubt(evidence: SkyEvidence, found_px: float, space_share: float, config: Ho
 
 
 def refusal(
-    fit: HorizonFit, observations: Sequence[LimbObservation], config: HorizonConfig
+    fit: HorizonFit,
+    observations: Sequence[LimbObservation],
+    config: HorizonConfig,
+    *,
+    layered: bool = False,
+    layer_rho_rad: float = math.nan,
 ) -> tuple[Status, str] | None:
-    """Why a fit is not to be published, or None."""
+    """Why a fit is not to be published, or None.
+
+    layered : a layer of airglow keeps its distance from what was found all along, as it does from
+    nothing but a limb. layer_rho_rad : angular radius of its edge, if it was measured.
+    """
+    layer_m = layer_height_m(fit.rho_rad, layer_rho_rad, config.planet)
+    if math.isfinite(layer_m) and not _LAYER_M[0] < layer_m < _LAYER_M[1]:
+        return (
+            Status.POOR_FIT,
+            f"not the ground's limb: the airglow above it would be {layer_m / 1e3:.0f} km high",
+        )
     if not config.altitude_min_m <= fit.altitude_m <= config.altitude_max_m:
         return (
             Status.ALTITUDE_OUT_OF_RANGE,
@@ -78,7 +97,8 @@ def refusal(
             name = observation.view.name
             return Status.POOR_FIT, f"the edge in {name} bends unlike a limb, by {bend:.2f} px"
         scatter_px = fit.rms_residual_px / median(rays.sigma_px)
-        if not observation.limb.modelled and len(fit.cameras) == 1 and scatter_px > _MOST_SCATTER:
+        lone = not observation.limb.modelled and len(fit.cameras) == 1 and not layered
+        if lone and scatter_px > _MOST_SCATTER:
             name = observation.view.name
             return Status.POOR_FIT, f"the edge in {name} follows no model of one, and hardly a limb"
     sigma = nadir_sigma_rad(fit)

@@ -64,6 +64,27 @@ def test_one_cameras_edges_that_follow_neither_a_model_nor_a_limb(
         assert found is None
 
 
+def test_what_lies_under_a_layer_of_airglow_all_along_is_a_limb() -> None:
+    observations = seen(0.4, False)
+    fit = fit_horizon(observations, PLANET)
+    assert refusal(fit, observations, HorizonConfig()) is not None
+    assert refusal(fit, observations, HorizonConfig(), layered=True) is None
+
+
+@pytest.mark.parametrize(
+    ("height_m", "refused"), [(5e3, True), (60e3, False), (95e3, False), (130e3, True)]
+)
+def test_a_limb_is_the_grounds_only_at_the_airglows_height(height_m: float, refused: bool) -> None:
+    observations = seen(0.1, True)
+    fit = fit_horizon(observations, PLANET)
+    layer_rho_rad = Planet(PLANET.radius_m + height_m).rho_from_altitude(800e3 - height_m)
+    found = refusal(fit, observations, HorizonConfig(), layered=True, layer_rho_rad=layer_rho_rad)
+    assert (found is not None) is refused
+    if found is not None:
+        assert found[0] is Status.POOR_FIT
+        assert "airglow" in found[1]
+
+
 @pytest.mark.parametrize(("sigma_deg", "contradicts"), [(1.0, True), (3.0, False)])
 def test_a_camera_contradicts_by_what_it_knows_in_that_direction(
     sigma_deg: float, contradicts: bool

@@ -6,23 +6,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from limb_frames import PLANET, as_frames, clouds, draw, limb_views
 
 from horizon_sensor_ros.core.horizon_sensor import HorizonFix, HorizonSensor
-from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow
+from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow, layer_height_m
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
     limb_consensus,
     rays_of_candidates,
 )
+from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 
 ALTITUDE_M = 420e3
 RHO = PLANET.rho_from_altitude(ALTITUDE_M)
 VIEWS = limb_views(ALTITUDE_M, azimuths_rad=(0.0, 1.5), above_rad=0.05)
-NOISE = Imaging(noise_dn=1.5)
+NOISE, NOISY = Imaging(noise_dn=1.5), Imaging(noise_dn=6.0)
 
 
 def night(seed: int, **changes: float) -> EarthScene:
@@ -35,9 +38,9 @@ def fixed(scene: EarthScene) -> HorizonFix:
     return HorizonSensor().process(as_frames(VIEWS, draw(VIEWS, ALTITUDE_M, scene, NOISE)))
 
 
-def searched(scene: EarthScene) -> tuple[Consensus, Consensus]:
+def searched(scene: EarthScene, imaging: Imaging = NOISE) -> tuple[Consensus, Consensus]:
     """The consensus before and after the ground under the airglow is looked for."""
-    images = [frame.image for frame in draw(VIEWS, ALTITUDE_M, scene, NOISE)]
+    images = [frame.image for frame in draw(VIEWS, ALTITUDE_M, scene, imaging)]
     candidates = [space_boundary_candidates(image) for image in images]
     found = rays_of_candidates(VIEWS, candidates)
     before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
@@ -56,6 +59,22 @@ def test_the_layers_edge_is_left_for_the_grounds() -> None:
     before, after = searched(night(1, night_light=0.5))
     assert PLANET.altitude_from_rho(before.rho_rad) < ALTITUDE_M - 60e3
     assert abs(np.degrees(after.rho_rad - RHO)) < 0.5
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_a_layer_that_is_hardly_more_than_a_pixels_noise(seed: int) -> None:
+    """Taken for the limb, it would make the altitude a hundred kilometres too small."""
+    _, after = searched(replace(night(seed, night_light=0.5), airglow_dn=25.0), NOISY)
+    assert after.layer_rad > 0.0
+    assert abs(np.degrees(after.rho_rad - RHO)) < 0.5
+
+
+@given(altitude_m=st.floats(250e3, 3000e3), height_m=st.floats(0.0, 130e3))
+def test_height_of_the_layer(altitude_m: float, height_m: float) -> None:
+    """Both limbs are tangents from one place."""
+    layer_rho = Planet(PLANET.radius_m + height_m).rho_from_altitude(altitude_m - height_m)
+    rho = PLANET.rho_from_altitude(altitude_m)
+    assert layer_height_m(rho, layer_rho, PLANET) == pytest.approx(height_m, abs=1.0)
 
 
 def test_a_layer_without_ground_is_no_limb() -> None:

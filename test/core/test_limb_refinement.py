@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from limb_frames import CAMERA, PLANET, clouds, distance_px, draw, limb_views
+from limb_frames import CAMERA, PLANET, as_frames, clouds, distance_px, draw, limb_views
 from limb_samples import BARREL, cone_rays
 from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import map_coordinates
@@ -14,6 +14,7 @@ from scipy.special import ndtr
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.curve import LimbCurve
 from horizon_sensor_ros.core.limb.edge import model as edge_model
 from horizon_sensor_ros.core.limb.edge.model import (
@@ -128,6 +129,26 @@ def test_texture_beside_the_limb_moves_it_little() -> None:
         assert np.median(np.abs(distance)) < 0.3
         assert np.median(np.abs(distance / sigma)) < 2.5 * 0.6745
         assert np.median(sigma) > 0.02  # not that of a clean edge
+
+
+def test_clouds_of_full_contrast_move_a_whole_limb_as_far_as_claimed() -> None:
+    """Each camera's limb is off by what no other point of it shows: two cameras' nadir turns."""
+    squares = []
+    for seed in range(12):
+        altitude_m = 350e3 + 60e3 * seed
+        views = limb_views(altitude_m, azimuths_rad=(0.0, 1.5), above_rad=0.05)
+        scene = clouds(seed, 0.35 + 0.05 * (seed % 6))
+        drawn = draw(views, altitude_m, scene, Imaging(noise_dn=3.0), seed)
+        fix = HorizonSensor().process(as_frames(views, drawn))
+        for frame, limb in zip(drawn, fix.limbs, strict=True):
+            if limb.status is not Status.OK:
+                continue
+            weight = limb.sigma_px**-2.0
+            off_px = np.average(distance_px(frame.truth.limb, limb.px), weights=weight)
+            own2 = 1.0 / weight.sum() + limb.coherent_px**2 / 6.0
+            squares.append(off_px**2 / (limb.shift_px**2 + own2))
+    assert len(squares) >= 20
+    assert 0.2 < np.mean(squares) < 3.0
 
 
 def test_no_point_claims_more_than_its_noise_allows() -> None:

@@ -9,6 +9,7 @@ the limb.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -22,8 +23,10 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
 _LAYER_M = 95e3  # height of the layer; depths below its edge are counted in this height's scale
-_COLUMNS = 48  # places along the limb that are looked at, a camera
-_GLANCE = 8  # ... and those that a first look takes
+# Places along the limb that are looked at, a camera, and the neighbours whose mean counts as one:
+# a faint layer is hardly more than a pixel's noise.
+_COLUMNS, _TOGETHER = 48, 4
+_GLANCE, _PERHAPS = 24, 0.5  # places that a first look takes; share of them that asks for more
 _DEPTHS_M = np.arange(-12e3, 156e3, 6e3)
 _CREST_M, _TROUGH_M = 45e3, (20e3, 110e3)  # where each is looked for
 _FALL, _RISE = 0.75, 1.25  # the trough over the crest, the ground over the trough
@@ -65,15 +68,17 @@ def ground_under_airglow(
             some = of_view[np.linspace(0, len(of_view) - 1, count).astype(np.intp)]
             level = _levels(view, seen, _rays(found.rays[some], consensus, depths[::thin]))
             whole = np.isfinite(level).all(axis=1)
-            falls = _crest_and_trough(level[whole], seen.noise, _DEPTHS_M[::thin])[0]
-            if count == _GLANCE and np.count_nonzero(falls) < _SHARE * max(len(falls), 4):
+            middle, level = _bundled(some[whole], level[whole])
+            noise = seen.noise / math.sqrt(_TOGETHER)
+            falls = _crest_and_trough(level, noise, _DEPTHS_M[::thin])[0]
+            if count == _GLANCE and np.count_nonzero(falls) < _PERHAPS * max(len(falls), 4):
                 return consensus
-        columns.append(some[whole])
-        levels.append(level[whole])
+        columns.append(middle)
+        levels.append(level)
     if not levels:
         return consensus
     level = np.concatenate(levels)
-    noise = max(seen.noise for seen in candidates)
+    noise = max(seen.noise for seen in candidates) / math.sqrt(_TOGETHER)
     falls, crest, trough, at_trough = _crest_and_trough(level, noise, _DEPTHS_M)
     ground = np.maximum(_RISE * trough, trough + _SIGMAS * noise)
     risen = (_DEPTHS_M[at_trough][:, None] < _DEPTHS_M) & (level > ground[:, None])
@@ -91,6 +96,21 @@ def ground_under_airglow(
     ):
         return Consensus(Status.POOR_FIT, "a layer of airglow, and no ground behind it")
     return consensus
+
+
+def layer_height_m(rho_rad: float, layer_rho_rad: float, planet: Planet) -> float:
+    """Height of the layer's edge above a limb, from the angular radii of both."""
+    return planet.radius_m * (math.sin(layer_rho_rad) / math.sin(rho_rad) - 1.0)
+
+
+def _bundled(columns: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Middle ones (M,) of columns (N,), `_TOGETHER` each, and means (M, D) of their levels."""
+    num = len(columns) // _TOGETHER
+    if num == 0:
+        return columns[:0], level[:0]
+    used = num * _TOGETHER
+    means = level[:used].reshape(num, _TOGETHER, -1).mean(axis=1)
+    return columns[_TOGETHER // 2 : used : _TOGETHER], means
 
 
 def _is_layer(level: np.ndarray, falls: np.ndarray, crest: np.ndarray) -> bool:
@@ -153,4 +173,11 @@ def _cone(rays: np.ndarray, consensus: Consensus, depth_rad: float) -> Consensus
     aside = float(np.linalg.norm(np.cross(nadir, consensus.nadir_base)))
     if aside > depth_rad or abs(consensus.rho_rad - depth_rad - rho) > depth_rad:
         return consensus
-    return replace(consensus, nadir_base=nadir, rho_rad=rho, unanimous=False, layer_rad=depth_rad)
+    return replace(
+        consensus,
+        nadir_base=nadir,
+        rho_rad=rho,
+        unanimous=False,
+        layer_rad=depth_rad,
+        layer_rho_rad=consensus.rho_rad,
+    )

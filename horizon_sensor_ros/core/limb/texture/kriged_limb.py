@@ -18,7 +18,8 @@ from horizon_sensor_ros.core.limb.texture.kriging import KrigedEdges, Stretches,
 # Kriging about what it found itself would follow the texture further and further; but once, and for
 # a limb that was followed and is not far off, it is as good.
 _OFF_PX, _NEARBY_PX = 0.1, 0.35
-# From farther off places are found too near: by so large a share of that, as measured beside truth.
+# Places are found too near: from as many pixels off by as large a share of that, which grows no
+# further from here on, as measured beside truth.
 _SHORT = 0.3
 _FAR_PX = 1.0  # from the limb about which it is done: no place of its edge
 
@@ -57,9 +58,7 @@ class KrigedLimb:
         """The same about a limb that is moved from the predicted one by (3,), wherever it lies."""
         found, places = self._kriged_about(limb, good)
         off_px = self._off_px(found)
-        if off_px < _NEARBY_PX:
-            return places, found.shared
-        return places, found.shared.besides(SharedError(_SHORT * off_px, 0.0))
+        return places, found.shared.besides(SharedError(min(off_px, _SHORT) * off_px, 0.0))
 
     def _off_px(self, found: KrigedEdges) -> float:
         """How far the limb that is found lies from that about which it was sought, at most."""

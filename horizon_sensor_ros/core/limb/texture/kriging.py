@@ -44,7 +44,10 @@ _LAG = 0.06  # over the planet's radius; brightness is compared along so much li
 _STEP_VARIANCE = 0.5  # over that of a pixel of a profile: two of them are beside the edge
 # What neighbours share of texture's variance, over what its covariance says: as measured, of rough
 # texture and of smooth.
-_SHARED = ground_texture.by_kind(1.2, 2.4)
+_SHARED = ground_texture.by_kind(0.75, 2.4)
+# Rough texture that changes brightness by nearly as much as there is of it moves all of a limb by
+# more than to first order: as measured.
+_BY_CONTRAST, _MOST_CONTRAST = 5.0, 0.7
 _PARTS = 6  # of the limb, between which nothing is shared
 _SCALES_PER_OCTAVE = 2.0  # tables are made for such steps of the ground's scale
 _PHASE_WEIGHT = 3.0  # by which a stretch's phase in the raster takes from what it says of texture
@@ -154,7 +157,8 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     # What the raster does to a profile is not texture.
     nearby = nearness(len(good), max(_LEAST_WINDOW, _WINDOW / ground)) + _ANYWHERE
     nearby *= good * np.maximum(1.0 - _PHASE_WEIGHT * raster.size, 0.0)
-    k = ground_texture.likely(_deviation(sure(step)) / noise)
+    deviation = _deviation(sure(step))
+    k = ground_texture.likely(deviation / noise)
     blur = blur_along(
         normal_px, raster.blur, wider[:, k], wider_information[:, k], stretches.psf_px
     ).lacking_px
@@ -198,7 +202,8 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     textured = (weight * np.square(over_step)) @ share * np.square(tables.textured) / weight.sum()
     hidden_px = math.hypot(smeared.open_px, stretches.blur_open_px)
     hidden_px *= float(weight @ (share @ tables.lean)) / float(weight.sum())
-    shared = _shared_error(textured, count, ground).besides(SharedError(hidden_px, hidden_px))
+    shared = _shared_error(textured, count, ground, deviation / median(sure(step)))
+    shared = shared.besides(SharedError(hidden_px, hidden_px))
     return KrigedEdges(place, np.sqrt(spread2), limb, misfit, step, shared)
 
 
@@ -217,16 +222,17 @@ def _level_evidence(step: np.ndarray, ground: float) -> np.ndarray:
     return -0.5 * (change2[:, None] / expected + np.log(expected)) / lag
 
 
-def _shared_error(variance: np.ndarray, count: int, ground: float) -> SharedError:
+def _shared_error(variance: np.ndarray, count: int, ground: float, contrast: float) -> SharedError:
     """What edges have in common: so much of each texture's variance (S,) as it is alike.
 
-    count : stretches of limb, of a length of ``ground``.
+    count : stretches of limb, of a length of ``ground``. contrast : one sigma of their brightness,
+    over its median.
     """
-    part, whole = (
-        math.sqrt(float(variance @ (_SHARED * _alike(max(1, number), ground))))
-        for number in (round(count / _PARTS), count)
-    )
-    return SharedError(part, whole)
+    shared = variance * _SHARED
+    more = 1.0 + _BY_CONTRAST * min(contrast, _MOST_CONTRAST)
+    part2 = shared @ _alike(max(1, round(count / _PARTS)), ground)
+    whole2 = (shared * ground_texture.by_kind(more * more, 1.0)) @ _alike(count, ground)
+    return SharedError(math.sqrt(part2), math.sqrt(whole2))
 
 
 def _rounded(ground: float) -> float:
