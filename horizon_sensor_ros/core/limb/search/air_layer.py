@@ -35,7 +35,7 @@ _APART_M = 14e3  # how far the ground may lie from the middle of where it does
 _SHARE = 0.7  # of the columns, from which it is a layer (cloud: a third, two thirds at most)
 # Behind its crest the layer fades in all columns alike: between these depths at least to such a
 # share, and within so much of the crest as in most of the others.
-_FADES_M, _FADED, _ALIKE = (25e3, 70e3), 0.8, 0.2
+_FADES_M, _FADED, _ALIKE = (25e3, 70e3), 0.8, 0.14
 _STARS = 8  # that show an exposure for the night
 
 
