@@ -8,14 +8,24 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from limb_frames import CAMERA, CLEAN, PLANET, as_frames, clouds, draw, limb_views
+from limb_frames import (
+    CAMERA,
+    CLEAN,
+    PLANET,
+    ROT_WORLD_FROM_BASE,
+    as_frames,
+    clouds,
+    draw,
+    limb_views,
+)
 from limb_samples import angle_between
 
+from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
 from horizon_sensor_ros.core.limb import detector
 from horizon_sensor_ros.core.limb.detector import detect_limb
-from horizon_sensor_ros.sim.earth_scene import EarthScene
+from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.poses import camera_from_fov
 
 ALTITUDE_M = 420e3
@@ -105,3 +115,30 @@ def test_a_balloons_limb_in_glowing_air_is_found(seed: int) -> None:
     fix = HorizonSensor().process(as_frames(views, draw(views, altitude_m, air, CLEAN)))
     assert fix.ok, fix.reason
     assert np.degrees(angle_between(fix.fit.nadir_base, NADIR)) < 0.5
+
+
+def test_a_limb_towards_the_night_is_known_less_than_it_shows() -> None:
+    """The Sun stands low over one camera's limb, and the other's lies in the dark."""
+    nees = []
+    for seed in range(12):
+        altitude_m = 350e3 + 60e3 * seed
+        views = limb_views(altitude_m, azimuths_rad=(0.0, np.pi), above_rad=0.05)
+        ahead = ROT_WORLD_FROM_BASE @ views[0].rot_base_from_cam[:, 2]
+        up = -ROT_WORLD_FROM_BASE[:, 2]
+        sun = ahead + (0.1 + 0.04 * (seed % 6)) * up + 0.15 * (seed % 3 - 1) * np.cross(ahead, up)
+        scene = replace(
+            clouds(seed),
+            air_dn=90.0,
+            air_inside=0.5,
+            sun_direction=tuple((sun / np.linalg.norm(sun)).tolist()),
+        )
+        drawn = draw(views, altitude_m, scene, Imaging(noise_dn=1.5), seed)
+        fix = HorizonSensor().process(as_frames(views, drawn))
+        if fix.ok and fix.limbs[0].joint:
+            assert fix.cameras_used == ("camera_1",)
+            basis = tangent_basis(fix.fit.nadir_base)
+            error = basis.T @ (np.array([0.0, 0.0, 1.0]) - fix.fit.nadir_base)
+            cov = basis.T @ fix.fit.cov_nadir_altitude[:3, :3] @ basis
+            nees.append(error @ np.linalg.solve(cov, error))
+    assert len(nees) >= 8
+    assert np.mean(nees) < 2.5

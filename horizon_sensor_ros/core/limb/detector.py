@@ -62,6 +62,9 @@ _AS_MUCH = 0.25  # share by which the next frame's smear may be another
 # Errors that points of smeared limbs share, over what they are where nothing moved: as measured
 # beside the truth of simulated ones.
 _MISJUDGED = 1.6
+# ... of a limb under glow that elsewhere, in another camera's frame, lies in the dark: towards the
+# night air and ground change faster along it than is told.
+_TOWARDS_NIGHT = 2.5
 _SMEARED = "motion smears the limb too far"
 _CANNY_REACH_PX = 2.0
 _COARSE_PX = 16.0  # spacing of points that tell whether the limb is in a frame
@@ -158,7 +161,7 @@ def detect_limb(
             for image, found in zip(images, candidates, strict=True)
         ]
         looked = _look(views, frames, planet, near, [()] * len(views), (_SEARCH, *_FRESH))
-    looked = _without_smear(views, images, planet, looked)
+    looked = _towards_night(_without_smear(views, images, planet, looked))
     return replace(
         looked, candidates=candidates, consensus=consensus, layer_rad=consensus.layer_rad
     )
@@ -205,6 +208,27 @@ def _misjudged(found: Detection) -> Detection:
         observations=tuple(
             seen if smear is None else LimbObservation(seen.view, seen.limb.misjudged(_MISJUDGED))
             for seen, smear in zip(found.observations, found.smears, strict=True)
+        ),
+    )
+
+
+def _towards_night(found: Detection) -> Detection:
+    """The same with the errors that points of limbs under glow share beside a dark limb."""
+    near = found.nadir_base, found.rho_rad
+    dark = any(
+        seen.limb.status is not Status.OK
+        and len(limb_curve(seen.view, *near, spacing_px=_COARSE_PX)) >= MIN_INLIERS
+        for seen in found.observations
+    )
+    if not dark:
+        return found
+    return replace(
+        found,
+        observations=tuple(
+            LimbObservation(seen.view, seen.limb.misjudged(_TOWARDS_NIGHT))
+            if seen.limb.joint
+            else seen
+            for seen in found.observations
         ),
     )
 
@@ -284,8 +308,9 @@ def follow_limb(
         if [limb.status is Status.OK for limb in found.limbs] != list(sees):
             continue
         if found.modelled and found.on_course:
-            alike = _smeared_alike(views, images, found, smears)
-            return _misjudged(replace(found, smears=tuple(smears))) if alike else None
+            if not _smeared_alike(views, images, found, smears):
+                return None
+            return _towards_night(_misjudged(replace(found, smears=tuple(smears))))
     return None
 
 
