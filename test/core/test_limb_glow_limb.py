@@ -79,6 +79,30 @@ def test_twilight_is_not_taken_for_even_glow() -> None:
     assert _fitted(twilight, altitude_m, 0)[0] is None
 
 
+def test_towards_the_terminator_the_part_in_daylight_lies_where_it_does() -> None:
+    altitude_m, down = 400e3, np.array([0.0, 0.0, 1.0])
+    rho = Planet().rho_from_altitude(altitude_m)
+    parts, chi = [], []
+    for turn_deg in (60.0, 70.0, 80.0):
+        for seed in range(4):
+            out = cone_rays(down, rho, np.array([0.9 * seed]))[0] * (1.0, 1.0, 0.0)
+            out /= np.linalg.norm(out)
+            turn = np.radians(turn_deg)
+            aside = np.cos(turn) * out + np.sin(turn) * np.cross(down, out)
+            sun = unit_vector(ROT_WORLD_FROM_BASE @ (aside - 0.08 * down))
+            limb, off_px = _fitted(_air(seed, sun_direction=sun), altitude_m, seed)
+            if limb is None:
+                continue
+            first, last = limb.air.part
+            parts.append(last - first)
+            assert 10 <= len(limb.px) <= 27 * parts[-1] + 1
+            slope_px = 0.5 * (off_px[-1] - off_px[0])
+            chi.append(off_px.mean() / np.hypot(limb.shift_px, 0.41 * limb.coherent_px))
+            chi.append(slope_px / (0.72 * limb.coherent_px))
+    assert np.count_nonzero(np.array(parts) < 1.0) >= 5
+    assert np.abs(chi).max() < 3.0
+
+
 @pytest.mark.parametrize("height_rad", [0.2, 0.3])
 def test_a_limb_below_the_sun_lies_where_it_would_without(height_rad: float) -> None:
     altitude_m = 400e3

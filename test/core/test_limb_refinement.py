@@ -27,7 +27,12 @@ from horizon_sensor_ros.core.limb.edge.model import (
 from horizon_sensor_ros.core.limb.edge.places import place_edges
 from horizon_sensor_ros.core.limb.edge.steepest import steepest_fall
 from horizon_sensor_ros.core.limb.points import LimbPoints
-from horizon_sensor_ros.core.limb.profiles import ProfileGrid, pixel_noise, sample_profiles
+from horizon_sensor_ros.core.limb.profiles import (
+    Bundles,
+    ProfileGrid,
+    pixel_noise,
+    sample_profiles,
+)
 from horizon_sensor_ros.core.limb.refinement import refine_limb
 from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb.search.candidates import reduce_image
@@ -548,3 +553,12 @@ def test_a_limb_that_is_not_where_it_is_expected_is_found_where_it_is(off_px: fl
             assert np.abs(off).max() < 0.1
         else:  # A wider look follows.
             assert off_px >= 2.0
+
+
+def test_means_of_a_part_are_the_parts_of_the_means() -> None:
+    rng = np.random.default_rng(2)
+    values = rng.standard_normal((60, 3))
+    bundles = Bundles.of(rng.random(60) < 0.8, 5)
+    some = bundles.part(slice(2, 7))
+    np.testing.assert_allclose(some.mean(values), bundles.mean(values)[2:7])
+    np.testing.assert_array_equal(some.middle, bundles.middle[2:7])

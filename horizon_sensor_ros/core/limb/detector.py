@@ -64,7 +64,7 @@ _AS_MUCH = 0.25  # share by which the next frame's smear may be another
 _MISJUDGED = 1.6
 # ... of a limb under glow that elsewhere, in another camera's frame, lies in the dark: towards the
 # night air and ground change faster along it than is told.
-_TOWARDS_NIGHT = 2.5
+_TOWARDS_NIGHT = 2.0
 _SMEARED = "motion smears the limb too far"
 _CANNY_REACH_PX = 2.0
 _COARSE_PX = 16.0  # spacing of points that tell whether the limb is in a frame

@@ -168,6 +168,12 @@ class Bundles:
     def __len__(self) -> int:
         return len(self.first)
 
+    def part(self, which: slice) -> Bundles:
+        """Some of them, without gaps."""
+        first, count = self.first[which], self.count[which]
+        index = self.index[first[0] : first[-1] + count[-1]]
+        return Bundles(self.size, index, first - first[0], count)
+
     @cached_property
     def middle(self) -> np.ndarray:
         """Number (M,) of the profile in the middle of each."""

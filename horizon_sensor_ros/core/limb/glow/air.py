@@ -23,6 +23,7 @@ _BLUR_SIGMA_PX = 0.1
 USUAL_SHARE, _SHARE_SIGMA = 0.5, 0.15
 _SLOPE_SIGMA, _BEND_SIGMA, _BEND_OF_SLOPE = 0.1, 0.02, 0.4
 BLURS_PX, SHARES = (0.35, 1.7), (0.0, 1.2)  # what can be told, and what air may be
+WHOLE = 0.0, 1.0
 _MOST_CHANGE = 0.3  # of logarithms, in a step
 _NEAR, _NEAR_BLUR_PX = 0.15, 0.05  # changes in the last step: of logarithms and shares, of the blur
 
@@ -30,7 +31,8 @@ _NEAR, _NEAR_BLUR_PX = 0.15, 0.05  # changes in the last step: of logarithms and
 @dataclass(frozen=True)
 class Air:
     """What is common to a limb: scale height over the radius, log A (3,), share of the air in front
-    of the ground, blur, background; and edge_psf_px, the blur of edges found one by one.
+    of the ground, blur, background; edge_psf_px, the blur of edges found one by one; and the part
+    of the limb in sight, from 0 to 1 along it, that it is of.
     """
 
     height: float
@@ -39,6 +41,7 @@ class Air:
     psf_px: float
     background: float
     edge_psf_px: float
+    part: tuple[float, float] = WHOLE
 
     def changed(self, change: np.ndarray) -> Air:
         """The same after a step (10,)."""

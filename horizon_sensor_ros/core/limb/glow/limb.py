@@ -17,7 +17,7 @@ texture's strength by restricted likelihood (Rasmussen & Williams 2006, 2.7 and 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,7 +25,14 @@ from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.curve import LimbCurve
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.glow.air import BLURS_PX, SHARES, USUAL_HEIGHT, USUAL_SHARE, Air
+from horizon_sensor_ros.core.limb.glow.air import (
+    BLURS_PX,
+    SHARES,
+    USUAL_HEIGHT,
+    USUAL_SHARE,
+    WHOLE,
+    Air,
+)
 from horizon_sensor_ros.core.limb.glow.glare import glare_lines, in_glare, reach_px
 from horizon_sensor_ros.core.limb.glow.model import GlowStep, powers, step_towards
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight, look_along
@@ -43,6 +50,7 @@ _FAINTEST, _BRIGHTEST = 0.2, 5.0  # glow over the usual one that may still be th
 _MOST_MISFIT = 4.0  # of a stretch's glow, over the noise or the usual one
 _TWILIGHT = 1.0  # slope or bend of the logarithm of A, at first sight, that no daylight has
 _MOST_SLOPE, _MOST_BEND = 0.3, 0.15  # of the logarithm of A: steeper towards the terminator
+_MOST_FADING = 0.5  # of that logarithm along the brightest part of a limb
 _OUTLIER, _MISFIT = 5.0, 1.4  # cost over the degrees of freedom: of a stretch, of all
 # One sigma of slope and of bend of a limb whose six stretches are off independently by one; and of
 # its mean.
@@ -95,6 +103,28 @@ def fit_glow(
     """Fit the limb near a predicted one; None where the model does not hold, or too little shows.
 
     gray : (H, W), reduced by `factor`. look : of the edge, with its glow or air, to start from.
+    Where glow changes too fast along the limb, as towards the terminator, its brightest part is
+    fitted by itself.
+    """
+    part = WHOLE if look.air is None else look.air.part
+    found = _fitted(gray, view, nadir_base, rho_rad, look, factor, part)
+    if isinstance(found, tuple):
+        fresh = replace(look, air=None)
+        found = _fitted(gray, view, nadir_base, rho_rad, fresh, factor, found)
+    return None if isinstance(found, tuple) else found
+
+
+def _fitted(
+    gray: np.ndarray,
+    view: CameraView,
+    nadir_base: np.ndarray,
+    rho_rad: float,
+    look: EdgeLook,
+    factor: int,
+    part: tuple[float, float],
+) -> GlowLimb | tuple[float, float] | None:
+    """`fit_glow` of a part of what is seen of the limb, from 0 to 1 along it; where glow is too
+    uneven for it, a smaller part that may do.
     """
     outer_px = _FROM_PX + min(max(_LENGTHS * look.glow_px, _SHORTEST_PX), _LONGEST_PX)
     air = look.air
@@ -107,12 +137,15 @@ def fit_glow(
             glaring = sight is not None and bool(sight.glare.any())
             sight = _look(gray, view, (nadir_base, rho_rad), outer_px, factor, glaring)
             since = 0.0
-            if sight is None:
+            if sight is not None and part != WHOLE:
+                sight = sight.part(*part)
+            if sight is None or len(sight) < _LEAST_STRETCHES:
                 return None
         if air is None or len(keep) != len(sight):
             air, keep = _first_guess(sight, look, air)
+            air = replace(air, part=part)
             if np.abs(air.log_glow[1:]).max() > _TWILIGHT:
-                return None
+                return _brightest(sight, air) if part == WHOLE else None
         if np.count_nonzero(keep) < max(_LEAST_STRETCHES, _KEEP_SHARE * len(sight)):
             return None
         found = step_towards(sight, air, keep)
@@ -125,6 +158,8 @@ def fit_glow(
         far = float(np.abs(shift).max())
         outlying = keep & (found.cost > _OUTLIER * max(1.0, median(found.cost[keep])))
         if far <= _NEAR_PX and air.near(change) and not outlying.any():
+            if part == WHOLE and _uneven(air):
+                return _brightest(sight, air)
             holds = median(found.cost[keep]) < _MISFIT and _plausible(air)
             return _limb(sight, found, keep, air, nadir_base) if holds else None
         keep = keep & ~outlying
@@ -151,12 +186,26 @@ def _share(shift: np.ndarray, last: np.ndarray | None) -> float:
     return share if _AHEAD[0] < share < _AHEAD[1] else 0.0
 
 
+def _uneven(air: Air) -> bool:
+    """Whether glow changes along the limb as it does not by daylight."""
+    slope, bend = np.abs(air.log_glow[1:])
+    return not (slope < _MOST_SLOPE and bend < _MOST_BEND)
+
+
+def _brightest(sight: GlowSight, air: Air) -> tuple[float, float]:
+    """Ends of the part around the brightest glow, along which that fades by no more than may be."""
+    log_glow = powers(sight.along) @ air.log_glow
+    top = int(np.argmax(log_glow))
+    dark = np.flatnonzero(log_glow < log_glow[top] - _MOST_FADING)
+    first = max(dark[dark < top] + 1, default=0)
+    last = min(dark[dark > top], default=len(sight))
+    return float(first) / len(sight), float(last) / len(sight)
+
+
 def _plausible(air: Air) -> bool:
     """Whether it is daylight all along the limb, and the blur one that could be told."""
-    slope, bend = np.abs(air.log_glow[1:])
     return bool(
-        slope < _MOST_SLOPE
-        and bend < _MOST_BEND
+        not _uneven(air)
         and BLURS_PX[0] < air.psf_px < BLURS_PX[1]
         and SHARES[0] < air.share < SHARES[1]
     )

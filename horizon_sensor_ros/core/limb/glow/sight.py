@@ -21,6 +21,17 @@ from horizon_sensor_ros.core.status import Status
 INNER_PX = 4.0  # how far profiles reach into the planet
 _STRETCH_PX, _MOST_STRETCHES = 24.0, 27
 _BENT = 0.1  # change of glare that is no line's, over the line's
+_BY_STRETCH = (
+    "profiles",
+    "blind",
+    "px",
+    "normal_px",
+    "rows",
+    "distance",
+    "rise",
+    "glare",
+    "glare_variance",
+)
 _SATURATED, _SATURATED_SHARE = 0.98, 0.02  # of white; of a stretch's samples
 
 
@@ -76,6 +87,17 @@ class GlowSight:
             profiles -= self.glare[:, :1] + self.glare[:, 1:] * (shift_px[:, None] + self.d_px)
         px = self.px + (self.factor * shift_px)[:, None] * self.normal_px
         return replace(self, curve=curve, profiles=profiles, blind=blind, px=px)
+
+    def part(self, first: float, last: float) -> GlowSight:
+        """The stretches from one place to another, 0 to 1 along the limb, as if it ended there."""
+        which = slice(round(first * len(self)), round(last * len(self)))
+        bundles = self.bundles.part(which)
+        every = slice(bundles.index[0], bundles.index[-1] + 1)
+        curve = self.curve
+        curve = replace(curve, px=curve.px[every], normal_px=curve.normal_px[every])
+        bundles = replace(bundles, index=bundles.index - bundles.index[0])
+        rows = {name: getattr(self, name)[which] for name in _BY_STRETCH}
+        return replace(self, curve=curve, bundles=bundles, **rows)
 
     def without_glare(self, glare: np.ndarray, from_px: float, outer_px: float) -> GlowSight:
         """The same up to outer_px above the limb, without a glare (M, 2) seen beyond from_px."""
