@@ -132,8 +132,12 @@ def test_cameras_all_show_the_limb_of_the_ground_or_none_does(
     assert all(limb.joint for limb in together.limbs)
     fit = refinement.fit_glow
 
-    def without_one(gray: np.ndarray, view: object, *rest: object) -> GlowLimb | None:
-        return None if view is views[1] else fit(gray, view, *rest)  # type: ignore[arg-type]
+    def without_one(
+        gray: np.ndarray, view: object, *rest: object, in_part: bool
+    ) -> GlowLimb | None:
+        if view is views[1]:
+            return None
+        return fit(gray, view, *rest, in_part=in_part)  # type: ignore[arg-type]
 
     monkeypatch.setattr(refinement, "fit_glow", without_one)
     apart = HorizonSensor().process(frames)

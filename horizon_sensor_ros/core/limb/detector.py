@@ -41,7 +41,7 @@ from horizon_sensor_ros.core.status import Status
 _SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0, contour=False)
 _NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0)
 _GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0, joint=True)
-_FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0, joint=True)
+_FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0, joint=True, in_part=True)
 EXPECTED = replace(_FINAL, expected=True, inner_px=5.0)
 # Where the fit of limb and glow did not hold in the last frame one attempt is enough.
 _NEARER = replace(_GLOW, joint=False)

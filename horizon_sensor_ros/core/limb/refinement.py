@@ -51,7 +51,7 @@ def refine_limb(
     cone = nadir_base, rho_rad
     joined = step.joint
     if joined and len(looks) == 1 and looks[0].air is not None:
-        joint = _with_glow(gray, step.factor, view, cone, looks[0])
+        joint = _with_glow(gray, step, view, cone, looks[0])
         if joint is not None:
             return joint
         # The next frame's fit begins anew.
@@ -82,7 +82,7 @@ def refine_limb(
         for climb in (False, True) if perhaps and len(looks) > 1 else (True,):
             look = likeliest_look(shown, noise, looks, grid, climb=climb)
             if joined and look.glow_px > 0.0:
-                joint = _with_glow(gray, step.factor, view, cone, look, edges.jumps_px)
+                joint = _with_glow(gray, step, view, cone, look, edges.jumps_px)
                 if joint is not None:
                     return joint
         looks = (look,)
@@ -91,7 +91,7 @@ def refine_limb(
         # From far away air is as thin as the blur, and no edge quite looks like either.
         thin = EdgeLook(USUAL_PSF_PX, usual_length_px(view, rho_rad, step.factor))
         if thin.glow_px > _THINNEST_PX:
-            joint = _with_glow(gray, step.factor, view, cone, thin, edges.jumps_px)
+            joint = _with_glow(gray, step, view, cone, thin, edges.jumps_px)
             if joint is not None:
                 return joint
     return limb_of_edges(sample, edges, steepest, looks, view, rho_rad, step)
@@ -99,7 +99,7 @@ def refine_limb(
 
 def _with_glow(
     gray: np.ndarray,
-    factor: int,
+    step: RefinePass,
     view: CameraView,
     cone: tuple[np.ndarray, float],
     look: EdgeLook,
@@ -108,7 +108,8 @@ def _with_glow(
     """Points of the limb near a predicted cone, fitted together with the glow above it, and the
     look with its air.
     """
-    joint = fit_glow(gray, view, *cone, look, factor)
+    factor = step.factor
+    joint = fit_glow(gray, view, *cone, look, factor, in_part=step.in_part)
     if joint is None:
         return None
     points = LimbPoints(

@@ -99,16 +99,18 @@ def fit_glow(
     rho_rad: float,
     look: EdgeLook,
     factor: int = 1,
+    *,
+    in_part: bool = True,
 ) -> GlowLimb | None:
     """Fit the limb near a predicted one; None where the model does not hold, or too little shows.
 
     gray : (H, W), reduced by `factor`. look : of the edge, with its glow or air, to start from.
-    Where glow changes too fast along the limb, as towards the terminator, its brightest part is
-    fitted by itself.
+    in_part : where glow changes too fast along the limb, as towards the terminator, its brightest
+    part is fitted by itself.
     """
     part = WHOLE if look.air is None else look.air.part
     found = _fitted(gray, view, nadir_base, rho_rad, look, factor, part)
-    if isinstance(found, tuple):
+    if isinstance(found, tuple) and in_part:
         fresh = replace(look, air=None)
         found = _fitted(gray, view, nadir_base, rho_rad, fresh, factor, found)
     return None if isinstance(found, tuple) else found
