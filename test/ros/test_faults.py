@@ -7,6 +7,7 @@ test-faults` runs each ten times.
 
 from __future__ import annotations
 
+import os
 import resource
 import signal
 import subprocess
@@ -467,6 +468,8 @@ def replay(*arguments: object, file_bytes: int | None = None) -> tuple[int, str]
         timeout=120,
         check=False,
         preexec_fn=limit,
+        # Bytecode that is cut off at the limit would be read by whoever comes next.
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
     )
     return done.returncode, done.stderr
 
