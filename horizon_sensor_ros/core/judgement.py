@@ -30,7 +30,7 @@ _MAX_BEND, _LEAST_BEND_PX = 4.5, 0.75
 _MOST_SCATTER = 1.5
 # Heights of the airglow's edge that may be: it lies at 85 to 105 km, and a lens that was never
 # calibrated bends a short arc by half of that.
-_LAYER_M = 30e3, 120e3
+_LAYER_HEIGHTS_M = 30e3, 120e3
 # Lit ground is lit behind its limb too: all but 14 % of it in the darkest of 1400 simulated limbs;
 # between a night side's lamps a third or more is dark, and their outermost ones are no limb.
 _MOST_DARK_GROUND = 0.25
@@ -72,7 +72,7 @@ def refusal(
     nothing but a limb. layer_rho_rad : angular radius of its edge, if it was measured.
     """
     layer_m = layer_height_m(fit.rho_rad, layer_rho_rad, config.planet)
-    if math.isfinite(layer_m) and not _LAYER_M[0] < layer_m < _LAYER_M[1]:
+    if math.isfinite(layer_m) and not _LAYER_HEIGHTS_M[0] < layer_m < _LAYER_HEIGHTS_M[1]:
         return (
             Status.POOR_FIT,
             f"not the ground's limb: the airglow above it would be {layer_m / 1e3:.0f} km high",
@@ -97,8 +97,8 @@ def refusal(
             name = observation.view.name
             return Status.POOR_FIT, f"the edge in {name} bends unlike a limb, by {bend:.2f} px"
         scatter_px = fit.rms_residual_px / median(rays.sigma_px)
-        lone = not observation.limb.modelled and len(fit.cameras) == 1 and not layered
-        if lone and scatter_px > _MOST_SCATTER:
+        held_by_nothing = not (observation.limb.modelled or len(fit.cameras) > 1 or layered)
+        if held_by_nothing and scatter_px > _MOST_SCATTER:
             name = observation.view.name
             return Status.POOR_FIT, f"the edge in {name} follows no model of one, and hardly a limb"
     sigma = nadir_sigma_rad(fit)

@@ -203,11 +203,16 @@ def _without_smear(
 
 def _misjudged(found: Detection) -> Detection:
     """The same with the errors that points of smeared limbs really share."""
+    return _with_errors(found, [smear is not None for smear in found.smears], _MISJUDGED)
+
+
+def _with_errors(found: Detection, of: Sequence[bool], times: float) -> Detection:
+    """The same with errors so many times as large that points of some limbs share."""
     return replace(
         found,
         observations=tuple(
-            seen if smear is None else LimbObservation(seen.view, seen.limb.misjudged(_MISJUDGED))
-            for seen, smear in zip(found.observations, found.smears, strict=True)
+            LimbObservation(seen.view, seen.limb.misjudged(times)) if wanted else seen
+            for seen, wanted in zip(found.observations, of, strict=True)
         ),
     )
 
@@ -215,22 +220,13 @@ def _misjudged(found: Detection) -> Detection:
 def _towards_night(found: Detection) -> Detection:
     """The same with the errors that points of limbs under glow share beside a dark limb."""
     near = found.nadir_base, found.rho_rad
-    dark = any(
+    glows = [limb.joint for limb in found.limbs]
+    beside_night = any(glows) and any(
         seen.limb.status is not Status.OK
         and len(limb_curve(seen.view, *near, spacing_px=_COARSE_PX)) >= MIN_INLIERS
         for seen in found.observations
     )
-    if not dark:
-        return found
-    return replace(
-        found,
-        observations=tuple(
-            LimbObservation(seen.view, seen.limb.misjudged(_TOWARDS_NIGHT))
-            if seen.limb.joint
-            else seen
-            for seen in found.observations
-        ),
-    )
+    return _with_errors(found, glows, _TOWARDS_NIGHT) if beside_night else found
 
 
 def _smears(

@@ -16,10 +16,8 @@ from horizon_sensor_ros.core.limb.search.candidates import block_average
 # pixels of the full frame, do not differ by so many times as much: a limb that is soft for those
 # shows itself better in larger ones.
 _FINER, _MORE_JUMPS = 3, 1.25
-_USUAL_PSF2, _PIXEL2 = (
-    USUAL_PSF_PX**2,
-    1.0 / 12.0,
-)  # squares of the blur, and of what pixels are of it
+# Squares of the blur, and of what pixels are of it.
+_USUAL_PSF2, _PIXEL2 = USUAL_PSF_PX**2, 1.0 / 12.0
 _LEAST_BLUR2, _BLUR_REACH = 0.05, 3.5  # px^2, so that a blur has an inverse; its roots
 
 

@@ -23,7 +23,7 @@ _BLUR_SIGMA_PX = 0.1
 USUAL_SHARE, _SHARE_SIGMA = 0.5, 0.15
 _SLOPE_SIGMA, _BEND_SIGMA, _BEND_OF_SLOPE = 0.1, 0.02, 0.4
 BLURS_PX, SHARES = (0.35, 1.7), (0.0, 1.2)  # what can be told, and what air may be
-WHOLE = 0.0, 1.0
+WHOLE = 0.0, 1.0  # limb, from one end in sight to the other
 _MOST_CHANGE = 0.3  # of logarithms, in a step
 _NEAR, _NEAR_BLUR_PX = 0.15, 0.05  # changes in the last step: of logarithms and shares, of the blur
 

@@ -194,13 +194,17 @@ def _uneven(air: Air) -> bool:
     return not (slope < _MOST_SLOPE and bend < _MOST_BEND)
 
 
-def _brightest(sight: GlowSight, air: Air) -> tuple[float, float]:
-    """Ends of the part around the brightest glow, along which that fades by no more than may be."""
+def _brightest(sight: GlowSight, air: Air) -> tuple[float, float] | None:
+    """Ends of the part around the brightest glow, along which that fades by no more than may be;
+    None for too short a one.
+    """
     log_glow = powers(sight.along) @ air.log_glow
     top = int(np.argmax(log_glow))
     dark = np.flatnonzero(log_glow < log_glow[top] - _MOST_FADING)
     first = max(dark[dark < top] + 1, default=0)
     last = min(dark[dark > top], default=len(sight))
+    if last - first < _LEAST_STRETCHES:
+        return None
     return float(first) / len(sight), float(last) / len(sight)
 
 

@@ -106,10 +106,8 @@ def layer_height_m(rho_rad: float, layer_rho_rad: float, planet: Planet) -> floa
 def _bundled(columns: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Middle ones (M,) of columns (N,), `_TOGETHER` each, and means (M, D) of their levels."""
     num = len(columns) // _TOGETHER
-    if num == 0:
-        return columns[:0], level[:0]
     used = num * _TOGETHER
-    means = level[:used].reshape(num, _TOGETHER, -1).mean(axis=1)
+    means = level[:used].reshape(num, _TOGETHER, level.shape[1]).mean(axis=1)
     return columns[_TOGETHER // 2 : used : _TOGETHER], means
 
 

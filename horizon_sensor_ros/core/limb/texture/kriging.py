@@ -141,7 +141,8 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     step = stretches.profiles[:, _samples(d_px, *_BESIDE_PX)].mean(axis=1)
     step -= median(sure(stretches.profiles)[:, _samples(d_px, _SPACE_PX)].ravel())
     step = np.maximum(step / tables.rise, stretches.noise)
-    noise = max(stretches.noise, median(sure(step)) / MAX_LEVEL)
+    usual_step = median(sure(step))
+    noise = max(stretches.noise, usual_step / MAX_LEVEL)
     scaled = stretches.profiles[:, used] * (1.0 / noise)
     over_step = noise / step
     solved = _with_neighbours(scaled, good) @ tables.weights
@@ -202,7 +203,7 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     textured = (weight * np.square(over_step)) @ share * np.square(tables.textured) / weight.sum()
     hidden_px = math.hypot(smeared.open_px, stretches.blur_open_px)
     hidden_px *= float(weight @ (share @ tables.lean)) / float(weight.sum())
-    shared = _shared_error(textured, count, ground, deviation / median(sure(step)))
+    shared = _shared_error(textured, count, ground, deviation / usual_step)
     shared = shared.besides(SharedError(hidden_px, hidden_px))
     return KrigedEdges(place, np.sqrt(spread2), limb, misfit, step, shared)
 
