@@ -20,7 +20,12 @@ from rclpy.node import NodeNameNonExistentError
 
 CONFIG = Path(__file__).parents[2] / "config"
 INTEGRATION = CONFIG / "integration"
-NODES = ("local_vertical_node", "attitude_node", "target_pose_node")
+LATE = {
+    "local_vertical_node": {"/clock", "/coarse_pose", "/imu"},
+    "attitude_node": {"/clock", "/coarse_pose", "/imu"},
+    "target_pose_node": {"/clock"},
+}
+NODES = tuple(LATE)
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
 pytestmark = pytest.mark.usefixtures("environment")
@@ -62,10 +67,11 @@ def graph(
                 found = _graph(listener)
             except NodeNameNonExistentError:
                 return None  # heard, but not yet in this process's graph
-            # The clock and a service of each lifecycle come late in a node's start.
+            # The clock, a service of each lifecycle and what aids come late in a node's start.
             there = all(
-                "/clock" in found.heard[node] and f"/{node}/get_type_description" in services
-                for node, services in found.services.items()
+                late <= found.heard[node].keys()
+                and f"/{node}/get_type_description" in found.services[node]
+                for node, late in LATE.items()
             )
             return found if there and len(found.topics()) > 15 else None
 
