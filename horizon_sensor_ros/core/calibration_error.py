@@ -15,48 +15,81 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.symmetric3 import inverse
 
+# How errors of focal length and of distortion grow with the distance to the optical axis.
+_FOCAL, _DISTORTION = 1, 3
+_SMALL_PX = 1e-2
+
 
 def with_calibration_error(
     fit: HorizonFit,
     observations: Sequence[LimbObservation],
     sphere: Planet,
     *,
-    mounting_sigma_rad: float,
-    limb_height_sigma_m: float,
+    mounting_sigma_rad: float = 0.0,
+    lens_sigma_px: float = 0.0,
+    limb_height_sigma_m: float = 0.0,
 ) -> HorizonFit:
     """Return the fit with these errors added to its covariance.
 
     mounting_sigma_rad : of each camera's rotation, about every axis, independent of the others'.
-    limb_height_sigma_m : of the height of the visible limb. Zero: taken to be exact.
+    lens_sigma_px : of each camera's focal length and of its distortion, by what either moves the
+    corners of its frame. limb_height_sigma_m : of the height of the visible limb. Zero: taken to be
+    exact.
     The nadir that a camera alone would find turns with the camera; several weigh by what their
     points know. First order; source: derived here, after the information form of least squares.
     """
-    if mounting_sigma_rad == 0.0 and limb_height_sigma_m == 0.0:
+    if mounting_sigma_rad == 0.0 and lens_sigma_px == 0.0 and limb_height_sigma_m == 0.0:
         return fit
     cov = fit.cov_nadir_altitude.copy()
-    if mounting_sigma_rad > 0.0:
+    if mounting_sigma_rad > 0.0 or lens_sigma_px > 0.0:
         basis = tangent_basis(fit.nadir_base)
-        shares = _shares_of_cameras(fit, observations, basis)
-        turned = mounting_sigma_rad**2 * sum(share[:, :2] @ share[:, :2].T for share in shares)
-        cov += covariance_nadir_altitude(np.asarray(turned), basis, fit.rho_rad, sphere)
+        cameras = _Cameras(fit, observations, basis)
+        tangent = np.zeros((3, 3))
+        if mounting_sigma_rad > 0.0:
+            tangent += mounting_sigma_rad**2 * cameras.by_turns()
+        if lens_sigma_px > 0.0:
+            tangent += lens_sigma_px**2 * cameras.by_lens()
+        cov += covariance_nadir_altitude(tangent, basis, fit.rho_rad, sphere)
     # altitude = (radius + limb height) / sin(rho) - radius
     cov[3, 3] += (limb_height_sigma_m / math.sin(fit.rho_rad)) ** 2
     return replace(fit, cov_nadir_altitude=cov)
 
 
-def _shares_of_cameras(
-    fit: HorizonFit, observations: Sequence[LimbObservation], basis: np.ndarray
-) -> list[np.ndarray]:
-    """How the estimate follows what each camera alone would find, (3, 3) each, their sum is one."""
-    informations = []
-    for observation in observations:
-        rays = observation.rays
-        if observation.view.name not in fit.cameras or not len(rays):
-            continue
-        per_px = rays.angles(fit.nadir_base)[1] * rays.sigma_px
-        rows = rays.design(fit.nadir_base, basis) / per_px[:, None]
-        informations.append(rows.T @ rows)
-    if len(informations) < 2:
-        return [np.eye(3)]
-    gain = inverse(np.sum(informations, axis=0))
-    return [gain @ information for information in informations]
+class _Cameras:
+    """How a fit follows the cameras that it used."""
+
+    def __init__(
+        self, fit: HorizonFit, observations: Sequence[LimbObservation], basis: np.ndarray
+    ) -> None:
+        self._nadir = fit.nadir_base
+        self._seen = [
+            seen for seen in observations if seen.view.name in fit.cameras and len(seen.rays)
+        ]
+        self._rows = [seen.rays.design_sigmas(fit.nadir_base, basis) for seen in self._seen]
+        self._gain = inverse(sum((rows.T @ rows for rows in self._rows), np.zeros((3, 3))))
+
+    def by_turns(self) -> np.ndarray:
+        """Covariance (3, 3) of the cone where each camera is turned by one sigma of 1 rad."""
+        if len(self._rows) < 2:
+            return np.diag([1.0, 1.0, 0.0])
+        shares = [(self._gain @ (rows.T @ rows))[:, :2] for rows in self._rows]
+        return np.asarray(sum(share @ share.T for share in shares))
+
+    def by_lens(self) -> np.ndarray:
+        """The same where corners of each frame are off by one sigma of 1 px, along the radius."""
+        cov = np.zeros((3, 3))
+        for seen, rows in zip(self._seen, self._rows, strict=True):
+            rays, view = seen.rays, seen.view
+            theta, growth = rays.angles(self._nadir)[0], rays.growth(self._nadir)
+            px = view.camera.pixels(rays.rays_base @ view.rot_base_from_cam)
+            out = view.camera.off_axis(px)
+            radius = np.sqrt(np.einsum("ij,ij->i", out, out))[:, None]
+            for power in _FOCAL, _DISTORTION:
+                moved = px + _SMALL_PX * out * radius ** (power - 1)
+                angle = view.camera.rays(moved) @ (view.rot_base_from_cam.T @ self._nadir)
+                shift_px = (np.arccos(np.clip(angle, -1.0, 1.0)) - theta) / (_SMALL_PX * growth)
+                # Beyond the lens's edge there are no rays.
+                shift_px = np.nan_to_num(shift_px)
+                off = self._gain @ (rows.T @ (shift_px / rays.sigma_px))
+                cov += np.outer(off, off)
+        return cov

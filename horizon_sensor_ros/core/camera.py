@@ -252,6 +252,11 @@ class Camera:
         """Angle of a pixel in the middle of the image, mean of both directions."""
         return float(1.0 / np.sqrt(self.fx * self.fy))
 
+    def off_axis(self, px: np.ndarray) -> np.ndarray:
+        """Places (N, 2) of pixels from the optical axis, over half the frame's diagonal."""
+        half_diagonal = 0.5 * np.hypot(self.width, self.height)
+        return np.asarray((px - (self.cx, self.cy)) / half_diagonal)
+
     @cached_property
     def max_angle_rad(self) -> float:
         """Angle off the axis up to which the model is one-to-one; pi/2 or pi without a limit."""

@@ -294,6 +294,7 @@ class HorizonSensor:
             observations,
             self._sphere,
             mounting_sigma_rad=self.config.mounting_sigma_rad,
+            lens_sigma_px=self.config.lens_sigma_px,
             limb_height_sigma_m=self.config.limb_height_sigma_m,
         )
         if aiding.altitude is not None:

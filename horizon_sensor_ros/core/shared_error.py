@@ -82,7 +82,7 @@ def _with_shared(
     basis = tangent_basis(fit.nadir_base)
     to_tangent = np.zeros((3, 4))
     to_tangent[:2, :3], to_tangent[2, 3] = basis.T, 1.0
-    rows = [_rows(camera[1], fit.nadir_base, basis) for camera in cameras]
+    rows = [camera[1].design_sigmas(fit.nadir_base, basis) for camera in cameras]
     gain = inverse(sum((a.T @ a for a in rows), np.zeros((3, 3))))
     cov, height = np.zeros((3, 3)), np.zeros(3)
     variance = np.diag(fit.cov_nadir_altitude).copy()
@@ -111,13 +111,6 @@ def _with_shared(
         cov += coherent2 * len(rays) / _STRETCHES * by_px.T @ by_px
     cov += np.outer(height, height)
     return covariance_nadir_altitude(cov, basis, fit.rho_rad, sphere)
-
-
-def _rows(rays: LimbRays, nadir_base: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """How residuals in sigmas move with the cone (N, 3)."""
-    growth = rays.angles(nadir_base)[1]
-    growth = np.where(growth > rays.least_growth, growth, np.inf) * rays.sigma_px
-    return rays.design(nadir_base, basis) / growth[:, None]
 
 
 def _left(rows_px: np.ndarray, by_px: np.ndarray) -> float:

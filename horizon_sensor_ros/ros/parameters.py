@@ -167,6 +167,16 @@ HORIZON_PARAMETERS = (
         maximum=0.5,
     ),
     Parameter(
+        "lens_sigma",
+        "double",
+        HorizonConfig.lens_sigma_px,
+        "One sigma of each camera's calibration, for the covariance: by how many pixels focal "
+        "length or distortion may be off in the corners of its frames.",
+        unit="px",
+        minimum=0.0,
+        maximum=1000.0,
+    ),
+    Parameter(
         "vertical",
         "string",
         "geocentric",
@@ -575,6 +585,7 @@ _SENSOR_FIELDS = {
     "min_contrast": "min_contrast",
     "max_space_level": "max_space_level",
     "mounting_sigma": "mounting_sigma_rad",
+    "lens_sigma": "lens_sigma_px",
     "limb_height_sigma": "limb_height_sigma_m",
     "tracking": "tracking",
 }

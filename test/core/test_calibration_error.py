@@ -11,6 +11,7 @@ from limb_samples import observe, view_at_limb
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
+from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
@@ -45,55 +46,90 @@ def fitted(observations: list[LimbObservation], planet: Planet = PLANET) -> Hori
     return fit
 
 
+def said_and_scatter(
+    observations: list[LimbObservation], drawn: list[list[LimbObservation]], **sigmas: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance (4, 4) that is added for errors, and that of the fits of limbs drawn with them; of
+    altitude in units of 10,000 km.
+    """
+    fits = [fitted(limbs) for limbs in drawn]
+    scatter = np.cov(np.array([[*fit.nadir_base, fit.altitude_m / 1e7] for fit in fits]).T)
+    fit = fitted(observations)
+    with_error = with_calibration_error(fit, observations, PLANET, **sigmas)
+    units = np.diag([1.0, 1.0, 1.0, 1e-7])
+    said = units @ (with_error.cov_nadir_altitude - fit.cov_nadir_altitude) @ units
+    np.testing.assert_allclose(said, scatter, atol=0.25 * np.linalg.norm(scatter, 2))
+    # Least certain direction.
+    assert np.linalg.norm(said[:3, :3], 2) == pytest.approx(
+        np.linalg.norm(scatter[:3, :3], 2), rel=0.25
+    )
+    return said, scatter
+
+
 @pytest.mark.parametrize("azimuths_deg", [(0.0,), (0.0, 90.0), (0.0, 60.0, 200.0)])
 def test_nadir_and_altitude_scatter_as_said_when_cameras_are_turned(
     azimuths_deg: tuple[float, ...],
 ) -> None:
     observations = exact_limbs(azimuths_deg)
     rng = np.random.default_rng(3)
-    found = []
+    drawn = []
     for _ in range(400):
         turned = []
         for seen in observations:
             turn = Rotation.from_rotvec(rng.normal(0.0, SIGMA_RAD, 3)).as_matrix()
             view = replace(seen.view, rot_base_from_cam=turn @ seen.view.rot_base_from_cam)
             turned.append(LimbObservation(view, seen.limb))
-        fit = fitted(turned)
-        found.append([*fit.nadir_base, fit.altitude_m / 1e7])
-    scatter = np.cov(np.array(found).T)
-    fit = fitted(observations)
-    with_error = with_calibration_error(
-        fit, observations, PLANET, mounting_sigma_rad=SIGMA_RAD, limb_height_sigma_m=0.0
-    )
-    units = np.diag([1.0, 1.0, 1.0, 1e-7])
-    said = units @ (with_error.cov_nadir_altitude - fit.cov_nadir_altitude) @ units
-    np.testing.assert_allclose(said, scatter, atol=0.25 * np.linalg.norm(scatter, 2))
-    # Least certain direction, and the altitude.
-    assert np.linalg.norm(said[:3, :3], 2) == pytest.approx(
-        np.linalg.norm(scatter[:3, :3], 2), rel=0.25
-    )
+        drawn.append(turned)
+    said, scatter = said_and_scatter(observations, drawn, mounting_sigma_rad=SIGMA_RAD)
     assert said[3, 3] == pytest.approx(scatter[3, 3], rel=0.3, abs=1e-16)
 
 
 def test_one_camera_turns_nadir_with_it() -> None:
     observations = exact_limbs((30.0,))
     fit = fitted(observations)
-    with_error = with_calibration_error(
-        fit, observations, PLANET, mounting_sigma_rad=SIGMA_RAD, limb_height_sigma_m=0.0
-    )
+    with_error = with_calibration_error(fit, observations, PLANET, mounting_sigma_rad=SIGMA_RAD)
     added = with_error.cov_nadir_altitude - fit.cov_nadir_altitude
     across = np.eye(3) - np.outer(fit.nadir_base, fit.nadir_base)
     np.testing.assert_allclose(added[:3, :3], SIGMA_RAD**2 * across, atol=1e-12)
     np.testing.assert_allclose(added[3], 0.0, atol=1e-6)
 
 
+def _with_other_lens(view: CameraView, focal_px: float, distortion_px: float) -> CameraView:
+    """A camera whose corners are off by so much, by focal length and by distortion."""
+    camera = view.camera
+    corner = 0.5 * np.hypot(camera.width, camera.height)
+    scale = 1.0 + focal_px / corner
+    k1 = distortion_px / corner * (camera.fx / corner) ** 2
+    other = replace(
+        camera, fx=scale * camera.fx, fy=scale * camera.fy, distortion=(k1, 0.0, 0.0, 0.0, 0.0)
+    )
+    return replace(view, camera=other)
+
+
+@pytest.mark.parametrize("azimuths_deg", [(0.0,), (0.0, 90.0), (0.0, 60.0, 200.0)])
+def test_nadir_and_altitude_scatter_as_said_where_lenses_are_others(
+    azimuths_deg: tuple[float, ...],
+) -> None:
+    """Cameras that are calibrated otherwise than they are: fits themselves are the truth."""
+    sigma_px = 0.4
+    observations = exact_limbs(azimuths_deg)
+    rng = np.random.default_rng(5)
+    drawn = []
+    for _ in range(400):
+        others = [
+            LimbObservation(_with_other_lens(seen.view, *rng.normal(0.0, sigma_px, 2)), seen.limb)
+            for seen in observations
+        ]
+        drawn.append(others)
+    said, scatter = said_and_scatter(observations, drawn, lens_sigma_px=sigma_px)
+    assert said[3, 3] == pytest.approx(scatter[3, 3], rel=0.25)
+
+
 def test_a_limb_that_lies_higher_moves_the_altitude_alone() -> None:
     observations = exact_limbs((0.0, 90.0))
     higher = fitted(observations, Planet(PLANET.radius_m, 5e3))
     fit = fitted(observations)
-    with_error = with_calibration_error(
-        fit, observations, PLANET, mounting_sigma_rad=0.0, limb_height_sigma_m=5e3
-    )
+    with_error = with_calibration_error(fit, observations, PLANET, limb_height_sigma_m=5e3)
     added = with_error.cov_nadir_altitude - fit.cov_nadir_altitude
     assert np.sqrt(added[3, 3]) == pytest.approx(higher.altitude_m - fit.altitude_m, rel=1e-6)
     assert np.count_nonzero(added) == 1
@@ -102,13 +138,11 @@ def test_a_limb_that_lies_higher_moves_the_altitude_alone() -> None:
 def test_none_is_the_same_fit() -> None:
     observations = exact_limbs((0.0,))
     fit = fitted(observations)
-    same = with_calibration_error(
-        fit, observations, PLANET, mounting_sigma_rad=0.0, limb_height_sigma_m=0.0
-    )
+    same = with_calibration_error(fit, observations, PLANET, mounting_sigma_rad=0.0)
     assert same is fit
 
 
-@pytest.mark.parametrize("name", ["mounting_sigma_rad", "limb_height_sigma_m"])
+@pytest.mark.parametrize("name", ["mounting_sigma_rad", "lens_sigma_px", "limb_height_sigma_m"])
 @pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
 def test_sigmas_that_make_no_sense(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=name):

@@ -87,6 +87,18 @@ class LimbRays:
         out[:, 2] = -1.0
         return out
 
+    def growth(self, nadir_base: np.ndarray) -> np.ndarray:
+        """Growth (N,) of the angles as `angles` has it; infinite where a distance along the normal
+        means nothing.
+        """
+        growth = self.angles(nadir_base)[1]
+        return np.where(growth > self.least_growth, growth, np.inf)
+
+    def design_sigmas(self, nadir_base: np.ndarray, basis: np.ndarray) -> np.ndarray:
+        """`design` (N, 3) of residuals over their sigmas."""
+        per_sigma = self.growth(nadir_base) * self.sigma_px
+        return self.design(nadir_base, basis) / per_sigma[:, None]
+
     def along_limb(self, nadir_base: np.ndarray) -> np.ndarray:
         """Order (N,) of the points: camera by camera, then along the limb."""
         if self.ordered:
