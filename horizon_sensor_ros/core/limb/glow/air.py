@@ -1,8 +1,8 @@
 """The air that glows above a limb: the same all along it, and so in every stretch that is seen.
 
 Its unknowns come after the limb's three, in this order: the background, the blur, the logarithm of
-A (3, a polynomial along the limb), that of the scale height, and the share of the air that lies in
-front of the ground.
+A (3, a polynomial along the limb), that of the scale height, the share of the air that lies in
+front of the ground, and how far the lens darkens towards the corners.
 """
 
 from __future__ import annotations
@@ -12,8 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-LIMB, BACKGROUND, BLUR, LOG_GLOW, LOG_HEIGHT, SHARE = slice(3), 3, 4, slice(5, 8), 8, 9
-NUM = 10
+from horizon_sensor_ros.core.limb.glow.fading import FADING_SIGMA
+
+LIMB, BACKGROUND, BLUR, LOG_GLOW, LOG_HEIGHT, SHARE, FADING = slice(3), 3, 4, slice(5, 8), 8, 9, 10
+NUM = 11
 _LOGS = slice(5, 9)
 # What is known beforehand, one sigma each: the scale height over the radius (of its logarithm), the
 # blur about that of the edges, the air in front of the ground over that above it; slope and bend of
@@ -31,8 +33,9 @@ _NEAR, _NEAR_BLUR_PX = 0.15, 0.05  # changes in the last step: of logarithms and
 @dataclass(frozen=True)
 class Air:
     """What is common to a limb: scale height over the radius, log A (3,), share of the air in front
-    of the ground, blur, background; edge_psf_px, the blur of edges found one by one; and the part
-    of the limb in sight, from 0 to 1 along it, that it is of.
+    of the ground, blur, background; edge_psf_px, the blur of edges found one by one; the part of
+    the limb in sight, from 0 to 1 along it, that it is of; fading, the logarithm of what light the
+    lens loses in the corners.
     """
 
     height: float
@@ -42,9 +45,10 @@ class Air:
     background: float
     edge_psf_px: float
     part: tuple[float, float] = WHOLE
+    fading: float = 0.0
 
     def changed(self, change: np.ndarray) -> Air:
-        """The same after a step (10,)."""
+        """The same after a step (11,)."""
         logs = np.clip(change[_LOGS], -_MOST_CHANGE, _MOST_CHANGE)
         return replace(
             self,
@@ -53,22 +57,26 @@ class Air:
             log_glow=self.log_glow + logs[:3],
             height=self.height * math.exp(logs[3]),
             share=self.share + float(change[SHARE]),
+            fading=self.fading + float(change[FADING]),
         )
 
     def near(self, change: np.ndarray) -> bool:
-        """Whether a step (10,) changes so little that what it takes to be linear is."""
+        """Whether a step (11,) changes so little that what it takes to be linear is."""
         return bool(np.abs(change[5:]).max() <= _NEAR and abs(float(change[BLUR])) <= _NEAR_BLUR_PX)
 
     def beforehand(self) -> tuple[np.ndarray, np.ndarray]:
-        """Information (10,) of what is known beforehand, and its pull (10,) from these values."""
+        """Information (11,) of what is known beforehand, with a lens that fades, and its pull (11,)
+        from these values.
+        """
         bend = math.hypot(_BEND_SIGMA, _BEND_OF_SLOPE * self.log_glow[1])
         sigma = np.full(NUM, np.inf)
         sigma[BLUR] = _BLUR_SIGMA_PX
-        sigma[6:] = _SLOPE_SIGMA, bend, _HEIGHT_SIGMA, _SHARE_SIGMA
+        sigma[6:] = _SLOPE_SIGMA, bend, _HEIGHT_SIGMA, _SHARE_SIGMA, FADING_SIGMA
         away = np.zeros(NUM)
         away[BLUR] = self.edge_psf_px - self.psf_px
         away[6:8] = -self.log_glow[1:]
         away[LOG_HEIGHT] = math.log(USUAL_HEIGHT / self.height)
         away[SHARE] = USUAL_SHARE - self.share
+        away[FADING] = -self.fading
         information = sigma**-2.0
         return information, information * away

@@ -7,7 +7,8 @@ Along the normals of a predicted limb, d pixels outwards, the mean of each stret
 F is the blurred step; G the glow of an exponential atmosphere above the limb, by the height of each
 line of sight; S what the same air shows in front of the ground; T texture, a Gaussian process as in
 `kriging`, along the limb as well. All edges e_i lie on one limb of three unknowns. The air is the
-same all along it: one scale height, and a brightness A that changes slowly, with the Sun's height.
+same all along it: one scale height, and a brightness A that changes slowly, with the Sun's height,
+and towards the corners with the lens.
 So the glow far out, where no ground is, tells what glow there is at the edge, and its contour tells
 how the limb bends; what is left of the edge tells where it lies.
 Source: derived here; maximum likelihood, its derivatives by way of the likeliest ground; the

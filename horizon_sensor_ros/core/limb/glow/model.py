@@ -15,6 +15,7 @@ from horizon_sensor_ros.core.limb.edge.model import normal_cdf
 from horizon_sensor_ros.core.limb.glow.air import (
     BACKGROUND,
     BLUR,
+    FADING,
     LIMB,
     LOG_GLOW,
     LOG_HEIGHT,
@@ -23,6 +24,7 @@ from horizon_sensor_ros.core.limb.glow.air import (
     Air,
 )
 from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outside
+from horizon_sensor_ros.core.limb.glow.fading import with_either_lens
 from horizon_sensor_ros.core.limb.glow.ground import Ground
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight
 from horizon_sensor_ros.core.robust import median, quantile
@@ -49,7 +51,7 @@ def powers(along: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class GlowStep:
-    """Change (10,) of the unknowns and covariance (3, 3) of the limb's. cost : (M,) of the
+    """Change (11,) of the unknowns and covariance (3, 3) of the limb's. cost : (M,) of the
     stretches, over the degrees of freedom; infinite of those left out.
     """
 
@@ -61,7 +63,7 @@ class GlowStep:
 class _Lit:
     """What the air makes of the profiles of kept stretches (K), and what is left of them.
 
-    rest (K, J) : without the air. design (K, J, 10) : derivatives by the unknowns. variance, doubt
+    rest (K, J) : without the air. design (K, J, 11) : derivatives by the unknowns. variance, doubt
     (K, J) : of noise and model, and of blind samples.
     """
 
@@ -69,7 +71,7 @@ class _Lit:
         d_px, psf_px = sight.d_px, air.psf_px
         length_px = air.height / sight.rise[keep]
         power = powers(sight.along)[keep]
-        glow = np.exp(power @ air.log_glow)[:, None]
+        glow = np.exp(power @ air.log_glow - air.fading * sight.cornered[keep])[:, None]
         above = glow_outside(sight.distance[keep], psf_px, length_px)
         bright = glow * above.bright
         inside = glow * air_inside(d_px, psf_px, median(length_px))
@@ -85,6 +87,7 @@ class _Lit:
         self.design[..., LOG_GLOW] = bright[..., None] * power[:, None]
         self.design[..., LOG_HEIGHT] = glow * above.by_length
         self.design[..., SHARE] = inside
+        self.design[..., FADING] = -bright * sight.cornered[keep, None]
         self.variance = sight.noise**2 + np.square(_GLOW_ERROR * bright)
         self.variance += sight.glare_variance[keep]
         self.doubt = np.zeros_like(self.rest)
@@ -104,17 +107,17 @@ class _Lit:
 
 
 class _Normal:
-    """Normal equations of the unknowns (10) and of what else is unknown of the ground (E).
+    """Normal equations of the unknowns (11) and of what else is unknown of the ground (E).
 
-    near : (K, J, 10 + E + 1) derivatives by all of them and residuals, along the ground's axes.
-    known : (10 + E, 10 + E) and pull : (10 + E,) what is known besides.
+    near : (K, J, 11 + E + 1) derivatives by all of them and residuals, along the ground's axes.
+    known : (11 + E, 11 + E) and pull : (11 + E,) what is known besides.
     """
 
     def __init__(self, near: np.ndarray, known: np.ndarray, pull: np.ndarray) -> None:
         self.near, self.known, self.pull = near, known, pull
 
     def solved(self, precision: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Solutions (S, 10 + E), their information, and what they leave of the cost (S,), for
+        """Solutions (S, 11 + E), their information, and what they leave of the cost (S,), for
         precisions (S, K, J).
         """
         flat = self.near.reshape(-1, self.near.shape[2])
@@ -173,13 +176,14 @@ def step_towards(sight: GlowSight, air: Air, keep: np.ndarray) -> GlowStep:
         lit.derive(*ground.derivatives(precision[0] * normal.left(found[0]), strength))
         normal.near[..., : BLUR + 1] = ground.in_axes(lit.design[:, :num, : BLUR + 1])
         found, information, _ = normal.solved(precision)
-    change = found[0, :NUM]
+    step, cov = with_either_lens(found[0], np.linalg.inv(information[0]), FADING, air.fading)
+    change = step[:NUM]
     left = lit.rest - lit.design @ change
     cost = np.full(len(sight), np.inf)
     cost[keep] = ground.cost(left[:, :num], strength)
     cost[keep] += (np.square(left) / (lit.variance + lit.doubt))[:, num:].sum(axis=1)
     cost /= left.shape[1] - 2.0
-    return GlowStep(change, np.linalg.inv(information[0])[LIMB, LIMB], cost)
+    return GlowStep(change, cov[LIMB, LIMB], cost)
 
 
 def _known(lit: _Lit, air: Air, ground: Ground, num: int) -> tuple[np.ndarray, np.ndarray]:

@@ -30,6 +30,7 @@ _BY_STRETCH = (
     "rows",
     "distance",
     "rise",
+    "cornered",
     "glare",
     "glare_variance",
 )
@@ -44,10 +45,11 @@ class GlowSight:
     (M, 2) middles of the stretches in the full image, and their normals. rows : (M, 3) how the
     limb moves along them with nadir's two tangent components and rho, pixels per radian.
     distance : (M, J) heights above the limb in pixels of the first one above it; rise : (M,) that
-    pixel's height over the planet's radius. px_over_radius : ground across one pixel along the
-    limb, over that radius. stretch_px : length of limb. curve, bundles : what was sampled, reduced
-    by factor. glare : (M, 2) level at the limb and slope of what has been taken
-    off the profiles, and glare_variance (M, J) that it left.
+    pixel's height over the planet's radius. cornered : (M,) squares of the stretches' distances to
+    the optical axis, over half the frame's diagonal. px_over_radius : ground across one pixel along
+    the limb, over that radius. stretch_px : length of limb. curve, bundles : what was sampled,
+    reduced by factor. glare : (M, 2) level at the limb and slope of what has been taken off the
+    profiles, and glare_variance (M, J) that it left.
     """
 
     curve: LimbCurve
@@ -62,6 +64,7 @@ class GlowSight:
     rows: np.ndarray
     distance: np.ndarray
     rise: np.ndarray
+    cornered: np.ndarray
     px_over_radius: float
     stretch_px: float
     glare: np.ndarray
@@ -168,6 +171,7 @@ def look_along(
         -limb.design(nadir_base, tangent_basis(nadir_base)) / growth[:, None],
         np.where(d_px > 0.0, height / rise[:, None], d_px),
         rise,
+        np.square(view.camera.off_axis(px)).sum(axis=1),
         ground_across_px(factor * view.camera.pixel_rad, rho_rad),
         spacing_px * size,
         np.zeros((len(px), 2)),
