@@ -17,7 +17,8 @@ from tqdm import tqdm
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
 from horizon_sensor_ros.core.limb.curve import limb_curve
-from horizon_sensor_ros.core.limb.detector import EXPECTED, detect_limb
+from horizon_sensor_ros.core.limb.detector import detect_limb
+from horizon_sensor_ros.core.limb.passes import EXPECTED
 from horizon_sensor_ros.core.limb.refinement import refine_limb
 from horizon_sensor_ros.core.limb.sample import sample_limb
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates

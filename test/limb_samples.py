@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.fits import LimbObservation
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 
@@ -96,3 +98,11 @@ def observe(
 def angle_between(a: np.ndarray, b: np.ndarray) -> float:
     """Angle between two unit vectors, precise when small."""
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def nadir_nees(fit: HorizonFit, nadir_base: np.ndarray) -> float:
+    """Squared error of nadir in its own sigmas: of two unknowns."""
+    basis = tangent_basis(fit.nadir_base)
+    error = basis.T @ nadir_base
+    cov = basis.T @ fit.cov_nadir_altitude[:3, :3] @ basis
+    return float(error @ np.linalg.solve(cov, error))

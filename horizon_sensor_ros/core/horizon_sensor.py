@@ -29,8 +29,11 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.judgement import disagreement_rad, doubt, full_scale, refusal
-from horizon_sensor_ros.core.limb.detector import Detection, canny_limbs, detect_limb, follow_limb
+from horizon_sensor_ros.core.limb.canny_limbs import canny_limbs
+from horizon_sensor_ros.core.limb.detection import Detection
+from horizon_sensor_ros.core.limb.detector import detect_limb, follow_limb
 from horizon_sensor_ros.core.limb.evidence import sky_evidence
+from horizon_sensor_ros.core.limb.night import by_night
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.shared_error import with_shared_error
 from horizon_sensor_ros.core.status import Status
@@ -273,7 +276,7 @@ class HorizonSensor:
     ) -> tuple[HorizonFix, dict[int, LimbPoints]]:
         """Fit of a detection; with the frames whose own evidence speaks against it, and why."""
         views = [figure.view(frame.view) for frame in frames]
-        observations = detection.seen_by(views)
+        observations = by_night(detection).seen_by(views)
         if self.config.limb == "canny" and np.isfinite(detection.rho_rad):
             images = [frame.gray for frame in frames]
             limbs = canny_limbs(views, images, detection.nadir_base, detection.rho_rad)

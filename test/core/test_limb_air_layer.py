@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from limb_frames import PLANET, as_frames, clouds, draw, limb_views
+from limb_samples import nadir_nees
 
-from horizon_sensor_ros.core.horizon_sensor import HorizonFix, HorizonSensor
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix, HorizonSensor
 from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow, layer_height_m
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb.search.selection import (
@@ -21,6 +23,8 @@ from horizon_sensor_ros.core.limb.search.selection import (
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
+from horizon_sensor_ros.sim.hard_scenes import hard_scenes
+from horizon_sensor_ros.sim.poses import camera_from_fov
 
 ALTITUDE_M = 420e3
 RHO = PLANET.rho_from_altitude(ALTITUDE_M)
@@ -38,13 +42,15 @@ def fixed(scene: EarthScene) -> HorizonFix:
     return HorizonSensor().process(as_frames(VIEWS, draw(VIEWS, ALTITUDE_M, scene, NOISE)))
 
 
-def searched(scene: EarthScene, imaging: Imaging = NOISE) -> tuple[Consensus, Consensus]:
+def searched(
+    scene: EarthScene, imaging: Imaging = NOISE, views: tuple[CameraView, ...] = VIEWS
+) -> tuple[Consensus, Consensus]:
     """The consensus before and after the ground under the airglow is looked for."""
-    images = [frame.image for frame in draw(VIEWS, ALTITUDE_M, scene, imaging)]
+    images = [frame.image for frame in draw(views, ALTITUDE_M, scene, imaging)]
     candidates = [space_boundary_candidates(image) for image in images]
-    found = rays_of_candidates(VIEWS, candidates)
+    found = rays_of_candidates(views, candidates)
     before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
-    return before, ground_under_airglow(VIEWS, candidates, found, before, PLANET)
+    return before, ground_under_airglow(views, candidates, found, before, PLANET)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -89,6 +95,35 @@ def test_a_layer_without_ground_is_no_limb() -> None:
 def test_only_stars_tell_a_layer_from_bright_air_over_a_dark_sea(stars: int) -> None:
     before, after = searched(replace(night(1), star_count=stars))
     assert (after is before) is (stars == 0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_short_arc_of_ground_lies_below_the_layer(seed: int) -> None:
+    """Too short for a cone of its own: it was left for the layer's."""
+    camera = camera_from_fov(640, 480, np.radians(32.0))
+    views = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.9 * seed,), above_rad=0.05)
+    before, after = searched(night(seed, night_light=0.5), views=views)
+    risen_m = PLANET.altitude_from_rho(after.rho_rad) - PLANET.altitude_from_rho(before.rho_rad)
+    assert after.layer_rad > 0.0
+    assert risen_m == pytest.approx(110e3, abs=60e3)
+
+
+def test_one_camera_by_night_is_no_wronger_than_it_claims() -> None:
+    nees, off_m = [], []
+    for seed in (78, 79):
+        for scene in hard_scenes(12, seed, ("moonlit", "airglow")):
+            for view, frame in zip(scene.views, scene.frames, strict=True):
+                if view.name not in scene.limb_cameras:
+                    continue
+                found = HorizonSensor().process([Frame(view, frame.image)])
+                if not found.ok:
+                    continue
+                nees.append(nadir_nees(found.fit, frame.truth.nadir_base))
+                off_m.append(abs(found.fit.altitude_m - frame.truth.altitude_m))
+    assert len(nees) >= 20
+    assert np.mean(nees) < 2.8
+    # The layer lies some 95 km above the ground.
+    assert max(off_m) < 70e3
 
 
 def test_the_sky_begins_above_the_layer() -> None:

@@ -88,12 +88,13 @@ def ground_under_airglow(
         together = rises & (np.abs(_DEPTHS_M[at] - np.median(_DEPTHS_M[at[rises]])) <= _APART_M)
         if np.count_nonzero(together) >= _SHARE * len(level):
             rays = _rays(found.rays[np.concatenate(columns)[together]], consensus, depths)
-            return _cone(rays[np.arange(len(rays)), at[together]], consensus, scale)
-    beyond = consensus.rho_rad + scale
-    if _is_layer(level, falls, crest) and any(
-        count_stars(view, seen, consensus.nadir_base, beyond) >= _STARS
-        for view, seen in zip(views, candidates, strict=True)
-    ):
+            cone = _cone(rays[np.arange(len(rays)), at[together]], consensus, scale)
+            if cone is None and _starry(views, candidates, consensus, scale):
+                # The layer is about the same nadir, wherever the ground was found along it.
+                below = float(np.median(depths[at[together]]))
+                cone = consensus.nadir_base, consensus.rho_rad - below
+            return consensus if cone is None else _moved(consensus, cone, scale)
+    if _is_layer(level, falls, crest) and _starry(views, candidates, consensus, scale):
         return Consensus(Status.POOR_FIT, "a layer of airglow, and no ground behind it")
     return consensus
 
@@ -109,6 +110,20 @@ def _bundled(columns: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.nda
     used = num * _TOGETHER
     means = level[:used].reshape(num, _TOGETHER, level.shape[1]).mean(axis=1)
     return columns[_TOGETHER // 2 : used : _TOGETHER], means
+
+
+def _starry(
+    views: Sequence[CameraView],
+    candidates: Sequence[LimbCandidates],
+    consensus: Consensus,
+    depth_rad: float,
+) -> bool:
+    """Whether stars above the layer show an exposure for the night."""
+    beyond = consensus.rho_rad + depth_rad
+    return any(
+        count_stars(view, seen, consensus.nadir_base, beyond) >= _STARS
+        for view, seen in zip(views, candidates, strict=True)
+    )
 
 
 def _is_layer(level: np.ndarray, falls: np.ndarray, crest: np.ndarray) -> bool:
@@ -158,23 +173,29 @@ def _crest_and_trough(
     return falls, crest, trough, inner.argmin(axis=1)
 
 
-def _cone(rays: np.ndarray, consensus: Consensus, depth_rad: float) -> Consensus:
-    """The consensus with the cone through rays (N, 3) below it; its inliers are the layer's.
-
-    As it was where that cone is not about the same nadir, by the depth of the layer.
+def _cone(
+    rays: np.ndarray, consensus: Consensus, depth_rad: float
+) -> tuple[np.ndarray, float] | None:
+    """Nadir and rho of the cone through rays (N, 3) below the consensus; None where it is not about
+    the same nadir, by the depth of the layer, as by day or on a short arc.
     """
     m, *_ = np.linalg.lstsq(rays, np.ones(len(rays)), rcond=None)
     norm = float(np.linalg.norm(m))
     if not norm > 1.0:
-        return consensus
+        return None
     nadir, rho = m / norm, float(np.arccos(1.0 / norm))
     aside = float(np.linalg.norm(np.cross(nadir, consensus.nadir_base)))
     if aside > depth_rad or abs(consensus.rho_rad - depth_rad - rho) > depth_rad:
-        return consensus
+        return None
+    return nadir, rho
+
+
+def _moved(consensus: Consensus, cone: tuple[np.ndarray, float], depth_rad: float) -> Consensus:
+    """The consensus with the ground's cone; its inliers are the layer's."""
     return replace(
         consensus,
-        nadir_base=nadir,
-        rho_rad=rho,
+        nadir_base=cone[0],
+        rho_rad=cone[1],
         unanimous=False,
         layer_rad=depth_rad,
         layer_rho_rad=consensus.rho_rad,

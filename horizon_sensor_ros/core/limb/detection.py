@@ -1,0 +1,96 @@
+"""What was found of the limb in simultaneous frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.edge.width import Smear
+from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
+from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS, Consensus
+from horizon_sensor_ros.core.robust import median, stretches
+from horizon_sensor_ros.core.status import Status
+
+_STRETCHES, _ON_COURSE_PX = 4, 0.6
+
+
+@dataclass(frozen=True)
+class Detection:
+    """The limb in each frame, and where the last pass of refinement looked for it.
+
+    observations : one per frame, in order. nadir_base, rho_rad : the cone whose limb the last pass
+    refined; NaN where there is none. candidates : step one's, for drawing. consensus : step two's.
+    looks : one per frame, what the limb's edge looks like; none where no model fits it. factors :
+    one per frame, by which it was reduced for the last pass. layer_rad : how far above the limb a
+    layer of airglow lies, 0 without one. smears : one per frame, motion's in it, None where there
+    is hardly any.
+    """
+
+    observations: tuple[LimbObservation, ...]
+    candidates: tuple[LimbCandidates, ...] = ()
+    consensus: Consensus = field(default_factory=lambda: Consensus(Status.NO_LIMB))
+    nadir_base: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+    rho_rad: float = np.nan
+    looks: tuple[tuple[EdgeLook, ...], ...] = ()
+    factors: tuple[int, ...] = ()
+    layer_rad: float = 0.0
+    smears: tuple[Smear | None, ...] = ()
+
+    @property
+    def limbs(self) -> tuple[LimbPoints, ...]:
+        """Limb in each frame."""
+        return tuple(seen.limb for seen in self.observations)
+
+    def seen_by(self, views: Sequence[CameraView]) -> tuple[LimbObservation, ...]:
+        """Return the observations by cameras that may have been stretched anew since."""
+        return tuple(
+            seen if seen.view is view else LimbObservation(view, seen.limb)
+            for seen, view in zip(self.observations, views, strict=True)
+        )
+
+    @property
+    def modelled(self) -> bool:
+        """Whether a model fits the edge of every limb that was seen."""
+        return all(
+            look or limb.status is not Status.OK
+            for limb, look in zip(self.limbs, self.looks, strict=True)
+        )
+
+    @property
+    def joint(self) -> bool:
+        """Whether limb and glow were told apart in every frame that shows a limb."""
+        return all(limb.joint for limb in self.limbs if limb.status is Status.OK)
+
+    @cached_property
+    def on_course(self) -> bool:
+        """Whether every limb that was seen lies near the cone that it was measured around, or was
+        sought around cones of its own.
+        """
+        return all(
+            limb.joint or _on_course(limb, _ON_COURSE_PX * factor)
+            for limb, factor in zip(self.limbs, self.factors, strict=True)
+            if limb.status is Status.OK
+        )
+
+    def misjudged(self, times: Sequence[float]) -> Detection:
+        """The same with errors so many times as large that points of each limb share."""
+        return replace(
+            self,
+            observations=tuple(
+                seen if t == 1.0 else LimbObservation(seen.view, seen.limb.misjudged(t))
+                for seen, t in zip(self.observations, times, strict=True)
+            ),
+        )
+
+
+def _on_course(limb: LimbPoints, tolerance_px: float) -> bool:
+    """Whether all stretches of one camera's limb lie near where they were looked for."""
+    parts = stretches(limb.offset_px, _STRETCHES)
+    return len(limb.px) >= MIN_INLIERS and max(abs(median(p)) for p in parts) < tolerance_px

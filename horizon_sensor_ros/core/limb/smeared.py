@@ -1,0 +1,103 @@
+"""Limbs that motion smears: seen in frames blurred alike in all directions, and reduced."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.limb.detection import Detection
+from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.edge.width import Smear, smear_of
+from horizon_sensor_ros.core.limb.passes import FRESH, look_for
+from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.status import Status
+
+# Blur of edges that no motion smeared; smears, without glow and with it, that are too long for a
+# frame's pixels; how much of them is left in those of a reduced frame, which is no smaller than so.
+_SHARP_PX, _SMEAR_PX, _GLOWING_PX, _LEFT_PX, _SMALLEST_PX = 0.82, 1.55, 3.0, 1.5, 64
+_AS_MUCH = 0.25  # share by which the next frame's smear may be another
+# Errors that points of smeared limbs share, over what they are where nothing moved: as measured
+# beside the truth of simulated ones.
+_MISJUDGED = 1.6
+_SMEARED = "motion smears the limb too far"
+
+
+def without_smear(
+    views: Sequence[CameraView], images: Sequence[np.ndarray], planet: Planet, found: Detection
+) -> Detection:
+    """The same limb, in frames blurred alike in all directions, and reduced until motion smears it
+    over no more than a pixel or two.
+
+    A camera whose frame would be too small is left out.
+    """
+    smears = _smears(views, images, found)
+    if not any(smears):
+        return replace(found, smears=tuple(smears))
+    factors = [
+        math.ceil(smear.across_px / _LEFT_PX) if smear else factor
+        for smear, factor in zip(smears, found.factors, strict=True)
+    ]
+    frames = [
+        SizedFrame(image, factor, smear=smear)
+        for image, factor, smear in zip(images, factors, smears, strict=True)
+    ]
+    near = found.nadir_base, found.rho_rad
+    fresh: list[tuple[EdgeLook, ...]] = [()] * len(views)
+    found = look_for(views, frames, planet, near, fresh, FRESH)
+    none = LimbPoints.none(Status.NO_LIMB, _SMEARED)
+    usable = [
+        seen
+        if smear is None or min(image.shape) >= _SMALLEST_PX * factor
+        else LimbObservation(seen.view, none)
+        for seen, image, smear, factor in zip(
+            found.observations, images, smears, factors, strict=True
+        )
+    ]
+    return misjudged(replace(found, observations=tuple(usable), smears=tuple(smears)))
+
+
+def misjudged(found: Detection) -> Detection:
+    """The same with the errors that points of smeared limbs really share."""
+    return found.misjudged([_MISJUDGED if smear else 1.0 for smear in found.smears])
+
+
+def _smears(
+    views: Sequence[CameraView], images: Sequence[np.ndarray], found: Detection
+) -> list[Smear | None]:
+    """Motion's smear in each frame, None where there is hardly any."""
+    smears: list[Smear | None] = []
+    seen = zip(views, images, found.limbs, found.looks, found.factors, strict=True)
+    for view, image, limb, looks, factor in seen:
+        smear = None
+        glows = any(look.glow_px > 0.0 for look in looks)
+        sharp = factor == 1 and looks and looks[0].psf_px < _SHARP_PX and not glows
+        if limb.status is Status.OK and not sharp:
+            smear = smear_of(image, view, found.nadir_base, found.rho_rad)
+            soft = glows or factor > 1
+            if smear.sure_px <= (_GLOWING_PX if soft else _SMEAR_PX) * factor:
+                smear = None
+        smears.append(smear)
+    return smears
+
+
+def smeared_alike(
+    views: Sequence[CameraView],
+    images: Sequence[np.ndarray],
+    found: Detection,
+    smears: Sequence[Smear | None],
+) -> bool:
+    """Whether frames that motion smeared still are, by about as much."""
+    for view, image, limb, smear in zip(views, images, found.limbs, smears, strict=True):
+        if smear is None or limb.status is not Status.OK:
+            continue
+        now = smear_of(image, view, found.nadir_base, found.rho_rad)
+        if not abs(now.across_px - smear.across_px) < _AS_MUCH * smear.across_px:
+            return False
+    return True
