@@ -25,6 +25,7 @@ PARTS = {
     "paper_c": "paper_c",
     "horizon_scenes": "horizon_scenes",
     "horizon_hard": "horizon_hard",
+    "horizon_alone": "horizon_alone",
     "horizon_figure": "horizon_figure",
     "horizon_motion": "horizon_motion",
     "horizon_timing": "horizon_timing",

@@ -204,3 +204,12 @@ def test_config_files_parse() -> None:
         assert yaml.safe_load(path.read_text()), path
     for path in (ROOT / "config").glob("*.xml"):
         ET.parse(path)
+
+
+@pytest.mark.parametrize("node", ["horizon_node", "target_node"])
+def test_nodes_start_without_the_slow_libraries(node: str) -> None:
+    """A third of a second of start-up; the core imports them where they are needed."""
+    slow = "{'scipy', 'matplotlib', 'rosbags'}"
+    code = f"import sys, horizon_sensor_ros.ros.{node}; print({slow} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "set()", done.stderr
