@@ -11,12 +11,19 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
-PATIENCE_S = 20.0
+PATIENCE_S, ANSWER_S = 20.0, 5.0
+GOALS = {
+    Transition.TRANSITION_CONFIGURE: State.PRIMARY_STATE_INACTIVE,
+    Transition.TRANSITION_ACTIVATE: State.PRIMARY_STATE_ACTIVE,
+    Transition.TRANSITION_DEACTIVATE: State.PRIMARY_STATE_INACTIVE,
+    Transition.TRANSITION_CLEANUP: State.PRIMARY_STATE_UNCONFIGURED,
+    Transition.TRANSITION_ACTIVE_SHUTDOWN: State.PRIMARY_STATE_FINALIZED,
+}
 
 
 class Program:
@@ -108,17 +115,26 @@ class Listener:
 
         return self.wait(said, f"state {state!r} with {words!r}")[-1]
 
-    def call(self, kind: type, name: str, request: Any) -> Any:
+    def ask(self, kind: type, name: str, request: Any) -> Any:
+        """What a service answers; None where nothing is heard of it, as a server drops its answer
+        to a client that it has not found by then.
+        """
         client = self.node.create_client(kind, name)
         self.wait(client.service_is_ready, name)
         future = client.call_async(request)
-        self.wait(future.done, f"answer of {name}")
+        self.executor.spin_until_future_complete(future, timeout_sec=ANSWER_S)
         self.node.destroy_client(client)
-        return future.result()
+        return future.result() if future.done() else None
+
+    def call(self, kind: type, name: str, request: Any) -> Any:
+        """The answer of a service that may be asked twice."""
+        return self.wait(lambda: self.ask(kind, name, request), f"answer of {name}")
 
     def transition(self, node: str, transition: int) -> bool:
+        """Whether a node makes a transition; its state tells where its answer was not heard."""
         request = ChangeState.Request(transition=Transition(id=transition))
-        return self.call(ChangeState, f"/{node}/change_state", request).success
+        answer = self.ask(ChangeState, f"/{node}/change_state", request)
+        return self.state(node) == GOALS[transition] if answer is None else answer.success
 
     def state(self, node: str) -> int:
         return self.call(GetState, f"/{node}/get_state", GetState.Request()).current_state.id
