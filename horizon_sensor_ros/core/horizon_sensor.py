@@ -352,7 +352,8 @@ class HorizonSensor:
             )
             found_px = len(limb.px) * limb.spacing_px if self.config.limb == "subpixel" else np.inf
             space_share = candidates.space_level / full_scale(frame.gray)
-            reason = doubt(evidence, found_px, space_share, self.config)
+            outside = detection.left_outside(i)
+            reason = doubt(evidence, found_px, space_share, outside, self.config)
             if reason:
                 doubts[i] = LimbPoints.none(Status.NO_LIMB, reason)
         return doubts

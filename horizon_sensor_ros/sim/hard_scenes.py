@@ -88,10 +88,11 @@ def hard_scenes(n: int, seed: int = 0, kinds: tuple[str, ...] | None = None) -> 
     unknown = set(kinds) - set(KINDS)
     if unknown:
         raise ValueError(f"unknown kinds {sorted(unknown)}; known are {', '.join(KINDS)}")
-    return (_draw(kinds[i % len(kinds)], i, seed) for i in range(n))
+    return (hard_scene(kinds[i % len(kinds)], i, seed) for i in range(n))
 
 
-def _draw(kind: str, i: int, seed: int) -> HardScene:
+def hard_scene(kind: str, i: int, seed: int = 0) -> HardScene:
+    """Draw scene i of a seed alone; kind : of `KINDS`."""
     rng = np.random.default_rng([seed, i, 0x4A8D])
     draft = KINDS[kind](_plain(rng), rng)
     planet = draft.scene.planet

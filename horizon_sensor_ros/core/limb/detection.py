@@ -14,7 +14,7 @@ from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.width import Smear
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
-from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS, Consensus
+from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS, Consensus, RayCandidates
 from horizon_sensor_ros.core.robust import median, stretches
 from horizon_sensor_ros.core.status import Status
 
@@ -30,7 +30,8 @@ class Detection:
     looks : one per frame, what the limb's edge looks like; none where no model fits it. factors :
     one per frame, by which it was reduced for the last pass. layer_rad : how far above the limb a
     layer of airglow lies, 0 without one. smears : one per frame, motion's in it, None where there
-    is hardly any.
+    is hardly any. agreed : the search's edges that the consensus is of; None where they are a
+    layer's, or nothing was searched.
     """
 
     observations: tuple[LimbObservation, ...]
@@ -42,6 +43,7 @@ class Detection:
     factors: tuple[int, ...] = ()
     layer_rad: float = 0.0
     smears: tuple[Smear | None, ...] = ()
+    agreed: RayCandidates | None = None
 
     @property
     def limbs(self) -> tuple[LimbPoints, ...]:
@@ -78,6 +80,16 @@ class Detection:
             for limb, factor in zip(self.limbs, self.factors, strict=True)
             if limb.status is Status.OK
         )
+
+    def left_outside(self, index: int) -> float:
+        """Share of the edges on which the search agreed that lie outside of a frame's limb; 0 where
+        the glow above it may be why.
+        """
+        if self.agreed is None or self.limbs[index].joint:
+            return 0.0
+        of_frame = self.agreed.camera == index
+        outside = self.agreed.outside(self.nadir_base, self.rho_rad)[of_frame]
+        return int(np.count_nonzero(outside)) / max(len(outside), 1)
 
     def misjudged(self, times: Sequence[float]) -> Detection:
         """The same with errors so many times as large that points of each limb share."""

@@ -75,7 +75,11 @@ def detect_limb(
         looked = look_for(views, frames, planet, near, [()] * len(views), (SEARCH, *FRESH))
     looked = without_smear(views, images, planet, looked)
     return replace(
-        looked, candidates=candidates, consensus=consensus, layer_rad=consensus.layer_rad
+        looked,
+        candidates=candidates,
+        consensus=consensus,
+        layer_rad=consensus.layer_rad,
+        agreed=found.taken(consensus.inliers) if consensus.layer_rad == 0.0 else None,
     )
 
 

@@ -29,6 +29,7 @@ _POLISHED = 3
 _NEAR, _NEARLY_ALL = 2.0, 0.9  # tolerances from the cone of all; weight that leaves no other one
 _COS_POLARITY = 0.8  # the edge's normal lies within 37 deg of the hypothesis' outward direction
 MIN_INLIERS = 12
+_ON_THE_LIMB = 3.0  # candidate grid steps that edges of a limb without glow are seen off it
 _INNER_TRUST = 0.5  # of a candidate that has another one farther out
 
 
@@ -53,6 +54,15 @@ class RayCandidates:
         rays = self.rays + self.beyond_rad[:, None] * self.outward
         rays /= np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]
         return replace(self, rays=rays)
+
+    def taken(self, keep: np.ndarray) -> RayCandidates:
+        """Those that a mask (N,) tells."""
+        return RayCandidates(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
+
+    def outside(self, nadir_base: np.ndarray, rho_rad: float) -> np.ndarray:
+        """Which (N,) lie farther outside a cone than edges of its limb are seen to."""
+        off = np.arccos(np.clip(self.rays @ nadir_base, -1.0, 1.0)) - rho_rad
+        return np.asarray(off > _ON_THE_LIMB * self.pitch_rad)
 
 
 @dataclass(frozen=True)
