@@ -200,6 +200,13 @@ class HorizonSensor:
         """
         if fix.ok or len(frames) < 2 or fix.status is Status.CAMERAS_DISAGREE:
             return None
+        if (
+            fix.status is Status.UNCERTAIN
+            and [limb.status for limb in fix.limbs].count(Status.OK) == 1
+        ):
+            return (
+                None  # It is of that camera alone, with what the others' frames say of the light.
+            )
         found = []
         for i, frame in enumerate(frames):
             if fix.limbs[i].status is Status.BAD_IMAGE:

@@ -22,8 +22,10 @@ from limb_samples import angle_between, nadir_nees
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
+from horizon_sensor_ros.core.judgement import nadir_sigma_rad
 from horizon_sensor_ros.core.limb import detector, passes
 from horizon_sensor_ros.core.limb.detector import detect_limb
+from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.hard_scenes import hard_scene
 from horizon_sensor_ros.sim.poses import camera_from_fov
@@ -117,28 +119,43 @@ def test_a_balloons_limb_in_glowing_air_is_found(seed: int) -> None:
     assert np.degrees(angle_between(fix.fit.nadir_base, NADIR)) < 0.5
 
 
-def test_a_limb_towards_the_night_is_known_less_than_it_shows() -> None:
+def beside_the_night(seed: int, air_dn: float) -> list[Frame]:
     """The Sun stands low over one camera's limb, and the other's lies in the dark."""
+    altitude_m = 350e3 + 60e3 * (seed % 12)
+    views = limb_views(altitude_m, azimuths_rad=(0.0, np.pi), above_rad=0.05)
+    ahead = ROT_WORLD_FROM_BASE @ views[0].rot_base_from_cam[:, 2]
+    up = -ROT_WORLD_FROM_BASE[:, 2]
+    sun = ahead + (0.1 + 0.04 * (seed % 6)) * up + 0.15 * (seed % 3 - 1) * np.cross(ahead, up)
+    scene = replace(
+        clouds(seed),
+        air_dn=air_dn,
+        air_inside=0.5,
+        sun_direction=tuple((sun / np.linalg.norm(sun)).tolist()),
+    )
+    return as_frames(views, draw(views, altitude_m, scene, Imaging(noise_dn=1.5), seed))
+
+
+@pytest.mark.parametrize(("air_dn", "count"), [(0.0, 24), (90.0, 12)])
+def test_a_limb_towards_the_night_is_known_less_than_it_shows(air_dn: float, count: int) -> None:
     nees = []
-    for seed in range(12):
-        altitude_m = 350e3 + 60e3 * seed
-        views = limb_views(altitude_m, azimuths_rad=(0.0, np.pi), above_rad=0.05)
-        ahead = ROT_WORLD_FROM_BASE @ views[0].rot_base_from_cam[:, 2]
-        up = -ROT_WORLD_FROM_BASE[:, 2]
-        sun = ahead + (0.1 + 0.04 * (seed % 6)) * up + 0.15 * (seed % 3 - 1) * np.cross(ahead, up)
-        scene = replace(
-            clouds(seed),
-            air_dn=90.0,
-            air_inside=0.5,
-            sun_direction=tuple((sun / np.linalg.norm(sun)).tolist()),
-        )
-        drawn = draw(views, altitude_m, scene, Imaging(noise_dn=1.5), seed)
-        fix = HorizonSensor().process(as_frames(views, drawn))
-        if fix.ok and fix.limbs[0].joint:
+    for seed in range(count):
+        fix = HorizonSensor().process(beside_the_night(seed, air_dn))
+        if fix.ok and fix.limbs[0].joint is (air_dn > 0.0):
             assert fix.cameras_used == ("camera_1",)
             nees.append(nadir_nees(fix.fit, np.array([0.0, 0.0, 1.0])))
     assert len(nees) >= 8
     assert np.mean(nees) < 2.5
+
+
+def test_a_limb_beside_the_night_is_not_believed_more_by_leaving_the_night_out() -> None:
+    frames = beside_the_night(0, 90.0)
+    both, alone = (HorizonSensor().process(seen) for seen in (frames, frames[:1]))
+    assert both.cameras_used == alone.cameras_used
+    sigmas_rad = [nadir_sigma_rad(fix.fit) for fix in (both, alone)]
+    assert sigmas_rad[0] > 1.3 * sigmas_rad[1]
+    limit = HorizonConfig(max_nadir_sigma_rad=float(np.mean(sigmas_rad)))
+    assert HorizonSensor(limit).process(frames[:1]).ok
+    assert HorizonSensor(limit).process(frames).status is Status.UNCERTAIN
 
 
 @pytest.mark.parametrize(("index", "seed"), [(3, 0), (75, 31), (147, 2718)])

@@ -9,30 +9,34 @@ from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS
 from horizon_sensor_ros.core.status import Status
 
-# Over what they are by day: of a limb under glow that in another camera's frame lies in the dark,
-# since towards the night air and ground change faster along it than is told; and below a layer of
-# airglow, of edges found one by one, with a model of them and without, since there the sky beside
+# Over what they are by day, with a model of the edges and without: of a limb that in another
+# camera's frame lies in the dark, since towards the night air and ground change faster along it
+# than is told; and below a layer of airglow, of edges found one by one, since there the sky beside
 # the limb is as bright as what lies behind it.
-_TOWARDS_NIGHT, _UNDER_LAYER, _UNMODELLED = 2.0, 1.5, 2.0
+_MODELLED, _UNMODELLED = 1.5, 2.0
 _COARSE_PX = 16.0  # spacing of points that tell whether the limb is in a frame
 
 
 def by_night(found: Detection) -> Detection:
     """The same limbs with the errors that their points really share."""
-    glowing = _TOWARDS_NIGHT if _beside_dark_limb(found) else 1.0
-    modelled, unmodelled = (_UNDER_LAYER, _UNMODELLED) if found.layer_rad > 0.0 else (1.0, 1.0)
+    beside_dark = _beside_dark_limb(found)
+    below_layer = found.layer_rad > 0.0
     return found.misjudged(
         [
-            glowing if limb.joint else modelled if limb.modelled else unmodelled
+            1.0
+            if not (beside_dark or (below_layer and not limb.joint))
+            else _MODELLED
+            if limb.joint or limb.modelled
+            else _UNMODELLED
             for limb in found.limbs
         ]
     )
 
 
 def _beside_dark_limb(found: Detection) -> bool:
-    """Whether some limbs glow, and others that should show do not."""
+    """Whether some limbs are seen, and others that should show are not."""
     near = found.nadir_base, found.rho_rad
-    return any(limb.joint for limb in found.limbs) and any(
+    return any(limb.status is Status.OK for limb in found.limbs) and any(
         seen.limb.status is not Status.OK
         and len(limb_curve(seen.view, *near, spacing_px=_COARSE_PX)) >= MIN_INLIERS
         for seen in found.observations
