@@ -200,13 +200,10 @@ class HorizonSensor:
         """
         if fix.ok or len(frames) < 2 or fix.status is Status.CAMERAS_DISAGREE:
             return None
-        if (
-            fix.status is Status.UNCERTAIN
-            and [limb.status for limb in fix.limbs].count(Status.OK) == 1
-        ):
-            return (
-                None  # It is of that camera alone, with what the others' frames say of the light.
-            )
+        seen = [limb.status for limb in fix.limbs].count(Status.OK)
+        if fix.status is Status.UNCERTAIN and seen == 1:
+            # It is that camera's alone, with what the others' frames say of the light.
+            return None
         found = []
         for i, frame in enumerate(frames):
             if fix.limbs[i].status is Status.BAD_IMAGE:

@@ -92,7 +92,9 @@ def hard_scenes(n: int, seed: int = 0, kinds: tuple[str, ...] | None = None) -> 
 
 
 def hard_scene(kind: str, i: int, seed: int = 0) -> HardScene:
-    """Draw scene i of a seed alone; kind : of `KINDS`."""
+    """Draw scene i of a seed alone. kind : of `KINDS`; ValueError for another."""
+    if kind not in KINDS:
+        raise ValueError(f"unknown kind {kind!r}; known are {', '.join(KINDS)}")
     rng = np.random.default_rng([seed, i, 0x4A8D])
     draft = KINDS[kind](_plain(rng), rng)
     planet = draft.scene.planet

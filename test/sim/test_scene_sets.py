@@ -3,7 +3,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from horizon_sensor_ros.sim.hard_scenes import KINDS, HardScene, hard_scenes
+from horizon_sensor_ros.sim.hard_scenes import KINDS, HardScene, hard_scene, hard_scenes
 from horizon_sensor_ros.sim.scene_sets import (
     SceneCase,
     set_a,
@@ -117,3 +117,13 @@ def test_terminators_show_part_of_the_limb_at_times() -> None:
 def test_unknown_kinds_are_named() -> None:
     with pytest.raises(ValueError, match="fog"):
         hard_scenes(1, kinds=("fog",))
+    with pytest.raises(ValueError, match="fog"):
+        hard_scene("fog", 1)
+
+
+def test_a_scene_is_the_same_alone() -> None:
+    *_, last = hard_scenes(3, seed=5, kinds=("dim", "sun"))
+    alone = hard_scene("dim", 2, seed=5)
+    assert alone.name == last.name
+    for one, other in zip(alone.frames, last.frames, strict=True):
+        np.testing.assert_array_equal(one.image, other.image)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from horizon_sensor_ros.core.limb.curve import limb_curve
 from horizon_sensor_ros.core.limb.detection import Detection
+from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS
 from horizon_sensor_ros.core.status import Status
 
@@ -21,16 +22,13 @@ def by_night(found: Detection) -> Detection:
     """The same limbs with the errors that their points really share."""
     beside_dark = _beside_dark_limb(found)
     below_layer = found.layer_rad > 0.0
-    return found.misjudged(
-        [
-            1.0
-            if not (beside_dark or (below_layer and not limb.joint))
-            else _MODELLED
-            if limb.joint or limb.modelled
-            else _UNMODELLED
-            for limb in found.limbs
-        ]
-    )
+
+    def times(limb: LimbPoints) -> float:
+        if not (beside_dark or (below_layer and not limb.joint)):
+            return 1.0
+        return _MODELLED if limb.joint or limb.modelled else _UNMODELLED
+
+    return found.misjudged([times(limb) for limb in found.limbs])
 
 
 def _beside_dark_limb(found: Detection) -> bool:
