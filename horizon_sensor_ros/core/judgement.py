@@ -34,7 +34,7 @@ _LAYER_HEIGHTS_M = 30e3, 120e3
 # Lit ground is lit behind its limb too: all but 14 % of it in the darkest of 1400 simulated limbs;
 # between a night side's lamps a third or more is dark, and their outermost ones are no limb.
 _MOST_DARK_GROUND = 0.25
-# Edges on which the search agreed lie on the limb, but for 4 % beside the worst of 6500 right ones
+# Edges on which the search agreed lie on the limb, but for 4 % beside the worst of 2100 right ones
 # without glow; a bank of cloud at one end of a short arc, taken for the limb, leaves 19 % and more
 # of them outside.
 _MOST_OUTSIDE = 0.1
