@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-from horizon_errors import FitErrors, fit_errors, nadir_sigma_deg
+from horizon_errors import BEYOND_NEES, FitErrors, fit_errors, nadir_sigma_deg
 from tables import Options, Table, number, percentile
 from tqdm import tqdm
 
@@ -23,7 +21,6 @@ _COLUMNS = (
     "over 3 sigma",
     "NEES",
 )
-_BEYOND_NEES = 11.83  # of two unknowns: what three sigma are of one
 
 
 def run(options: Options) -> list[Table]:
@@ -33,7 +30,7 @@ def run(options: Options) -> list[Table]:
     sigmas_deg = []
     scenes = hard_scenes(options.hard_scenes, options.seed)
     for scene in tqdm(scenes, total=options.hard_scenes, desc="Cameras alone", unit="scene"):
-        sensor = HorizonSensor(replace(HorizonConfig(tracking=False), planet=scene.scene.planet))
+        sensor = HorizonSensor(HorizonConfig(planet=scene.scene.planet, tracking=False))
         for view, frame in zip(scene.views, scene.frames, strict=True):
             if view.name not in scene.limb_cameras:
                 continue
@@ -49,7 +46,7 @@ def run(options: Options) -> list[Table]:
     notes = (
         "As `horizon_hard`, but every camera that shows 200 px of lit limb or more is given to the "
         "sensor without the other one. over 3 sigma: fixes whose squared error in sigmas is above "
-        f"{_BEYOND_NEES} (0.3 % by the normal law). NEES: its mean, 2 is right.",
+        f"{number(BEYOND_NEES, 2)} (0.3 % by the normal law). NEES: its mean, 2 is right.",
         f"Nadir's sigma, as claimed, in its least certain direction: median "
         f"{number(percentile(sigmas_deg, 50), 3)} deg.",
     )
@@ -65,6 +62,6 @@ def _row(kind: str, limbs: int, fixes: list[FitErrors]) -> tuple[str, ...]:
         str(limbs),
         str(len(fixes)),
         *(number(percentile(errors_deg, percent), 4) for percent in (50, 95, 100)),
-        str(sum(value > _BEYOND_NEES for value in nees)),
+        str(sum(value > BEYOND_NEES for value in nees)),
         number(float(np.mean(nees)) if nees else np.nan, 1),
     )

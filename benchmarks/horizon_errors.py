@@ -15,6 +15,9 @@ from horizon_sensor_ros.core.fits.bound import horizon_bound
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.sim.earth_camera import SimFrame
 
+# Squared error of two unknowns in sigmas, as rare as three sigma of one.
+BEYOND_NEES = float(-2.0 * np.log(0.0027))
+
 
 @dataclass(frozen=True)
 class FitErrors:

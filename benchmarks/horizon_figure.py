@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from horizon_bags import Fix, read_fixes, read_scenes, replay, write_parameters, write_scenes
-from horizon_errors import FitErrors, angle_deg, fit_errors
+from horizon_errors import BEYOND_NEES, FitErrors, angle_deg, fit_errors
 from tables import Options, Table, Text, absent, number, percentile, shared_data, verdict
 from tqdm import tqdm
 
@@ -159,7 +159,7 @@ def _row(
         number(percentile(nadir, 100), 4),
         number(float(nees.mean()) if len(nees) else np.nan, 2),
         # Of two degrees of freedom, with the normal law's share for 3 sigma of one.
-        str(int(np.count_nonzero(nees > 11.83))),
+        str(int(np.count_nonzero(nees > BEYOND_NEES))),
         number(float(np.sqrt(np.mean(np.square(altitudes)))) if len(altitudes) else np.nan, 0),
         verdict(median, BAR_DEG) if posed else "",
     )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from horizon_errors import fit_errors, nadir_sigma_deg
+from horizon_errors import BEYOND_NEES, fit_errors, nadir_sigma_deg
 from tables import Options, Table, number, percentile, root_mean_square
 from tqdm import tqdm
 
@@ -24,7 +24,6 @@ COLUMNS = (
     "NEES",
     "beyond 3 sigma",
 )
-_BEYOND = -2.0 * np.log(0.0027)  # squared error in sigmas, as rare as 3 sigma in one dimension
 NOTES = (
     "Set M: frames as in set B of a camera that turns about any axis while it exposes, by as much "
     "as moves the middle of the frame by so many pixels, and rolls besides; air: glow of 40 to "
@@ -59,7 +58,7 @@ def _row(name: str, frames: Sequence[_Moved]) -> tuple[str, ...]:
         number(percentile(error, 100), 3),
         number(percentile([frame.sigma_deg for frame in fixed], 50), 4),
         number(float(nees.mean()) if fixed else np.nan, 1),
-        f"{number(100.0 * float(np.mean(nees > _BEYOND)) if fixed else np.nan, 1)} %",
+        f"{number(100.0 * float(np.mean(nees > BEYOND_NEES)) if fixed else np.nan, 1)} %",
     )
 
 

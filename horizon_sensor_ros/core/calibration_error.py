@@ -66,13 +66,14 @@ class _Cameras:
             seen for seen in observations if seen.view.name in fit.cameras and len(seen.rays)
         ]
         self._rows = [seen.rays.design_sigmas(fit.nadir_base, basis) for seen in self._seen]
-        self._gain = inverse(sum((rows.T @ rows for rows in self._rows), np.zeros((3, 3))))
+        self._informations = [rows.T @ rows for rows in self._rows]
+        self._gain = inverse(sum(self._informations, np.zeros((3, 3))))
 
     def by_turns(self) -> np.ndarray:
         """Covariance (3, 3) of the cone where each camera is turned by one sigma of 1 rad."""
         if len(self._rows) < 2:
             return np.diag([1.0, 1.0, 0.0])
-        shares = [(self._gain @ (rows.T @ rows))[:, :2] for rows in self._rows]
+        shares = [(self._gain @ each)[:, :2] for each in self._informations]
         return np.asarray(sum(share @ share.T for share in shares))
 
     def by_lens(self) -> np.ndarray:
@@ -86,8 +87,8 @@ class _Cameras:
             radius = np.sqrt(np.einsum("ij,ij->i", out, out))[:, None]
             for power in _FOCAL, _DISTORTION:
                 moved = px + _SMALL_PX * out * radius ** (power - 1)
-                angle = view.camera.rays(moved) @ (view.rot_base_from_cam.T @ self._nadir)
-                shift_px = (np.arccos(np.clip(angle, -1.0, 1.0)) - theta) / (_SMALL_PX * growth)
+                cosine = view.camera.rays(moved) @ (view.rot_base_from_cam.T @ self._nadir)
+                shift_px = (np.arccos(np.clip(cosine, -1.0, 1.0)) - theta) / (_SMALL_PX * growth)
                 # Beyond the lens's edge there are no rays.
                 shift_px = np.nan_to_num(shift_px)
                 off = self._gain @ (rows.T @ (shift_px / rays.sigma_px))

@@ -85,16 +85,19 @@ def hard_scenes(n: int, seed: int = 0, kinds: tuple[str, ...] | None = None) -> 
     kinds : of `KINDS`, default all; ValueError for others.
     """
     kinds = tuple(KINDS) if kinds is None else kinds
+    _check(kinds)
+    return (hard_scene(kinds[i % len(kinds)], i, seed) for i in range(n))
+
+
+def _check(kinds: tuple[str, ...]) -> None:
     unknown = set(kinds) - set(KINDS)
     if unknown:
         raise ValueError(f"unknown kinds {sorted(unknown)}; known are {', '.join(KINDS)}")
-    return (hard_scene(kinds[i % len(kinds)], i, seed) for i in range(n))
 
 
 def hard_scene(kind: str, i: int, seed: int = 0) -> HardScene:
     """Draw scene i of a seed alone. kind : of `KINDS`; ValueError for another."""
-    if kind not in KINDS:
-        raise ValueError(f"unknown kind {kind!r}; known are {', '.join(KINDS)}")
+    _check((kind,))
     rng = np.random.default_rng([seed, i, 0x4A8D])
     draft = KINDS[kind](_plain(rng), rng)
     planet = draft.scene.planet

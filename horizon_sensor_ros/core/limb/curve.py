@@ -14,6 +14,7 @@ _COARSE = 384
 # Steps in which nadir and the logarithm of rho are told apart to see which azimuths are in the
 # frame, what such a step may move them by, and how near nadir may be to the optical axis for that.
 _STEP_RAD, _MARGIN_RAD, _MOST_COSINE = 0.005, 0.025, 0.87
+_IN_SIGHT_PX = 16.0  # spacing of points that tell whether the limb is in a frame
 _CONCENTRATION = 5.0  # how much denser the coarse azimuths lie near the optical axis
 
 
@@ -51,6 +52,11 @@ class LimbCurve:
         """Every so many-th point, about `spacing_px` apart."""
         step = max(1, round(spacing_px / self.spacing_px))
         return LimbCurve(self.px[::step], self.normal_px[::step], step * self.spacing_px)
+
+
+def limb_in_sight(view: CameraView, nadir_base: np.ndarray, rho_rad: float) -> LimbCurve:
+    """`limb_curve` with no more points than tell whether, and how much of it, is in the frame."""
+    return limb_curve(view, nadir_base, rho_rad, spacing_px=_IN_SIGHT_PX)
 
 
 def limb_curve(

@@ -87,8 +87,8 @@ class Detection:
         """
         if self.agreed is None or self.limbs[index].joint:
             return 0.0
-        of_frame = self.agreed.camera == index
-        outside = self.agreed.outside(self.nadir_base, self.rho_rad)[of_frame]
+        of_frame = self.agreed.take(self.agreed.camera == index)
+        outside = of_frame.outside(self.nadir_base, self.rho_rad)
         return int(np.count_nonzero(outside)) / max(len(outside), 1)
 
     def misjudged(self, times: Sequence[float]) -> Detection:

@@ -9,7 +9,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
-from horizon_sensor_ros.core.limb.curve import limb_curve
+from horizon_sensor_ros.core.limb.curve import limb_in_sight
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.width import Smear
@@ -38,7 +38,6 @@ from horizon_sensor_ros.core.status import Status
 
 # Jumps between means of many edges of a limb that shows itself well at once.
 _STEADY_MEANS_PX = 0.15
-_COARSE_PX = 16.0  # spacing of points that tell whether the limb is in a frame
 
 
 def detect_limb(
@@ -79,7 +78,7 @@ def detect_limb(
         candidates=candidates,
         consensus=consensus,
         layer_rad=consensus.layer_rad,
-        agreed=found.taken(consensus.inliers) if consensus.layer_rad == 0.0 else None,
+        agreed=found.take(consensus.inliers) if consensus.layer_rad == 0.0 else None,
     )
 
 
@@ -132,7 +131,7 @@ def _seen_at_once(
     seen, held = refined(views, frames, near, AT_ONCE, [()] * len(views))
     for view, observation in zip(views, seen, strict=True):
         missed = observation.limb.status is not Status.OK
-        if missed and len(limb_curve(view, *near, spacing_px=_COARSE_PX)):
+        if missed and len(limb_in_sight(view, *near)):
             return None
     found = Detection(
         tuple(seen),

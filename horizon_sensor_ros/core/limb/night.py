@@ -4,7 +4,7 @@ simulated ones.
 
 from __future__ import annotations
 
-from horizon_sensor_ros.core.limb.curve import limb_curve
+from horizon_sensor_ros.core.limb.curve import limb_in_sight
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS
@@ -15,7 +15,6 @@ from horizon_sensor_ros.core.status import Status
 # than is told; and below a layer of airglow, of edges found one by one, since there the sky beside
 # the limb is as bright as what lies behind it.
 _MODELLED, _UNMODELLED = 1.5, 2.0
-_COARSE_PX = 16.0  # spacing of points that tell whether the limb is in a frame
 
 
 def by_night(found: Detection) -> Detection:
@@ -35,7 +34,6 @@ def _beside_dark_limb(found: Detection) -> bool:
     """Whether some limbs are seen, and others that should show are not."""
     near = found.nadir_base, found.rho_rad
     return any(limb.status is Status.OK for limb in found.limbs) and any(
-        seen.limb.status is not Status.OK
-        and len(limb_curve(seen.view, *near, spacing_px=_COARSE_PX)) >= MIN_INLIERS
+        seen.limb.status is not Status.OK and len(limb_in_sight(seen.view, *near)) >= MIN_INLIERS
         for seen in found.observations
     )

@@ -55,7 +55,7 @@ class RayCandidates:
         rays /= np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]
         return replace(self, rays=rays)
 
-    def taken(self, keep: np.ndarray) -> RayCandidates:
+    def take(self, keep: np.ndarray) -> RayCandidates:
         """Those that a mask (N,) tells."""
         return RayCandidates(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
 
