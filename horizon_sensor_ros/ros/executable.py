@@ -70,8 +70,6 @@ def run(names: Sequence[str] = ()) -> int:
         print(_help(names[0] if names else "horizon_sensor"), end="")
         return 0
     end = _QuietEnd()
-    # What a start makes stays: to look through it for garbage takes a twentieth of the time.
-    gc.disable()
     # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     import rclpy  # noqa: PLC0415 - takes time, and signals are taken care of only now
@@ -93,10 +91,9 @@ def run(names: Sequence[str] = ()) -> int:
             executor.add_node(node)
         for node in managed:
             node.bring_up()
-        # Nor may it be looked through later: that would hold up a frame by some 40 ms.
+        # What is loaded stays: to look through it for garbage would hold up a frame by some 40 ms.
         gc.collect()
         gc.freeze()
-        gc.enable()
         while not end.asked_for:
             # Not spin(): in rclpy 7.1.6 that of the EventsExecutor outlives its context.
             executor.spin_once(timeout_sec=_WAKE_UP_S)
