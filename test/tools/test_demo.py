@@ -206,6 +206,20 @@ def test_node_that_ends_at_once_is_reported_with_its_last_words(fake_nodes: Path
         nodes[0].process.wait(10)
 
 
+def test_node_that_does_not_end_is_reported_with_where_it_is(fake_nodes: Path) -> None:
+    executable(
+        fake_nodes,
+        "import faulthandler; faulthandler.enable()\n"
+        "def stuck():\n    time.sleep(100)\n"
+        "signal.signal(signal.SIGINT, signal.SIG_IGN); print('ready', file=sys.stderr); stuck()",
+    )
+    said = pytest.raises(NodeFailedError, match=r"(?s)fake_node still ran 1 s.*in stuck")
+    with said, running_nodes(["fake_node"], [], os.environ, fake_nodes) as nodes:
+        deadline = time.monotonic() + 10.0
+        while not nodes[0].log.read_bytes() and time.monotonic() < deadline:
+            time.sleep(0.01)
+
+
 @pytest.mark.parametrize(
     "body",
     ["time.sleep(100)", "signal.signal(signal.SIGINT, signal.SIG_IGN); time.sleep(100)"],

@@ -8,12 +8,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-_PATIENCE_S = 6.0
-_SHOWN_LINES = 15
+# A node ends within a second or two; a machine with other work may keep it from that for a while.
+_PATIENCE_S = 20.0
+_LAST_WORDS_S = 2.0
+_SHOWN_LINES = 25
 
 
 class NodeFailedError(RuntimeError):
@@ -69,11 +71,7 @@ def running_nodes(
         require_alive(nodes)
         _interrupt(nodes)
         for node in nodes:
-            if node.process.poll() != 0:
-                raise NodeFailedError(
-                    f"{node.name} did not end well on SIGINT "
-                    f"(exit code {node.process.poll()}):\n{node.last_words()}"
-                )
+            _require_good_end(node)
     finally:
         try:
             _interrupt([node for node in nodes if node.process.poll() is None])
@@ -89,6 +87,20 @@ def require_alive(nodes: Sequence[NodeProcess]) -> None:
         code = node.process.poll()
         if code is not None:
             raise NodeFailedError(f"{node.name} ended with exit code {code}:\n{node.last_words()}")
+
+
+def _require_good_end(node: NodeProcess) -> None:
+    code = node.process.poll()
+    if code == 0:
+        return
+    how = f"ended with exit code {code}"
+    if code is None:
+        how = f"still ran {_PATIENCE_S:g} s"
+        # Python says where it is when it is aborted (the nodes' executor sees to that).
+        node.process.send_signal(signal.SIGABRT)
+        with suppress(subprocess.TimeoutExpired):
+            node.process.wait(_LAST_WORDS_S)
+    raise NodeFailedError(f"{node.name} {how} after SIGINT:\n{node.last_words()}")
 
 
 @contextmanager
