@@ -23,7 +23,7 @@ from horizon_sensor_ros.core.limb.search.selection import (
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
-from horizon_sensor_ros.sim.hard_scenes import hard_scenes
+from horizon_sensor_ros.sim.hard_scenes import hard_scene, hard_scenes
 from horizon_sensor_ros.sim.poses import camera_from_fov
 
 ALTITUDE_M = 420e3
@@ -124,6 +124,17 @@ def test_one_camera_by_night_is_no_wronger_than_it_claims() -> None:
     assert np.mean(nees) < 2.8
     # The layer lies some 95 km above the ground.
     assert max(off_m) < 70e3
+
+
+@pytest.mark.parametrize(("index", "camera"), [(195, 0), (85, 1), (171, 1), (193, 1)])
+def test_a_layer_above_the_limb_is_no_glare(index: int, camera: int) -> None:
+    """Lines through it were taken off the glow, and the limb was bent: .8 to 1 deg off at .1."""
+    scene = hard_scene("moonlit", index, 4101)
+    view, frame = scene.views[camera], scene.frames[camera]
+    found = HorizonSensor().process([Frame(view, frame.image)])
+    assert found.ok
+    assert nadir_nees(found.fit, frame.truth.nadir_base) < 11.83
+    assert found.fit.altitude_m == pytest.approx(frame.truth.altitude_m, abs=25e3)
 
 
 def test_the_sky_begins_above_the_layer() -> None:

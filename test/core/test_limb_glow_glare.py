@@ -40,7 +40,9 @@ def test_lines_laid_over_the_profiles_are_found_and_taken_off() -> None:
     lines = np.concatenate([30.0 * np.exp(-along * along), -0.5 * np.exp(-along * along)], axis=1)
     lit = replace(plain, profiles=plain.profiles + lines[:, :1] + lines[:, 1:] * plain.d_px)
     assert in_glare(lit)
-    clear = lit.without_glare(glare_lines(lit, from_px), from_px, from_px)
+    found = glare_lines(lit, from_px)
+    assert found is not None
+    clear = lit.without_glare(found, from_px, from_px)
     near = plain.d_px <= from_px
     left = clear.profiles - plain.profiles[:, near]
     left -= np.median(left)
@@ -48,6 +50,16 @@ def test_lines_laid_over_the_profiles_are_found_and_taken_off() -> None:
     assert np.abs(left).max() < 12.0 * plain.noise
     assert np.sqrt(np.mean(left * left)) < 3.0 * plain.noise
     assert not in_glare(clear)
+
+
+def test_a_layer_of_airglow_is_no_line() -> None:
+    reach = reach_px(_sight(400e3))
+    assert reach is not None
+    from_px, to_px = reach
+    plain = _sight(400e3, to_px)
+    assert glare_lines(plain, from_px) is not None
+    layer = 12.0 * np.exp(-0.5 * ((plain.d_px - 0.5 * (from_px + to_px)) / 3.0) ** 2)
+    assert glare_lines(replace(plain, profiles=plain.profiles + layer), from_px) is None
 
 
 def test_glow_that_reaches_too_far_leaves_no_sky_to_see_glare_in() -> None:

@@ -43,11 +43,12 @@ def _air(seed: int, **changes: object) -> EarthScene:
 
 
 def _fitted(
-    scene: EarthScene, altitude_m: float, seed: int, off_rad: float = 0.0
+    scene: EarthScene, altitude_m: float, seed: int, off_rad: float = 0.0, **recorded: float
 ) -> tuple[GlowLimb | None, np.ndarray]:
     """The limb near one that is off by an angle, and how far its points lie off the true one."""
     view = limb_views(altitude_m, azimuths_rad=(0.9 * seed,))[0]
-    frame = draw((view,), altitude_m, scene, Imaging(noise_dn=1.5), seed)[0]
+    imaging = Imaging(noise_dn=1.5, **recorded)  # type: ignore[arg-type]
+    frame = draw((view,), altitude_m, scene, imaging, seed)[0]
     nadir, rho = frame.truth.nadir_base, Planet().rho_from_altitude(altitude_m)
     look = EdgeLook(0.75, usual_length_px(view, rho))
     limb = fit_glow(frame.image, view, nadir, rho + off_rad, look)
@@ -68,6 +69,18 @@ def test_limbs_lie_as_near_to_the_true_ones_as_they_claim() -> None:
         assert np.abs(off_px).max() < 1.0
     assert np.sqrt(np.mean(np.square(means))) < 2.0
     assert np.sqrt(np.mean(np.square(slopes))) < 2.0
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+@pytest.mark.parametrize("stray_dn", [10.0, 20.0])
+def test_stray_light_along_a_limb_does_not_turn_it(seed: int, stray_dn: float) -> None:
+    _, plain_px = _fitted(_air(seed), 400e3, seed)
+    limb, off_px = _fitted(_air(seed), 400e3, seed, stray_dn=stray_dn)
+    assert limb is not None
+    moved_px = off_px[[0, -1]] - plain_px[[0, -1]]
+    # Were the background the same all along, by up to .6 px.
+    assert abs(moved_px[1] - moved_px[0]) < 0.1
+    assert off_px.mean() == pytest.approx(plain_px.mean(), abs=0.1)
 
 
 def test_twilight_is_not_taken_for_even_glow() -> None:

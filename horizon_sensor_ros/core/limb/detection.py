@@ -91,13 +91,13 @@ class Detection:
         outside = of_frame.outside(self.nadir_base, self.rho_rad)
         return int(np.count_nonzero(outside)) / max(len(outside), 1)
 
-    def misjudged(self, times: Sequence[float]) -> Detection:
-        """The same with errors so many times as large that points of each limb share."""
+    def with_limbs(self, limbs: Sequence[LimbPoints]) -> Detection:
+        """The same with other points of the limbs, or other errors of theirs."""
         return replace(
             self,
             observations=tuple(
-                seen if t == 1.0 else LimbObservation(seen.view, seen.limb.misjudged(t))
-                for seen, t in zip(self.observations, times, strict=True)
+                seen if seen.limb is limb else LimbObservation(seen.view, limb)
+                for seen, limb in zip(self.observations, limbs, strict=True)
             ),
         )
 

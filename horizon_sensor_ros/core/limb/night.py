@@ -4,6 +4,9 @@ simulated ones.
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 from horizon_sensor_ros.core.limb.curve import limb_in_sight
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.points import LimbPoints
@@ -14,7 +17,9 @@ from horizon_sensor_ros.core.status import Status
 # camera's frame lies in the dark, since towards the night air and ground change faster along it
 # than is told; and below a layer of airglow, of edges found one by one, since there the sky beside
 # the limb is as bright as what lies behind it.
-_MODELLED, _UNMODELLED = 1.5, 2.0
+_MODELLED, _BESIDE_DARK, _BELOW_LAYER = 1.5, 2.0, 3.0
+# By how much edges without a model lie too far out there, all of them alike.
+_HEIGHT_PX = 0.7
 
 
 def by_night(found: Detection) -> Detection:
@@ -22,12 +27,16 @@ def by_night(found: Detection) -> Detection:
     beside_dark = _beside_dark_limb(found)
     below_layer = found.layer_rad > 0.0
 
-    def times(limb: LimbPoints) -> float:
-        if not (beside_dark or (below_layer and not limb.joint)):
-            return 1.0
-        return _MODELLED if limb.joint or limb.modelled else _UNMODELLED
+    def known(limb: LimbPoints) -> LimbPoints:
+        if limb.joint or limb.modelled:
+            doubted = beside_dark or (below_layer and not limb.joint)
+            return limb.misjudged(_MODELLED) if doubted else limb
+        if below_layer:
+            height_px = math.hypot(limb.height_px, _HEIGHT_PX)
+            return replace(limb.misjudged(_BELOW_LAYER), height_px=height_px)
+        return limb.misjudged(_BESIDE_DARK) if beside_dark else limb
 
-    return found.misjudged([times(limb) for limb in found.limbs])
+    return found.with_limbs([known(limb) for limb in found.limbs])
 
 
 def _beside_dark_limb(found: Detection) -> bool:

@@ -65,7 +65,12 @@ def without_smear(
 
 def misjudged(found: Detection) -> Detection:
     """The same with the errors that points of smeared limbs really share."""
-    return found.misjudged([_MISJUDGED if smear else 1.0 for smear in found.smears])
+    return found.with_limbs(
+        [
+            limb.misjudged(_MISJUDGED) if smear else limb
+            for limb, smear in zip(found.limbs, found.smears, strict=True)
+        ]
+    )
 
 
 def _smears(

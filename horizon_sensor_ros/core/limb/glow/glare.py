@@ -15,6 +15,8 @@ _UNEVEN = 4.0  # scatter of the backgrounds over what noise makes of it
 _OUTER = 0.5  # share of what lies above the limb in which they are compared
 _LENGTHS, _SKY_PX = 5.0, 14.0  # of glow, from where on the sky is black, and how much of it is seen
 _FARTHEST_PX = 60.0  # from the limb to that sky: beyond, glare is no line any more
+# Misfit of lines, over the noise. Beside the Sun it was at most 1.5, below airglow at least 1.7.
+_CURVED = 1.6
 
 
 def in_glare(sight: GlowSight) -> bool:
@@ -36,13 +38,16 @@ def reach_px(sight: GlowSight) -> tuple[float, float] | None:
     return (from_px, from_px + _SKY_PX) if from_px < _FARTHEST_PX else None
 
 
-def glare_lines(sight: GlowSight, from_px: float) -> np.ndarray:
+def glare_lines(sight: GlowSight, from_px: float) -> np.ndarray | None:
     """Level at the limb and slope (M, 2) of the backgrounds as seen from from_px above it, over the
-    usual level.
+    usual level; None where they are no lines, as below a layer of airglow.
     """
     sky = sight.d_px >= from_px
     d_px = sight.d_px[sky]
     design = np.stack([np.ones_like(d_px), d_px], axis=1)
     lines = np.linalg.lstsq(design, sight.profiles[:, sky].T, rcond=None)[0].T
+    left = np.square(sight.profiles[:, sky] - lines @ design.T).mean(axis=1)
+    if median(left) > (_CURVED * sight.noise) ** 2:
+        return None
     lines[:, 0] -= median(lines[:, 0])
     return np.asarray(lines)

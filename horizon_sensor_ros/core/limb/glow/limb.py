@@ -2,13 +2,14 @@
 
 Along the normals of a predicted limb, d pixels outwards, the mean of each stretch of limb shows
 
-    I_i(d) = background + level_i F(e_i - d) + A_i (G(d - e_i) + share S(e_i - d)) + T_i(d) + noise
+    I_i(d) = B_i(d) + level_i F(e_i - d) + A_i (G(d - e_i) + share S(e_i - d)) + T_i(d) + noise
 
-F is the blurred step; G the glow of an exponential atmosphere above the limb, by the height of each
-line of sight; S what the same air shows in front of the ground; T texture, a Gaussian process as in
-`kriging`, along the limb as well. All edges e_i lie on one limb of three unknowns. The air is the
-same all along it: one scale height, and a brightness A that changes slowly, with the Sun's height,
-and towards the corners with the lens.
+B is the background, which rises evenly along the limb, with stray light, and outwards, below a
+layer of airglow; F the blurred step; G the glow of an exponential atmosphere above the limb, by the
+height of each line of sight; S what the same air shows in front of the ground; T texture, a
+Gaussian process as in `kriging`, along the limb as well. All edges e_i lie on one limb of three
+unknowns. The air is the same all along it: one scale height, and a brightness A that changes
+slowly, with the Sun's height, and towards the corners with the lens.
 So the glow far out, where no ground is, tells what glow there is at the edge, and its contour tells
 how the limb bends; what is left of the edge tells where it lies.
 Source: derived here; maximum likelihood, its derivatives by way of the likeliest ground; the
@@ -239,10 +240,11 @@ def _look(
     if reach is None:
         return None
     from_px, to_px = reach
-    sight = look_along(gray, view, *cone, to_px, factor)
-    if sight is None or len(sight) < _LEAST_STRETCHES:
+    beyond = look_along(gray, view, *cone, to_px, factor)
+    if beyond is None or len(beyond) < _LEAST_STRETCHES:
         return None
-    return sight.without_glare(glare_lines(sight, from_px), from_px, outer_px)
+    lines = glare_lines(beyond, from_px)
+    return sight if lines is None else beyond.without_glare(lines, from_px, outer_px)
 
 
 def _first_guess(sight: GlowSight, look: EdgeLook, air: Air | None) -> tuple[Air, np.ndarray]:

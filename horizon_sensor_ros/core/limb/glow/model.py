@@ -21,6 +21,7 @@ from horizon_sensor_ros.core.limb.glow.air import (
     LOG_HEIGHT,
     NUM,
     SHARE,
+    STRAY,
     Air,
 )
 from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outside
@@ -51,7 +52,7 @@ def powers(along: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class GlowStep:
-    """Change (11,) of the unknowns and covariance (3, 3) of the limb's. cost : (M,) of the
+    """Change (13,) of the unknowns and covariance (3, 3) of the limb's. cost : (M,) of the
     stretches, over the degrees of freedom; infinite of those left out.
     """
 
@@ -63,7 +64,7 @@ class GlowStep:
 class _Lit:
     """What the air makes of the profiles of kept stretches (K), and what is left of them.
 
-    rest (K, J) : without the air. design (K, J, 11) : derivatives by the unknowns. variance, doubt
+    rest (K, J) : without the air. design (K, J, 13) : derivatives by the unknowns. variance, doubt
     (K, J) : of noise and model, and of blind samples.
     """
 
@@ -75,7 +76,11 @@ class _Lit:
         above = glow_outside(sight.distance[keep], psf_px, length_px)
         bright = glow * above.bright
         inside = glow * air_inside(d_px, psf_px, median(length_px))
-        self.rest = sight.profiles[keep] - air.background - bright - air.share * inside
+        stray = np.empty((*bright.shape, 2))
+        stray[..., 0] = sight.along[keep, None]
+        stray[..., 1] = np.maximum(d_px, 0.0)
+        sky = air.background + stray @ air.stray
+        self.rest = sight.profiles[keep] - sky - bright - air.share * inside
         bright_level = quantile(sight.profiles[keep].ravel(), _BRIGHT) - air.background
         self.bright = max(bright_level, sight.noise)
         self.rows = sight.rows[keep]
@@ -87,6 +92,7 @@ class _Lit:
         self.design[..., LOG_GLOW] = bright[..., None] * power[:, None]
         self.design[..., LOG_HEIGHT] = glow * above.by_length
         self.design[..., SHARE] = inside
+        self.design[..., STRAY] = stray
         self.design[..., FADING] = -bright * sight.cornered[keep, None]
         self.variance = sight.noise**2 + np.square(_GLOW_ERROR * bright)
         self.variance += sight.glare_variance[keep]
@@ -107,17 +113,17 @@ class _Lit:
 
 
 class _Normal:
-    """Normal equations of the unknowns (11) and of what else is unknown of the ground (E).
+    """Normal equations of the unknowns (13) and of what else is unknown of the ground (E).
 
-    near : (K, J, 11 + E + 1) derivatives by all of them and residuals, along the ground's axes.
-    known : (11 + E, 11 + E) and pull : (11 + E,) what is known besides.
+    near : (K, J, 13 + E + 1) derivatives by all of them and residuals, along the ground's axes.
+    known : (13 + E, 13 + E) and pull : (13 + E,) what is known besides.
     """
 
     def __init__(self, near: np.ndarray, known: np.ndarray, pull: np.ndarray) -> None:
         self.near, self.known, self.pull = near, known, pull
 
     def solved(self, precision: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Solutions (S, 11 + E), their information, and what they leave of the cost (S,), for
+        """Solutions (S, 13 + E), their information, and what they leave of the cost (S,), for
         precisions (S, K, J).
         """
         flat = self.near.reshape(-1, self.near.shape[2])
