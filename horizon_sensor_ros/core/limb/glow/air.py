@@ -27,7 +27,7 @@ _BLUR_SIGMA_PX = 0.1
 USUAL_SHARE, _SHARE_SIGMA = 0.5, 0.15
 _SLOPE_SIGMA, _BEND_SIGMA, _BEND_OF_SLOPE = 0.1, 0.02, 0.4
 # Stray light along the limb, and outwards, as a layer of airglow shines above it, over A.
-_STRAY_SIGMA = np.array([0.05, 0.002])
+_STRAY_SIGMA = np.array([0.05, 0.001])
 BLURS_PX, SHARES = (0.35, 1.7), (0.0, 1.2)  # what can be told, and what air may be
 WHOLE = 0.0, 1.0  # limb, from one end in sight to the other
 _MOST_CHANGE = 0.3  # of logarithms, in a step
