@@ -28,7 +28,7 @@ def run(options: Options) -> list[Table]:
     limbs = dict.fromkeys(KINDS, 0)
     fixes: dict[str, list[FitErrors]] = {kind: [] for kind in KINDS}
     sigmas_deg = []
-    scenes = hard_scenes(options.hard_scenes, options.seed)
+    scenes = hard_scenes(options.hard_scenes, options.seed, options.kinds)
     for scene in tqdm(scenes, total=options.hard_scenes, desc="Cameras alone", unit="scene"):
         sensor = HorizonSensor(HorizonConfig(planet=scene.scene.planet, tracking=False))
         for view, frame in zip(scene.views, scene.frames, strict=True):

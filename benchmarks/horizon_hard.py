@@ -107,7 +107,7 @@ def run(options: Options) -> list[Table]:
     everything = _Tally()
     believed: list[Fixed] = []
     sensors = _Sensors()
-    scenes = hard_scenes(options.hard_scenes, options.seed)
+    scenes = hard_scenes(options.hard_scenes, options.seed, options.kinds)
     for scene in tqdm(scenes, total=options.hard_scenes, desc="Hard scenes", unit="scene"):
         judged, any_fix = sensors.look(scene)
         if any_fix.ok:

@@ -43,6 +43,9 @@ def main(argv: list[str] | None = None) -> int:
     )
     parser.add_argument("--frames", type=int, default=200, help="frames a set (default 200)")
     parser.add_argument("--hard-scenes", type=int, default=500, help="of all kinds (default 500)")
+    parser.add_argument(
+        "--kinds", nargs="+", metavar="KIND", help="of hard scenes (default all, in turn)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of all random draws (default 0)")
     parser.add_argument("--out", type=Path, default=Path("bench_output"), help="directory")
     arguments = parser.parse_args(argv)
@@ -51,10 +54,19 @@ def main(argv: list[str] | None = None) -> int:
             flag = name.replace("_", "-")
             parser.error(f"--{flag} must be at least 1, got {getattr(arguments, name)}")
 
+    known = importlib.import_module("horizon_sensor_ros.sim.hard_scenes").KINDS
+    unknown = sorted(set(arguments.kinds or ()) - set(known))
+    if unknown:
+        parser.error(f"--kinds must be of {', '.join(known)}, got {', '.join(unknown)}")
+
     cv2 = importlib.import_module("cv2")
     numpy = importlib.import_module("numpy")
     options = importlib.import_module("tables").Options(
-        arguments.frames, arguments.seed, arguments.hard_scenes, arguments.out
+        arguments.frames,
+        arguments.seed,
+        arguments.hard_scenes,
+        arguments.out,
+        tuple(arguments.kinds) if arguments.kinds else None,
     )
     cv2.setNumThreads(1)
     arguments.out.mkdir(parents=True, exist_ok=True)

@@ -17,13 +17,14 @@ _UNITS_MARGIN = 1e-9
 class Options:
     """frames : of each set. seed : of all that is drawn at random. hard_scenes : how many.
 
-    out : directory for pictures; None for none.
+    kinds : of hard scenes, None for all. out : directory for pictures; None for none.
     """
 
     frames: int = 200
     seed: int = 0
     hard_scenes: int = 500
     out: Path | None = None
+    kinds: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)

@@ -75,8 +75,19 @@ def test_absent_shared_data_are_said_to_be(tmp_path: Path) -> None:
     assert "skipped: earth_real absent" in done.stdout
 
 
-def test_unknown_part_is_refused(tmp_path: Path) -> None:
-    assert run_benchmark(tmp_path / "out", "--only", "nothing").returncode == 2
+def test_hard_scenes_of_some_kinds_only(tmp_path: Path) -> None:
+    kinds = ("--kinds", "airglow", "flat", "--hard-scenes", "2")
+    done = run_benchmark(tmp_path / "out", "--only", "horizon_alone", *kinds)
+    assert done.returncode == 0, done.stderr
+    rows = [line.split()[1] for line in done.stdout.splitlines() if line.startswith("| ")]
+    assert set(rows) - {"airglow"} == {"kind", "flat", "all"}
+
+
+@pytest.mark.parametrize(("option", "what"), [("--only", "nothing"), ("--kinds", "fog")])
+def test_what_is_unknown_is_refused(tmp_path: Path, option: str, what: str) -> None:
+    done = run_benchmark(tmp_path / "out", option, what)
+    assert done.returncode == 2
+    assert what in done.stderr
 
 
 def test_scenes_make_a_bag_that_replays(tmp_path: Path) -> None:
