@@ -45,7 +45,8 @@ class LimbPoints:
     limb and glow were told apart by one fit: these are the ground's limb, where edges found one by
     one lie in its glow, all of them higher by a pixel or two. None for those.
     modelled : False where these are sharp edges that follow no model of one.
-    height_px : one sigma of what the limbs of all cameras are off by alike (overexposed air).
+    height_px : one sigma of what the limbs of all cameras are off by alike, in overexposed air or
+    below airglow.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
