@@ -312,6 +312,7 @@ class HorizonSensor:
             self.config,
             layered=detection.layer_rad > 0.0,
             layer_rho_rad=detection.consensus.layer_rho_rad,
+            glow_over_usual=max(map(detection.glow_over_usual, range(len(frames)))),
         )
         if refused is not None:
             none = HorizonFit.none(*refused, self.config.method, fit.num_points)

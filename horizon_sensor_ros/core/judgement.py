@@ -38,6 +38,10 @@ _MOST_DARK_GROUND = 0.25
 # without glow; a bank of cloud at one end of a short arc, taken for the limb, leaves 19 % and more
 # of them outside.
 _MOST_OUTSIDE = 0.1
+# Above a limb that one camera sees by itself air fades within 1.7 times the Earth's usual length in
+# all of 129 simulated ones; where it seems to fade over 4 and more the edge is a bank of cloud's,
+# and the glow dark ground behind it.
+_MOST_GLOW = 3.0
 
 
 def doubt(
@@ -78,11 +82,13 @@ def refusal(
     *,
     layered: bool = False,
     layer_rho_rad: float = math.nan,
+    glow_over_usual: float = 0.0,
 ) -> tuple[Status, str] | None:
     """Why a fit is not to be published, or None.
 
     layered : a layer of airglow keeps its distance from what was found all along, as it does from
     nothing but a limb. layer_rho_rad : angular radius of its edge, if it was measured.
+    glow_over_usual : the longest as of `Detection`.
     """
     layer_m = layer_height_m(fit.rho_rad, layer_rho_rad, config.planet)
     if math.isfinite(layer_m) and not _LAYER_HEIGHTS_M[0] < layer_m < _LAYER_HEIGHTS_M[1]:
@@ -114,6 +120,12 @@ def refusal(
         if held_by_nothing and scatter_px > _MOST_SCATTER:
             name = observation.view.name
             return Status.POOR_FIT, f"the edge in {name} follows no model of one, and hardly a limb"
+    if glow_over_usual > _MOST_GLOW and len(fit.cameras) < 2:
+        return (
+            Status.POOR_FIT,
+            f"cloud, not a limb: what glows beyond the edge in {fit.cameras[0]} fades over "
+            f"{glow_over_usual:.0f} times the length of air",
+        )
     sigma = nadir_sigma_rad(fit)
     if not sigma <= config.max_nadir_sigma_rad:
         return Status.UNCERTAIN, f"nadir is known to {np.degrees(sigma):.2f} deg only"

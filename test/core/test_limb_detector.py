@@ -158,6 +158,20 @@ def test_a_limb_beside_the_night_is_not_believed_more_by_leaving_the_night_out()
     assert HorizonSensor(limit).process(frames).status is Status.UNCERTAIN
 
 
+def test_dark_ground_beyond_a_bank_of_cloud_is_not_taken_for_glowing_air() -> None:
+    """One camera, a dim frame: a fix 4.1 deg off that claimed .43, with air of 43 km above it."""
+    scene = hard_scene("dim", 90, 77)
+    fix = HorizonSensor().process([Frame(scene.views[0], scene.frames[0].image)])
+    if fix.ok:
+        assert nadir_nees(fix.fit, scene.frames[0].truth.nadir_base) < 25.0
+    else:
+        assert fix.status is Status.POOR_FIT
+        assert "times the length of air" in fix.reason
+    both = HorizonSensor().process(as_frames(scene.views, scene.frames))
+    assert both.ok
+    assert nadir_nees(both.fit, scene.frames[0].truth.nadir_base) < 25.0
+
+
 @pytest.mark.parametrize(("index", "seed"), [(3, 0), (75, 31), (147, 2718)])
 def test_a_bank_of_cloud_at_one_end_of_a_short_arc_is_not_taken_for_the_limb(
     index: int, seed: int

@@ -12,6 +12,7 @@ from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.width import Smear
+from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS, Consensus, RayCandidates
@@ -19,6 +20,7 @@ from horizon_sensor_ros.core.robust import median, stretches
 from horizon_sensor_ros.core.status import Status
 
 _STRETCHES, _ON_COURSE_PX = 4, 0.6
+_SHORTEST_PX = 1.0  # length of glow that is told from the blur
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,17 @@ class Detection:
         of_frame = self.agreed.take(self.agreed.camera == index)
         outside = of_frame.outside(self.nadir_base, self.rho_rad)
         return int(np.count_nonzero(outside)) / max(len(outside), 1)
+
+    def glow_over_usual(self, index: int) -> float:
+        """Length over which the glow above a frame's limb fades, over that of the Earth's air; 0
+        without glow, where limb and glow were told apart, and below a layer of airglow.
+        """
+        limb, looks = self.limbs[index], self.looks[index]
+        if self.layer_rad > 0.0 or limb.joint or not looks or looks[0].glow_px == 0.0:
+            return 0.0
+        view = self.observations[index].view
+        usual_px = usual_length_px(view, self.rho_rad, self.factors[index])
+        return looks[0].glow_px / max(usual_px, _SHORTEST_PX)
 
     def with_limbs(self, limbs: Sequence[LimbPoints]) -> Detection:
         """The same with other points of the limbs, or other errors of theirs."""
