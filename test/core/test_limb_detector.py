@@ -158,6 +158,23 @@ def test_a_limb_beside_the_night_is_not_believed_more_by_leaving_the_night_out()
     assert HorizonSensor(limit).process(frames).status is Status.UNCERTAIN
 
 
+@pytest.mark.parametrize(
+    ("kind", "index", "seed", "camera"),
+    [("terminator", 2, 700, 0), ("terminator", 267, 700, 0), ("sun", 17, 502, 1)],
+)
+def test_a_limb_below_uneven_glow_claims_less(
+    kind: str, index: int, seed: int, camera: int
+) -> None:
+    """One camera, glow that fades towards the night: off by 3.4 to 9 sigma with what it claimed."""
+    scene = hard_scene(kind, index, seed)
+    frame = scene.frames[camera]
+    fix = HorizonSensor().process([Frame(scene.views[camera], frame.image)])
+    if fix.ok:
+        assert nadir_nees(fix.fit, frame.truth.nadir_base) < 11.8
+    else:
+        assert fix.status is Status.UNCERTAIN
+
+
 def test_dark_ground_beyond_a_bank_of_cloud_is_not_taken_for_glowing_air() -> None:
     """One camera, a dim frame: a fix 4.1 deg off that claimed .43, with air of 43 km above it."""
     scene = hard_scene("dim", 90, 77)

@@ -16,7 +16,12 @@ from horizon_sensor_ros.core.limb import refinement
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook, normal_cdf
 from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outside
 from horizon_sensor_ros.core.limb.glow.ground import Ground
-from horizon_sensor_ros.core.limb.glow.limb import GlowLimb, fit_glow, usual_length_px
+from horizon_sensor_ros.core.limb.glow.limb import (
+    GlowLimb,
+    UnevenGlow,
+    fit_glow,
+    usual_length_px,
+)
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 from horizon_sensor_ros.core.limb.texture.ground_texture import (
@@ -44,7 +49,7 @@ def _air(seed: int, **changes: object) -> EarthScene:
 
 def _fitted(
     scene: EarthScene, altitude_m: float, seed: int, off_rad: float = 0.0, **recorded: float
-) -> tuple[GlowLimb | None, np.ndarray]:
+) -> tuple[GlowLimb | UnevenGlow | None, np.ndarray]:
     """The limb near one that is off by an angle, and how far its points lie off the true one."""
     view = limb_views(altitude_m, azimuths_rad=(0.9 * seed,))[0]
     imaging = Imaging(noise_dn=1.5, **recorded)  # type: ignore[arg-type]
@@ -52,8 +57,8 @@ def _fitted(
     nadir, rho = frame.truth.nadir_base, Planet().rho_from_altitude(altitude_m)
     look = EdgeLook(0.75, usual_length_px(view, rho))
     limb = fit_glow(frame.image, view, nadir, rho + off_rad, look)
-    if limb is None:
-        return None, np.empty(0)
+    if not isinstance(limb, GlowLimb):
+        return limb, np.empty(0)
     points = LimbPoints(Status.OK, "", limb.px, limb.normal_px, np.ones(len(limb.px)))
     return limb, rays_of(view, points).residuals_px(nadir, rho)
 
@@ -62,7 +67,7 @@ def test_limbs_lie_as_near_to_the_true_ones_as_they_claim() -> None:
     means, slopes = [], []
     for seed in range(5):
         limb, off_px = _fitted(_air(seed), 400e3, seed, off_rad=8e-4)
-        assert limb is not None
+        assert isinstance(limb, GlowLimb)
         mean_px = np.hypot(limb.shift_px, 0.41 * limb.coherent_px)
         means.append(off_px.mean() / mean_px)
         slopes.append(0.5 * (off_px[-1] - off_px[0]) / (0.72 * limb.coherent_px))
@@ -76,7 +81,7 @@ def test_limbs_lie_as_near_to_the_true_ones_as_they_claim() -> None:
 def test_stray_light_along_a_limb_does_not_turn_it(seed: int, stray_dn: float) -> None:
     _, plain_px = _fitted(_air(seed), 400e3, seed)
     limb, off_px = _fitted(_air(seed), 400e3, seed, stray_dn=stray_dn)
-    assert limb is not None
+    assert isinstance(limb, GlowLimb)
     moved_px = off_px[[0, -1]] - plain_px[[0, -1]]
     # Were the background the same all along, by up to .6 px.
     assert abs(moved_px[1] - moved_px[0]) < 0.1
@@ -89,7 +94,7 @@ def test_twilight_is_not_taken_for_even_glow() -> None:
     limb = cone_rays(np.array([0.0, 0.0, 1.0]), rho, np.zeros(1))[0]
     along = np.cross([0.0, 0.0, 1.0], limb)
     twilight = _air(1, sun_direction=unit_vector(ROT_WORLD_FROM_BASE @ along))
-    assert _fitted(twilight, altitude_m, 0)[0] is None
+    assert isinstance(_fitted(twilight, altitude_m, 0)[0], UnevenGlow)
 
 
 def test_towards_the_terminator_the_part_in_daylight_lies_where_it_does() -> None:
@@ -104,7 +109,7 @@ def test_towards_the_terminator_the_part_in_daylight_lies_where_it_does() -> Non
             aside = np.cos(turn) * out + np.sin(turn) * np.cross(down, out)
             sun = unit_vector(ROT_WORLD_FROM_BASE @ (aside - 0.08 * down))
             limb, off_px = _fitted(_air(seed, sun_direction=sun), altitude_m, seed)
-            if limb is None:
+            if not isinstance(limb, GlowLimb):
                 continue
             first, last = limb.air.part
             parts.append(last - first)
@@ -126,7 +131,7 @@ def test_a_limb_below_the_sun_lies_where_it_would_without(height_rad: float) -> 
     for sun_dn in (0.0, 1500.0):
         scene = _air(1, sun_direction=sun, even_light=True, sun_dn=sun_dn)
         limb, off_px = _fitted(scene, altitude_m, 0)
-        assert limb is not None
+        assert isinstance(limb, GlowLimb)
         assert np.abs(off_px).max() < 3.0 * np.hypot(limb.shift_px, limb.coherent_px)
         places.append(off_px.mean())
     assert abs(places[1] - places[0]) < 0.15
@@ -147,7 +152,7 @@ def test_cameras_all_show_the_limb_of_the_ground_or_none_does(
 
     def without_one(
         gray: np.ndarray, view: object, *rest: object, in_part: bool
-    ) -> GlowLimb | None:
+    ) -> GlowLimb | UnevenGlow | None:
         if view is views[1]:
             return None
         return fit(gray, view, *rest, in_part=in_part)  # type: ignore[arg-type]
@@ -313,13 +318,13 @@ def test_what_the_air_was_like_before_hardly_moves_the_limb(brighter: float) -> 
         frame = draw((view,), altitude_m, _air(seed), Imaging(noise_dn=1.5), seed)[0]
         nadir = frame.truth.nadir_base
         before = fit_glow(frame.image, view, nadir, rho, look)
-        assert before is not None
+        assert isinstance(before, GlowLimb)
         frame = draw((view,), altitude_m, _air(seed), Imaging(noise_dn=1.5), 10 + seed)[0]
         image = np.rint(brighter * frame.image).astype(np.uint8)
         fresh = fit_glow(image, view, nadir, rho, look)
         followed = fit_glow(image, view, nadir, rho, replace(look, air=before.air))
-        assert fresh is not None
-        assert followed is not None
+        assert isinstance(fresh, GlowLimb)
+        assert isinstance(followed, GlowLimb)
         off_px = (followed.px - fresh.px) * fresh.normal_px
         assert np.abs(off_px.sum(axis=1)).max() < 0.6 * np.hypot(fresh.shift_px, fresh.coherent_px)
 

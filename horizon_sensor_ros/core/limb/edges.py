@@ -57,6 +57,9 @@ _FINE_PX, _FINEST = 2.0, 2.5
 # Where glow is overexposed as well it is taken for ground: error of simulated limbs' height, over
 # the length over which glow fades.
 _CLIPPED_HEIGHT = 0.6
+# Where glow changes too fast along a limb to be fitted with it its contour is no more of a limb:
+# errors of simulated ones towards the terminator and beside the Sun, over the other limbs'.
+_UNEVEN_GLOW = 1.5
 _SHIFT = 1.5  # error of a camera's whole limb, over that of its stretches, where air glows
 
 
@@ -117,10 +120,12 @@ def limb_of_edges(
     view: CameraView,
     rho_rad: float,
     step: RefinePass,
+    *,
+    uneven: bool = False,
 ) -> tuple[LimbPoints, tuple[EdgeLook, ...]]:
     """Limb of edges found one by one, and looks as `refine_limb` returns them.
 
-    steepest : where brightness falls most steeply.
+    steepest : where brightness falls most steeply. uneven : glow is known to change fast along it.
     """
     places, good, model_free = edges.places, edges.good, edges.model_free
     clipped = sample.clipped
@@ -168,6 +173,8 @@ def limb_of_edges(
                 coherent = contour.coherent_px
                 places = contour.places(places)
                 px, normal_px = px[contour.keep], normal_px[contour.keep]
+        if uneven:
+            coherent *= _UNEVEN_GLOW
         shared = SharedError(coherent, _SHIFT * coherent)
     points = _points(sample, px, normal_px, places, shared.besides(of_clipping), jumps_px)
     if given and model_free and not glows:

@@ -24,7 +24,7 @@ from horizon_sensor_ros.core.limb.edges import (
     limb_of_edges,
     modelled_edges,
 )
-from horizon_sensor_ros.core.limb.glow.limb import fit_glow, usual_length_px
+from horizon_sensor_ros.core.limb.glow.limb import GlowLimb, fit_glow, usual_length_px
 from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, RefinePass, sample_limb
 from horizon_sensor_ros.core.status import Status
@@ -49,9 +49,9 @@ def refine_limb(
     where a given one does not hold. Too few significant edges: status NO_LIMB, and no looks.
     """
     cone = nadir_base, rho_rad
-    joined = step.joint
+    joined, uneven = step.joint, False
     if joined and len(looks) == 1 and looks[0].air is not None:
-        joint = _with_glow(gray, step, view, cone, looks[0])
+        joint, uneven = _with_glow(gray, step, view, cone, looks[0])
         if joint is not None:
             return joint
         # The next frame's fit begins anew.
@@ -82,7 +82,8 @@ def refine_limb(
         for climb in (False, True) if perhaps and len(looks) > 1 else (True,):
             look = likeliest_look(shown, noise, looks, grid, climb=climb)
             if joined and look.glow_px > 0.0:
-                joint = _with_glow(gray, step, view, cone, look, edges.jumps_px)
+                joint, for_this = _with_glow(gray, step, view, cone, look, edges.jumps_px)
+                uneven |= for_this
                 if joint is not None:
                     return joint
         looks = (look,)
@@ -91,10 +92,11 @@ def refine_limb(
         # From far away air is as thin as the blur, and no edge quite looks like either.
         thin = EdgeLook(USUAL_PSF_PX, usual_length_px(view, rho_rad, step.factor))
         if thin.glow_px > _THINNEST_PX:
-            joint = _with_glow(gray, step, view, cone, thin, edges.jumps_px)
+            joint, for_this = _with_glow(gray, step, view, cone, thin, edges.jumps_px)
+            uneven |= for_this
             if joint is not None:
                 return joint
-    return limb_of_edges(sample, edges, steepest, looks, view, rho_rad, step)
+    return limb_of_edges(sample, edges, steepest, looks, view, rho_rad, step, uneven=uneven)
 
 
 def _with_glow(
@@ -104,14 +106,14 @@ def _with_glow(
     cone: tuple[np.ndarray, float],
     look: EdgeLook,
     jumps_px: float = np.inf,
-) -> tuple[LimbPoints, tuple[EdgeLook, ...]] | None:
+) -> tuple[tuple[LimbPoints, tuple[EdgeLook, ...]] | None, bool]:
     """Points of the limb near a predicted cone, fitted together with the glow above it, and the
-    look with its air.
+    look with its air; None where that fit does not hold, and whether glow is too uneven for it.
     """
     factor = step.factor
     joint = fit_glow(gray, view, *cone, look, factor, in_part=step.in_part)
-    if joint is None:
-        return None
+    if not isinstance(joint, GlowLimb):
+        return None, joint is not None
     points = LimbPoints(
         Status.OK,
         "",
@@ -126,4 +128,4 @@ def _with_glow(
         cov_cone=joint.cov_cone,
     )
     points = replace(points, offset_px=rays_of(view, points).residuals_px(*cone))
-    return points, (replace(look, air=joint.air),)
+    return (points, (replace(look, air=joint.air),)), False

@@ -89,6 +89,10 @@ class GlowLimb:
     air: Air
 
 
+class UnevenGlow:
+    """In place of a limb: glow changes too fast along it, and along its brightest part."""
+
+
 def usual_length_px(view: CameraView, rho_rad: float, factor: int = 1) -> float:
     """Length over which the Earth's air usually fades above a limb of this radius."""
     return USUAL_HEIGHT * math.tan(rho_rad) / (factor * view.camera.pixel_rad)
@@ -103,7 +107,7 @@ def fit_glow(
     factor: int = 1,
     *,
     in_part: bool = True,
-) -> GlowLimb | None:
+) -> GlowLimb | UnevenGlow | None:
     """Fit the limb near a predicted one; None where the model does not hold, or too little shows.
 
     gray : (H, W), reduced by `factor`. look : of the edge, with its glow or air, to start from.
@@ -112,10 +116,13 @@ def fit_glow(
     """
     part = WHOLE if look.air is None else look.air.part
     found = _fitted(gray, view, nadir_base, rho_rad, look, factor, part)
+    uneven = part != WHOLE or isinstance(found, tuple)
     if isinstance(found, tuple) and in_part:
         fresh = replace(look, air=None)
         found = _fitted(gray, view, nadir_base, rho_rad, fresh, factor, found)
-    return None if isinstance(found, tuple) else found
+    if isinstance(found, GlowLimb):
+        return found
+    return UnevenGlow() if uneven else None
 
 
 def _fitted(
@@ -196,17 +203,13 @@ def _uneven(air: Air) -> bool:
     return not (slope < _MOST_SLOPE and bend < _MOST_BEND)
 
 
-def _brightest(sight: GlowSight, air: Air) -> tuple[float, float] | None:
-    """Ends of the part around the brightest glow, along which that fades by no more than may be;
-    None for too short a one.
-    """
+def _brightest(sight: GlowSight, air: Air) -> tuple[float, float]:
+    """Ends of the part around the brightest glow, along which that fades by no more than may be."""
     log_glow = powers(sight.along) @ air.log_glow
     top = int(np.argmax(log_glow))
     dark = np.flatnonzero(log_glow < log_glow[top] - _MOST_FADING)
     first = max(dark[dark < top] + 1, default=0)
     last = min(dark[dark > top], default=len(sight))
-    if last - first < _LEAST_STRETCHES:
-        return None
     return float(first) / len(sight), float(last) / len(sight)
 
 
