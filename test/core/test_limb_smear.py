@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from limb_frames import draw, limb_views
+from limb_samples import angle_between, nadir_nees
 
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
 from horizon_sensor_ros.core.limb.edge.smear import blur_along
@@ -87,3 +88,29 @@ def test_frames_smeared_by_three_pixels_are_as_far_off_as_claimed(angle_deg: flo
         off = np.cross(fix.fit.nadir_base, drawn.truth.nadir_base)
         nees.append(2.0 * off @ off / np.trace(fix.fit.cov_nadir_altitude[:3, :3]))
     assert np.mean(nees) < 6.0
+
+
+def test_a_smear_that_grows_along_the_limb_does_not_turn_it() -> None:
+    """A roll about one end, even ground: kriging took the other end's ramp for texture, and the
+    limb was 1.5 deg off, by six sigma.
+    """
+    (view,) = limb_views(300e3, azimuths_rad=(0.8,))
+    drawn = draw((view,), 300e3, None, Imaging(noise_dn=2.0), 5)[0]
+    height, width = drawn.image.shape
+    image = np.zeros((height, width))
+    for share in np.linspace(-0.5, 0.5, 61):
+        angle_deg = float(np.degrees(share * 8.0 / width))
+        roll = cv2.getRotationMatrix2D((width - 1.0, height / 2.0), angle_deg, 1.0)
+        image += cv2.warpAffine(
+            drawn.image.astype(np.float32),
+            roll,
+            (width, height),
+            flags=cv2.INTER_CUBIC,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+    noise = np.random.default_rng(5).normal(0.0, 2.0, image.shape)
+    gray = np.clip(np.rint(image / 61.0 + noise), 0.0, 255.0).astype(np.uint8)
+    fix = HorizonSensor().process([Frame(view, gray)])
+    assert fix.ok
+    assert nadir_nees(fix.fit, drawn.truth.nadir_base) < 11.8
+    assert angle_between(fix.fit.nadir_base, drawn.truth.nadir_base) < np.radians(0.1)

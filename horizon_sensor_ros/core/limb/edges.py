@@ -25,7 +25,7 @@ from horizon_sensor_ros.core.limb.sample import (
 )
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
 from horizon_sensor_ros.core.limb.texture.kriged_limb import KrigedLimb
-from horizon_sensor_ros.core.robust import median
+from horizon_sensor_ros.core.robust import median, stretches
 from horizon_sensor_ros.core.status import Status
 
 _MAX_MISFIT = 6.0
@@ -41,6 +41,9 @@ _CALM, _CALM_PX = 3.0, 0.2  # jumps from profile to profile: over those without 
 # to krige about.
 _STEADY_PX = 0.05
 _MOVED_PX = 0.5
+# Steepest falls so steady are moved by texture up to .34 px along simulated limbs at rest; where a
+# model moves some of them farther the blur is not the same along the limb, as motion makes it.
+_DRIFT_PX = 0.4
 _LEAST_FALL = 0.5  # of brightness at an edge, over the steepest in the profile
 _LONGEST_CONTOUR_PX = 4.0  # over which glow fades: longer, and a profile's end is not yet space
 # Error that neighbours share, by whether air glows and whether edges were placed without a model:
@@ -84,7 +87,8 @@ def modelled_edges(
     sample: LimbSample, look: EdgeLook, steepest: LimbEdges, rho_rad: float, step: RefinePass
 ) -> LimbEdges | None:
     """Edges where a model of them lies, kriged where that is for them; None if the model is wrong:
-    most of the edges do not follow it, it makes them jump about, or without glow moves them all.
+    most of the edges do not follow it, it makes them jump about, or without glow moves them all, or
+    a whole stretch of such as lie steadily.
     """
     places, good = steepest.places, steepest.good
     plain = good & ~sample.clipped
@@ -105,11 +109,19 @@ def modelled_edges(
         or (sharp and not abs(moved) < _MOVED_PX)
     ):
         return None
-    if not (kriging and near is None):
-        return LimbEdges(likely, fits, False, shared)
-    limb = fitted_limb(kriged.base[fits], likely.offset_px[fits], likely.sigma_px[fits])
-    places, shared = kriged.about(limb, fits)
-    return LimbEdges(places, believable(places), False, shared)
+    if kriging and near is None:
+        limb = fitted_limb(kriged.base[fits], likely.offset_px[fits], likely.sigma_px[fits])
+        likely, shared = kriged.about(limb, fits)
+        fits = believable(likely)
+    if sharp and jumps_px < _STEADY_PX and _drift_px(likely, places, good & fits) > _DRIFT_PX:
+        return None
+    return LimbEdges(likely, fits, False, shared)
+
+
+def _drift_px(moved: EdgePlaces, places: EdgePlaces, good: np.ndarray) -> float:
+    """By how much good edges (M,) are moved, in the stretch of limb where it is most."""
+    parts = stretches((moved.offset_px - places.offset_px)[good], _STRETCHES)
+    return max((abs(median(part)) for part in parts if len(part)), default=0.0)
 
 
 def limb_of_edges(
