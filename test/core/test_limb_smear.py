@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from limb_frames import draw, limb_views
 from limb_samples import angle_between, nadir_nees
+from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
 from horizon_sensor_ros.core.limb.edge.smear import blur_along
-from horizon_sensor_ros.sim.earth_scene import Imaging
+from horizon_sensor_ros.sim.earth_camera import render_views
+from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 
 
 def smeared(image: np.ndarray, length_px: int, angle_deg: float) -> np.ndarray:
@@ -114,3 +116,28 @@ def test_a_smear_that_grows_along_the_limb_does_not_turn_it() -> None:
     assert fix.ok
     assert nadir_nees(fix.fit, drawn.truth.nadir_base) < 11.8
     assert angle_between(fix.fit.nadir_base, drawn.truth.nadir_base) < np.radians(0.1)
+
+
+@pytest.mark.parametrize(("clouds", "moved_px", "roll_deg"), [(False, 5.0, 0.4), (True, 8.0, 0.4)])
+def test_a_followed_limb_is_searched_anew_when_the_craft_begins_to_turn(
+    clouds: bool, moved_px: float, roll_deg: float
+) -> None:
+    """The first smeared frame was taken for a sharp one; fixes were off by six sigma and more."""
+    (view,) = limb_views(800e3, azimuths_rad=(0.8,))
+    texture = {"texture": "clouds", "cloud_contrast": 0.2} if clouds else {}
+    scene, rng = EarthScene(**texture), np.random.default_rng(3)
+    position = np.array([0.0, 0.0, -(scene.planet.radius_m + 800e3)])
+    sensor = HorizonSensor()
+    across = moved_px / view.camera.fx
+    turn = view.rot_base_from_cam @ np.array([across, 0.0, np.radians(roll_deg)])
+    for smear in (0.0, 0.0, 0.0, 1.0):
+        rot = Rotation.from_rotvec(0.5 * smear * turn).as_matrix()
+        moving = turn if smear else None
+        (drawn,) = render_views(
+            (view,), rot, position, scene, rng, imaging=Imaging(noise_dn=4.0), turn_base_rad=moving
+        )
+        fix = sensor.process([Frame(view, drawn.image)])
+    assert not sensor.following
+    searched = HorizonSensor().process([Frame(view, drawn.image)])
+    assert fix.status is searched.status
+    np.testing.assert_array_equal(fix.fit.nadir_base, searched.fit.nadir_base)

@@ -32,7 +32,12 @@ from horizon_sensor_ros.core.limb.search.selection import (
     rays_of_candidates,
 )
 from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
-from horizon_sensor_ros.core.limb.smeared import misjudged, smeared_alike, without_smear
+from horizon_sensor_ros.core.limb.smeared import (
+    misjudged,
+    smeared_alike,
+    smeared_anew,
+    without_smear,
+)
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
@@ -114,6 +119,8 @@ def follow_limb(
             continue
         if found.modelled and found.on_course:
             if not smeared_alike(views, images, found, smears):
+                return None
+            if smeared_anew(views, images, found, smears, start):
                 return None
             return misjudged(replace(found, smears=tuple(smears)))
     return None

@@ -47,6 +47,7 @@ class LimbPoints:
     modelled : False where these are sharp edges that follow no model of one.
     height_px : one sigma of what the limbs of all cameras are off by alike, in overexposed air or
     below airglow.
+    as_expected : the limb of a followed frame lies where it was predicted, as sharp as it was.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -64,6 +65,7 @@ class LimbPoints:
     cov_cone: np.ndarray | None = None
     modelled: bool = True
     height_px: float = 0.0
+    as_expected: bool = False
 
     @property
     def joint(self) -> bool:

@@ -81,15 +81,24 @@ def _smears(
     seen = zip(views, images, found.limbs, found.looks, found.factors, strict=True)
     for view, image, limb, looks, factor in seen:
         smear = None
-        glows = any(look.glow_px > 0.0 for look in looks)
-        sharp = factor == 1 and looks and looks[0].psf_px < _SHARP_PX and not glows
+        soft = factor > 1 or _glows(looks)
+        sharp = looks and looks[0].psf_px < _SHARP_PX and not soft
         if limb.status is Status.OK and not sharp:
-            smear = smear_of(image, view, found.nadir_base, found.rho_rad)
-            soft = glows or factor > 1
-            if smear.sure_px <= (_GLOWING_PX if soft else _SMEAR_PX) * factor:
-                smear = None
+            smear = _smear_of(image, view, found, soft, factor)
         smears.append(smear)
     return smears
+
+
+def _smear_of(
+    image: np.ndarray, view: CameraView, found: Detection, soft: bool, factor: int
+) -> Smear | None:
+    smear = smear_of(image, view, found.nadir_base, found.rho_rad)
+    most_px = _GLOWING_PX if soft else _SMEAR_PX
+    return smear if smear.sure_px > most_px * factor else None
+
+
+def _glows(looks: Sequence[EdgeLook]) -> bool:
+    return any(look.glow_px > 0.0 for look in looks)
 
 
 def smeared_alike(
@@ -106,3 +115,27 @@ def smeared_alike(
         if not abs(now.across_px - smear.across_px) < _AS_MUCH * smear.across_px:
             return False
     return True
+
+
+def smeared_anew(
+    views: Sequence[CameraView],
+    images: Sequence[np.ndarray],
+    found: Detection,
+    smears: Sequence[Smear | None],
+    expected: Sequence[tuple[EdgeLook, ...]],
+) -> bool:
+    """Whether motion smears a followed frame that it did not smear before: asked where the limb is
+    not as it was expected to be.
+
+    expected : looks of the edges from which the frames' were found; none where from nothing.
+    """
+    seen = zip(views, images, found.limbs, found.looks, found.factors, strict=True)
+    for (view, image, limb, looks, factor), before, kinds in zip(
+        seen, smears, expected, strict=True
+    ):
+        as_before = limb.as_expected or (limb.joint and _glows(kinds))
+        if before or as_before or limb.status is not Status.OK:
+            continue
+        if _smear_of(image, view, found, factor > 1 or _glows(looks), factor):
+            return True
+    return False
