@@ -6,9 +6,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from horizon_sensor_ros.core.agreement import with_contradiction
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.camera import CameraView
@@ -52,6 +54,7 @@ class Frame:
 class HorizonFix:
     """What simultaneous frames told.
 
+    reason : why there is no estimate, or what makes it less certain; empty where nothing does.
     fit : the estimate, NaN when status is not OK. limbs : one per frame, in order; a frame that
     contributed nothing says why. cameras_used : names of those that did. predicted : where the limb
     was expected, if it was followed and not searched for.
@@ -244,6 +247,7 @@ class HorizonSensor:
             track.looks,
             track.factors,
             track.smears,
+            track.steepness,
         )
         if detection is None:
             return None
@@ -295,17 +299,13 @@ class HorizonSensor:
         doubtful = self._doubts(frames, views, detection, limbs, fit)
         if doubtful:
             return HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), doubtful
-        fit = with_shared_error(fit, observations, figure)
-        fit = with_calibration_error(
-            fit,
-            observations,
-            self._sphere,
-            mounting_sigma_rad=self.config.mounting_sigma_rad,
-            lens_sigma_px=self.config.lens_sigma_px,
-            limb_height_sigma_m=self.config.limb_height_sigma_m,
-        )
+        fit = self._with_errors(fit, observations, figure)
+        apart = unused = ""
+        if len(fit.cameras) > 1 and self.config.limb == "subpixel":
+            with_errors = partial(self._with_errors, figure=figure)
+            fit, apart = with_contradiction(fit, observations, self._sphere, with_errors)
         if aiding.altitude is not None:
-            fit = with_altitude(fit, figure.altitude(aiding.altitude), self._sphere)
+            fit, unused = with_altitude(fit, figure.altitude(aiding.altitude), self._sphere)
         refused = refusal(
             fit,
             observations,
@@ -314,10 +314,26 @@ class HorizonSensor:
             layer_rho_rad=detection.consensus.layer_rho_rad,
             glow_over_usual=max(map(detection.glow_over_usual, range(len(frames)))),
         )
+        if apart and refused is not None and refused[0] is Status.UNCERTAIN:
+            refused = Status.CAMERAS_DISAGREE, apart
         if refused is not None:
             none = HorizonFit.none(*refused, self.config.method, fit.num_points)
             return HorizonFix(*refused, none, limbs, ()), {}
-        return HorizonFix(Status.OK, "", figure.estimate(fit), limbs, fit.cameras), {}
+        doubts = "; ".join(filter(None, (apart, unused)))
+        return HorizonFix(Status.OK, doubts, figure.estimate(fit), limbs, fit.cameras), {}
+
+    def _with_errors(
+        self, fit: HorizonFit, observations: Sequence[LimbObservation], figure: Figure
+    ) -> HorizonFit:
+        """Return the fit with all that may be wrong with observations in its covariance."""
+        return with_calibration_error(
+            with_shared_error(fit, observations, figure),
+            observations,
+            self._sphere,
+            mounting_sigma_rad=self.config.mounting_sigma_rad,
+            lens_sigma_px=self.config.lens_sigma_px,
+            limb_height_sigma_m=self.config.limb_height_sigma_m,
+        )
 
     def _fit(self, observations: Sequence[LimbObservation], detection: Detection) -> HorizonFit:
         """Fit by the configured method, from the cone that the limb was measured around."""

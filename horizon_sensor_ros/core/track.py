@@ -24,7 +24,8 @@ class Track:
     the set before, None right after a search. sees : whether each frame's camera saw the limb.
     looks : of its edge, one per frame, with the air above it; empty where no model fits. factors :
     one per frame, by which it is reduced where the limb is followed. smears : one per frame,
-    motion's in it, None where there is hardly any. skies : one per frame, level and noise of empty
+    motion's in it, None where there is hardly any. steepness : of the limbs, when it was last asked
+    whether motion smears them. skies : one per frame, level and noise of empty
     space as the search measured them. layer_rad : height of airglow above the limb. age : sets
     since the search.
     """
@@ -37,6 +38,7 @@ class Track:
     looks: tuple[tuple[EdgeLook, ...], ...]
     factors: tuple[int, ...]
     smears: tuple[Smear | None, ...]
+    steepness: tuple[np.ndarray, ...]
     skies: tuple[LimbCandidates, ...]
     layer_rad: float
     last_cone: tuple[np.ndarray, float] | None = None
@@ -61,6 +63,7 @@ class Track:
             detection.looks,
             detection.factors,
             detection.smears,
+            detection.steepness,
             skies,
             detection.layer_rad,
         )
@@ -74,6 +77,7 @@ class Track:
             rho_rad=fit.disc.rho_rad,
             last_cone=(self.nadir_base, self.rho_rad),
             looks=detection.looks,
+            steepness=detection.steepness,
             age=self.age + 1,
         )
 

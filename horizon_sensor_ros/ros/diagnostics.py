@@ -155,6 +155,8 @@ class HorizonMonitor:
         ]
         if fix.fit.disc is not None and fix.fit.disc.figure.shortfall:
             left_out.append(fix.fit.disc.figure.shortfall)
+        if fix.reason:
+            left_out.append(fix.reason)
         if left_out:
             return Health(_WARN, "degraded", "; ".join(left_out))
         return Health(_OK, "ok", f"fix from {', '.join(fix.cameras_used)}")

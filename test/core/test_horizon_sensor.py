@@ -622,3 +622,35 @@ def test_photograph_by_day(shared_data: Path) -> None:
 def test_photograph_flooded_by_the_sun(shared_data: Path) -> None:
     frame = photograph(shared_data / "earth_real" / "ISS028-E-33700.JPG", 15.0)
     assert_refused(SENSOR.process([frame]), 1)
+
+
+def test_a_lens_model_that_ends_inside_the_frame_is_no_error() -> None:
+    """Beside its end one pixel farther out is nowhere: a limb in glow raised IndexError there."""
+    for seed in (27, 39):
+        rng = np.random.default_rng(seed)
+        focal_px = float(rng.uniform(260.0, 330.0))
+        barrel = (float(rng.uniform(-0.45, -0.33)), 0.02, 1e-3, -1e-3, 0.0)
+        camera = Camera(640, 480, focal_px, focal_px, 319.5, 239.5, "plumb_bob", barrel)
+        altitude_m = float(np.exp(rng.uniform(np.log(300e3), np.log(2000e3))))
+        above, azimuth, roll = rng.uniform(-0.3, 0.3), rng.uniform(0, 6), rng.uniform(0, 6)
+        views = limb_views(
+            altitude_m, camera, (float(azimuth),), float(roll) - 1.0, above_rad=float(above)
+        )
+        scene = EarthScene(uniform_dn=150.0, air_dn=100.0, air_inside=0.6)
+        drawn = draw(views, altitude_m, scene, Imaging(noise_dn=1.5), seed)
+        fix = SENSOR.process(as_frames(views, drawn))
+        assert not fix.ok or error_deg(fix, NADIR) < 4.0 * sigma_deg(fix)
+
+
+@pytest.mark.parametrize("shape", [(16, 2000), (33, 3000), (2000, 16), (100, 2048)])
+def test_strips_are_frames_too(shape: tuple[int, int]) -> None:
+    """Of a line camera, or a region of interest: lower than a tile of the reduced frame."""
+    height, width = shape
+    focal_px = float(max(shape))
+    camera = Camera(width, height, focal_px, focal_px, width / 2.0, height / 2.0)
+    view = CameraView("strip", camera, np.eye(3))
+    noise = np.random.default_rng(1).integers(0, 256, shape, dtype=np.uint8)
+    step = np.full(shape, 30, np.uint8)
+    step[height // 2 :] = 200
+    for image in (noise, step):
+        assert not SENSOR.process([Frame(view, image)]).ok

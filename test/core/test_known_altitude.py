@@ -39,7 +39,8 @@ def three(fit: HorizonFit) -> np.ndarray:
 @settings(deadline=None, max_examples=30)
 def test_the_covariance_shrinks_as_information_adds(seed: int, sigma_m: float) -> None:
     fit = short_arc(seed)
-    both = with_altitude(fit, AltitudeMeasurement(ALTITUDE_M, sigma_m), PLANET)
+    both, unused = with_altitude(fit, AltitudeMeasurement(ALTITUDE_M, sigma_m), PLANET)
+    assert unused == ""
     information = np.linalg.inv(three(fit))
     information[2, 2] += 1.0 / (sigma_m * 1e-3) ** 2
     # To a turn of the tangent plane by the update, a fraction of a degree.
@@ -61,7 +62,7 @@ def test_nadir_on_a_short_arc_gains_too_and_stays_honest() -> None:
     errors, gains = [], []
     for seed in range(60):
         fit = short_arc(seed)
-        both = with_altitude(fit, AltitudeMeasurement(ALTITUDE_M, 100.0), PLANET)
+        both, _ = with_altitude(fit, AltitudeMeasurement(ALTITUDE_M, 100.0), PLANET)
         errors.append(nadir_nees(both, NADIR))
         gains.append(
             np.trace(both.cov_nadir_altitude[:3, :3]) / np.trace(fit.cov_nadir_altitude[:3, :3])
@@ -72,6 +73,19 @@ def test_nadir_on_a_short_arc_gains_too_and_stays_honest() -> None:
 
 def test_a_useless_altitude_changes_nothing() -> None:
     fit = short_arc(3)
-    same = with_altitude(fit, AltitudeMeasurement(0.0, 1e15), PLANET)
+    same, _ = with_altitude(fit, AltitudeMeasurement(0.0, 1e15), PLANET)
     np.testing.assert_allclose(same.nadir_base, fit.nadir_base, atol=1e-12)
     assert same.altitude_m == pytest.approx(fit.altitude_m, rel=1e-9)
+
+
+def test_an_altitude_that_contradicts_the_frames_is_not_used_and_said_so() -> None:
+    """It turned nadir, by up to fifty of the sigmas that were claimed."""
+    fit = short_arc(3)
+    sigma_m = float(np.sqrt(fit.cov_nadir_altitude[3, 3] + 1e3**2))
+    for sign in (-1.0, 1.0):
+        near = AltitudeMeasurement(fit.altitude_m + sign * 4.9 * sigma_m, 1e3)
+        far = AltitudeMeasurement(fit.altitude_m + sign * 5.1 * sigma_m, 1e3)
+        assert with_altitude(fit, near, PLANET)[1] == ""
+        same, unused = with_altitude(fit, far, PLANET)
+        assert same is fit
+        assert f"{far.altitude_m / 1e3:.1f} +- 1.0 km" in unused

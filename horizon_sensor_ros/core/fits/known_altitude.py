@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,29 +11,43 @@ from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
 
+# Sigmas by which frames and a known altitude may differ and still be of the same altitude.
+_CONTRADICTION = 5.0
 
-def with_altitude(fit: HorizonFit, known: AltitudeMeasurement, sphere: Planet) -> HorizonFit:
-    """Return the fit's estimate given a measurement of its altitude too.
+
+def with_altitude(
+    fit: HorizonFit, known: AltitudeMeasurement, sphere: Planet
+) -> tuple[HorizonFit, str]:
+    """Return the fit's estimate given a measurement of its altitude too; and why not, if not.
 
     Of any method's fit that is OK, after all its errors are in the covariance: nadir and altitude
     hang together on a short arc, so both gain. The minimum-variance update of a Gaussian estimate
-    (Kalman 1960) with ``H = (0, 0, 0, 1)``. Where the two contradict each other the more certain
-    one prevails.
+    (Kalman 1960) with ``H = (0, 0, 0, 1)``. Where the two contradict each other by more than
+    `_CONTRADICTION` sigmas the fit comes back as it was, and the contradiction in words: a stale
+    orbit would turn nadir.
     """
     cov = fit.cov_nadir_altitude
     variance = float(cov[3, 3]) + known.sigma_m**2
+    apart_m = known.altitude_m - fit.altitude_m
+    if not abs(apart_m) < _CONTRADICTION * math.sqrt(variance):
+        own_sigma_km = 1e-3 * math.sqrt(float(cov[3, 3]))
+        return fit, (
+            f"the known altitude, {known.altitude_m / 1e3:.1f} +- {known.sigma_m / 1e3:.1f} km, is "
+            f"not used: the frames show {fit.altitude_m / 1e3:.1f} +- {own_sigma_km:.1f} km"
+        )
     gain = cov[:, 3] / variance
-    step = gain * (known.altitude_m - fit.altitude_m)
+    step = gain * apart_m
     nadir = fit.nadir_base + step[:3]
     nadir /= np.linalg.norm(nadir)
     altitude = float(fit.altitude_m + step[3])
     cov = cov - np.outer(gain, gain) * variance
     across = np.eye(4)
     across[:3, :3] -= np.outer(nadir, nadir)
-    return replace(
+    updated = replace(
         fit,
         nadir_base=nadir,
         rho_rad=sphere.rho_from_altitude(altitude),
         altitude_m=altitude,
         cov_nadir_altitude=across @ cov @ across.T,
     )
+    return updated, ""

@@ -32,7 +32,8 @@ class Detection:
     looks : one per frame, what the limb's edge looks like; none where no model fits it. factors :
     one per frame, by which it was reduced for the last pass. layer_rad : how far above the limb a
     layer of airglow lies, 0 without one. smears : one per frame, motion's in it, None where there
-    is hardly any. agreed : the search's edges that the consensus is of; None where they are a
+    is hardly any. steepness : one per frame, that of the limb when it was last asked whether motion
+    smears it. agreed : the search's edges that the consensus is of; None where they are a
     layer's, or nothing was searched.
     """
 
@@ -46,6 +47,7 @@ class Detection:
     layer_rad: float = 0.0
     smears: tuple[Smear | None, ...] = ()
     agreed: RayCandidates | None = None
+    steepness: tuple[np.ndarray, ...] = ()
 
     @property
     def limbs(self) -> tuple[LimbPoints, ...]:

@@ -35,7 +35,7 @@ from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
 from horizon_sensor_ros.core.limb.smeared import (
     misjudged,
     smeared_alike,
-    smeared_anew,
+    still_sharp,
     without_smear,
 )
 from horizon_sensor_ros.core.planet import Planet
@@ -84,6 +84,7 @@ def detect_limb(
         consensus=consensus,
         layer_rad=consensus.layer_rad,
         agreed=found.take(consensus.inliers) if consensus.layer_rad == 0.0 else None,
+        steepness=tuple(limb.steepness for limb in looked.limbs),
     )
 
 
@@ -97,11 +98,12 @@ def follow_limb(
     looks: Sequence[tuple[EdgeLook, ...]],
     factors: Sequence[int],
     smears: Sequence[Smear | None],
+    steepness: Sequence[np.ndarray],
 ) -> Detection | None:
     """Find the limb again near a predicted one; None where the prediction is of no help.
 
-    sees : whether each frame's camera saw the limb. looks, factors, smears : as in the last
-    detection.
+    sees : whether each frame's camera saw the limb. looks, factors, smears, steepness : as in the
+    last detection.
     The last passes of `detect_limb` around the predicted cone; where the limb lies farther off, or
     looks otherwise, a pass or two more, so that the answer is that of a search. Other cameras that
     see the limb than did, or an edge that no model fits and that a search may measure otherwise:
@@ -120,9 +122,10 @@ def follow_limb(
         if found.modelled and found.on_course:
             if not smeared_alike(views, images, found, smears):
                 return None
-            if smeared_anew(views, images, found, smears, start):
+            sharp = still_sharp(views, images, found, steepness, smears, start)
+            if sharp is None:
                 return None
-            return misjudged(replace(found, smears=tuple(smears)))
+            return misjudged(replace(found, smears=tuple(smears), steepness=sharp))
     return None
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -46,9 +45,7 @@ _MOVED_PX = 0.5
 # model moves some of them farther the blur is not the same along the limb, as motion makes it.
 _DRIFT_PX = 0.4
 _LEAST_FALL = 0.5  # of brightness at an edge, over the steepest in the profile
-# The same over that of an edge of the look's blur, whose step is seen from so far inside on: along
-# simulated limbs at rest at least 0.9, beside full clouds 0.54 to 0.8.
-_LEAST_STEEP, _STEP_PX = 0.75, 3
+_STEP_PX = 3  # from so far inside the predicted edge on its step is seen
 _LONGEST_CONTOUR_PX = 4.0  # over which glow fades: longer, and a profile's end is not yet space
 # Error that neighbours share, by whether air glows and whether edges were placed without a model:
 # the scatter, beyond noise, of whole stretches of simulated limbs about the true ones.
@@ -193,6 +190,8 @@ def limb_of_edges(
             coherent *= _UNEVEN_GLOW
         shared = SharedError(coherent, _SHIFT * coherent)
     points = _points(sample, px, normal_px, places, shared.besides(of_clipping), jumps_px)
+    if not glows:
+        points = replace(points, steepness=_steepness(_falls(profiles), sample.grid))
     if given and model_free and not glows:
         points = replace(points, modelled=False)
     if glows:
@@ -239,7 +238,7 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
     if not (jumps_px < _CALM_PX and _falls_there(falls, sample.grid)):
         return None
     points = _points(sample, px, normal_px, places, shared, jumps_px)
-    return replace(points, as_expected=_as_sharp(falls, sample.grid, look))
+    return replace(points, steepness=_steepness(falls, sample.grid))
 
 
 def _falls(profiles: np.ndarray) -> np.ndarray:
@@ -257,14 +256,10 @@ def _falls_there(falls: np.ndarray, grid: ProfileGrid) -> bool:
     return bool((there > _LEAST_FALL * falls.max(axis=1)).all())
 
 
-def _as_sharp(falls: np.ndarray, grid: ProfileGrid, look: EdgeLook) -> bool:
-    """Whether all along the limb brightness falls about as steeply as its look's blur lets it:
-    where motion smears the limb it does not.
-    """
-    inside = round(-grid.first_px) - _STEP_PX
-    step = falls[:, inside:].sum(axis=1)
-    steep = 0.5 * math.erf(1.0 / (math.sqrt(2.0) * look.psf_px))
-    return bool((_falls_at(falls, grid) > _LEAST_STEEP * steep * step).all())
+def _steepness(falls: np.ndarray, grid: ProfileGrid) -> np.ndarray:
+    """`LimbPoints.steepness` (S,) of falls (S, J - 1)."""
+    step = falls[:, round(-grid.first_px) - _STEP_PX :].sum(axis=1)
+    return _falls_at(falls, grid) / np.maximum(step, 1e-9)
 
 
 def _falls_at(falls: np.ndarray, grid: ProfileGrid) -> np.ndarray:
@@ -328,9 +323,12 @@ def _unevenness(step: np.ndarray) -> float:
 
 def _pixel_rad(view: CameraView, px: np.ndarray, normal_px: np.ndarray) -> np.ndarray:
     """Angles (N,) of one pixel along the normals."""
-    rays = view.camera.rays(np.concatenate([px, px + normal_px]))
-    apart = rays[len(px) :] - rays[: len(px)]
-    return np.asarray(np.sqrt(np.einsum("ij,ij->i", apart, apart)))
+    rays = view.camera.rays(np.concatenate([px, px + normal_px, px - normal_px]))
+    here, outer, inner = np.split(rays, 3)
+    outwards, inwards = (np.linalg.norm(other - here, axis=1) for other in (outer, inner))
+    # A lens model may end inside the frame: beyond it there are no rays.
+    found = np.where(np.isfinite(outwards), outwards, inwards)
+    return np.where(np.isfinite(found), found, view.camera.pixel_rad)
 
 
 def believable(places: EdgePlaces) -> np.ndarray:

@@ -47,7 +47,8 @@ class LimbPoints:
     modelled : False where these are sharp edges that follow no model of one.
     height_px : one sigma of what the limbs of all cameras are off by alike, in overexposed air or
     below airglow.
-    as_expected : the limb of a followed frame lies where it was predicted, as sharp as it was.
+    steepness : (S,) by how much brightness falls from pixel to pixel where the limb was predicted,
+    at most, over the step there, in stretches along it; empty where air glows.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -65,7 +66,7 @@ class LimbPoints:
     cov_cone: np.ndarray | None = None
     modelled: bool = True
     height_px: float = 0.0
-    as_expected: bool = False
+    steepness: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     @property
     def joint(self) -> bool:

@@ -22,6 +22,7 @@ from horizon_sensor_ros.core.status import Status
 # Blur of edges that no motion smeared; smears, without glow and with it, that are too long for a
 # frame's pixels; how much of them is left in those of a reduced frame, which is no smaller than so.
 _SHARP_PX, _SMEAR_PX, _GLOWING_PX, _LEFT_PX, _SMALLEST_PX = 0.82, 1.55, 3.0, 1.5, 64
+_AS_STEEP = 0.75  # share of a limb's steepness that is left where nothing has changed
 _AS_MUCH = 0.25  # share by which the next frame's smear may be another
 # Errors that points of smeared limbs share, over what they are where nothing moved: as measured
 # beside the truth of simulated ones.
@@ -117,25 +118,33 @@ def smeared_alike(
     return True
 
 
-def smeared_anew(
+def still_sharp(
     views: Sequence[CameraView],
     images: Sequence[np.ndarray],
     found: Detection,
+    before: Sequence[np.ndarray],
     smears: Sequence[Smear | None],
     expected: Sequence[tuple[EdgeLook, ...]],
-) -> bool:
-    """Whether motion smears a followed frame that it did not smear before: asked where the limb is
-    not as it was expected to be.
+) -> tuple[np.ndarray, ...] | None:
+    """Steepness of the limbs of followed frames, with which to compare the next ones; None where
+    motion smears a frame that it did not smear before.
 
-    expected : looks of the edges from which the frames' were found; none where from nothing.
+    That is asked where a limb is not as it was. before : steepness of the limbs when it was asked
+    the last time. expected : looks of the edges from which these were found; none where from
+    nothing.
     """
-    seen = zip(views, images, found.limbs, found.looks, found.factors, strict=True)
-    for (view, image, limb, looks, factor), before, kinds in zip(
-        seen, smears, expected, strict=True
+    steepness = list(before)
+    for i, (limb, looks, factor) in enumerate(
+        zip(found.limbs, found.looks, found.factors, strict=True)
     ):
-        as_before = limb.as_expected or (limb.joint and _glows(kinds))
-        if before or as_before or limb.status is not Status.OK:
+        as_it_was = _as_steep(limb.steepness, before[i]) or (limb.joint and _glows(expected[i]))
+        if smears[i] or as_it_was or limb.status is not Status.OK:
             continue
-        if _smear_of(image, view, found, factor > 1 or _glows(looks), factor):
-            return True
-    return False
+        if _smear_of(images[i], views[i], found, factor > 1 or _glows(looks), factor):
+            return None
+        steepness[i] = limb.steepness
+    return tuple(steepness)
+
+
+def _as_steep(now: np.ndarray, before: np.ndarray) -> bool:
+    return 0 < len(now) == len(before) and bool((now > _AS_STEEP * before).all())

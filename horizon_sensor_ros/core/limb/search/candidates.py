@@ -92,7 +92,8 @@ def space_level_and_noise(
     usable : mask like `small`; tiles that are not usable throughout count only if all are like
     that.
     """
-    tile_h, tile_w = max(4, small.shape[0] // 16), max(4, small.shape[1] // 16)
+    # A strip is lower than a tile.
+    tile_h, tile_w = (min(max(4, size // 16), size) for size in small.shape)
     rows, cols = small.shape[0] // tile_h, small.shape[1] // tile_w
     tiles = small[: rows * tile_h, : cols * tile_w].reshape(rows, tile_h, cols, tile_w)
     tiles = np.sort(tiles.transpose(0, 2, 1, 3).reshape(rows * cols, -1)[:, ::2], axis=1)

@@ -1,0 +1,72 @@
+"""Cameras of one fix that contradict each other: claimed, or refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from limb_frames import as_frames, clouds, draw, limb_views
+from limb_samples import nadir_nees
+from scipy.spatial.transform import Rotation
+
+from horizon_sensor_ros.core.horizon_sensor import HorizonFix, HorizonSensor
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.sim.earth_camera import SimFrame
+from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
+
+
+def fix_of_turned(turned_deg: float, seed: int) -> tuple[HorizonFix, SimFrame]:
+    """What two cameras tell, of which the second is mounted otherwise than is said."""
+    rng = np.random.default_rng(seed)
+    altitude_m = float(rng.uniform(400e3, 1200e3))
+    views = limb_views(altitude_m, azimuths_rad=(0.0, float(rng.uniform(1.2, 1.9))))
+    scene = clouds(seed) if seed % 2 else EarthScene()
+    drawn = draw(views, altitude_m, scene, Imaging(noise_dn=2.0), seed)
+    axis = rng.standard_normal(3)
+    turn = Rotation.from_rotvec(np.radians(turned_deg) * axis / np.linalg.norm(axis)).as_matrix()
+    wrong = replace(views[1], rot_base_from_cam=turn @ views[1].rot_base_from_cam)
+    return HorizonSensor().process(as_frames((views[0], wrong), drawn)), drawn[0]
+
+
+def test_cameras_that_are_mounted_as_is_said_agree() -> None:
+    for seed in range(12):
+        fix, _ = fix_of_turned(0.0, seed)
+        assert fix.ok
+        assert fix.reason == ""
+
+
+@pytest.mark.parametrize("turned_deg", [0.1, 0.3])
+def test_what_a_wrong_mounting_does_is_claimed(turned_deg: float) -> None:
+    """Both limbs lay on one cone to a pixel or two, and sigmas were up to 100 times too small.
+
+    Where either camera alone hardly knows what the other adds, a turn shows itself to nobody.
+    """
+    nees, said = [], 0
+    for seed in range(12):
+        fix, drawn = fix_of_turned(turned_deg, seed)
+        if fix.ok:
+            nees.append(nadir_nees(fix.fit, drawn.truth.nadir_base))
+            said += "sigma apart" in fix.reason
+    assert len(nees) >= 6
+    assert said >= len(nees) // 2
+    assert np.median(nees) < 3.0
+    assert np.mean(nees) < 6.0
+
+
+def test_cameras_that_are_mounted_wrong_by_degrees_are_refused() -> None:
+    for seed in range(8):
+        fix, _ = fix_of_turned(3.0, seed)
+        assert fix.status in (Status.CAMERAS_DISAGREE, Status.POOR_FIT)
+
+
+def test_altitudes_that_contradict_each_other_are_no_mountings() -> None:
+    """A focal length that is wrong makes the planet another size: no turn explains it."""
+    views = limb_views(800e3, azimuths_rad=(0.0, 1.5))
+    drawn = draw(views, 800e3, None, Imaging(noise_dn=2.0), 4)
+    camera = replace(views[1].camera, fx=1.02 * views[1].camera.fx, fy=1.02 * views[1].camera.fy)
+    fix = HorizonSensor().process(as_frames((views[0], replace(views[1], camera=camera)), drawn))
+    right = HorizonSensor().process(as_frames(views, drawn))
+    assert right.ok
+    assert "sigma apart" in fix.reason
+    assert not fix.ok or nadir_nees(fix.fit, drawn[0].truth.nadir_base) < 12.0
