@@ -22,14 +22,17 @@ def monitor_of(*, live: bool = True) -> HorizonMonitor:
     return HorizonMonitor("node: horizon", CAMERAS, 2 * S, live=live)
 
 
-def fix_of(status: Status = Status.OK, used: tuple[str, ...] = CAMERAS) -> HorizonFix:
+def fix_of(
+    status: Status = Status.OK, used: tuple[str, ...] = CAMERAS, doubts: str = ""
+) -> HorizonFix:
     limbs = tuple(
         LimbPoints(Status.OK) if c in used else LimbPoints.none(Status.NO_LIMB, "all dark")
         for c in CAMERAS
     )
     nadir = np.array([0.0, 0.0, -1.0])
     fit = HorizonFit(status, "", "ml", nadir, 1.1, 5e5, np.eye(4), 0.12, 210, 200, used)
-    return HorizonFix(status, "because", fit, limbs, used)
+    reason = doubts if status is Status.OK else "because"
+    return HorizonFix(status, reason, fit, limbs, used)
 
 
 def deliver(monitor: HorizonMonitor, now: int, fix: HorizonFix | None = None) -> None:
@@ -50,6 +53,14 @@ def test_one_camera_not_there_yet() -> None:
     health = monitor.health(S)
     assert (health.level, health.state) == (DiagnosticStatus.WARN, "waiting")
     assert health.reason == "no frames from camera_2 yet"
+
+
+def test_a_fix_with_doubts_says_them() -> None:
+    monitor = monitor_of()
+    deliver(monitor, S, fix_of(doubts="camera_1 and camera_2 are 9 sigma apart"))
+    health = monitor.health(S)
+    assert (health.level, health.state) == (DiagnosticStatus.WARN, "degraded")
+    assert health.reason == "camera_1 and camera_2 are 9 sigma apart"
 
 
 def test_all_well() -> None:
