@@ -42,9 +42,26 @@ class AidingSources:
         self._refused: dict[str, str] = {}
         self._last_set: int | None = None
 
-    def reset(self) -> None:
-        """Forget when the last set was; the topics' own stamps say whether they still count."""
-        self._last_set = None
+    def copy(self, settings: AidingSettings, planet: Planet, base_frame: str) -> AidingSources:
+        """Return sources with the same coarse pose and counts and rates of their own, which begin
+        anew.
+        """
+        other = AidingSources(settings, planet, base_frame)
+        other.ignored, other.words = self.ignored.copy(), self.words.copy()
+        other._refused, other._pose = self._refused.copy(), self._pose
+        return other
+
+    def reset(self, stamp: int | None = None) -> None:
+        """Forget when the last set was; the topics' own stamps say whether they still count.
+
+        stamp : to which time jumped back, if it did. A coarse pose that is nearer to the last set
+        before is of where the craft was then.
+        """
+        last, self._last_set = self._last_set, None
+        if stamp is None or last is None or self._pose is None:
+            return
+        if abs(self._pose[0] - last) < abs(self._pose[0] - stamp):
+            self._pose = None
 
     def on_coarse_pose(self, msg: Any) -> None:
         """Take a `geometry_msgs/PoseStamped` of the base frame in the frame `earth`."""

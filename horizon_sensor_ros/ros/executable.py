@@ -128,7 +128,12 @@ def _made(classes: dict[str, Any]) -> list[Any]:
 
 
 def _nodes_parameter(node: Any) -> list[str]:
-    names = node.declare_parameter("nodes", list(NODES)).value
+    from rcl_interfaces.msg import ParameterDescriptor  # noqa: PLC0415 - see above
+
+    read_only = ParameterDescriptor(
+        read_only=True, description="Nodes that horizon_sensor runs in its process."
+    )
+    names = node.declare_parameter("nodes", list(NODES), read_only).value or []
     unknown = [name for name in names if name not in NODES]
     if unknown or not names or len(set(names)) != len(names):
         raise ValueError(f"nodes must be some of {', '.join(NODES)}; got {', '.join(names)}")

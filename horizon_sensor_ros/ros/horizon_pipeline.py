@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -97,10 +97,11 @@ class HorizonPipeline:
         along.
         """
         other = HorizonPipeline(settings, self._extrinsics)
-        other._cameras = self._cameras
+        # Both may go on: under one executor another node keeps the settings that were.
+        other._cameras = {name: replace(state) for name, state in self._cameras.items()}
         other.counts, other.rejected = self.counts.copy(), self.rejected.copy()
-        # Live parameters are none of theirs.
-        other.aiding = self.aiding
+        sensor = settings.sensor
+        other.aiding = self.aiding.copy(settings.aiding, sensor.planet, settings.base_frame)
         return other
 
     def reset(self) -> None:
@@ -147,7 +148,7 @@ class HorizonPipeline:
         if paired.jumped:
             self.counts["time_jumps"] += 1
             self._sensor.reset()
-            self.aiding.reset()
+            self.aiding.reset(stamp)
         return Step(camera, tuple(self._process(members) for members in paired.sets))
 
     def warm_up(self) -> None:

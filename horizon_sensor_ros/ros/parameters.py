@@ -35,8 +35,8 @@ _KIND_WORDS = {
     "double_array": "a list of numbers",
     "string_array": "a list of strings",
 }
-# Declared by rclpy itself, and the same in every node.
-_OF_RCLPY = re.compile(r"use_sim_time|start_type_description_service|qos_overrides\..*")
+# Declared by rclpy itself, and the same in every node; `nodes` is the process's.
+_OF_RCLPY = re.compile(r"nodes|use_sim_time|start_type_description_service|qos_overrides\..*")
 
 Value = bool | int | float | str | list[float] | list[str]
 

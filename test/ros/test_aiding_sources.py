@@ -219,6 +219,38 @@ def test_no_message_raises(frame: str, values: list[float], sec: int, nanosec: i
     aiding.of_set(START_NS + 1)
 
 
+def test_a_jump_back_in_time_forgets_the_pose_of_the_end_but_not_of_the_new_beginning() -> None:
+    """A looped bag: the last pose of a round is up to a minute, and 450 km, ahead of the next."""
+    start, end = START_NS, START_NS + 20 * S
+    for pose_stamp, kept in ((end, False), (end - S, False), (start, True), (start + S, True)):
+        aiding = sources()
+        aiding.of_set(end)
+        aiding.on_coarse_pose(pose_of(pose_stamp))
+        aiding.reset(start)
+        assert (aiding.of_set(start).coarse_pose is not None) == kept
+
+
+def test_a_copy_has_the_pose_and_rates_of_its_own() -> None:
+    """Two nodes of one process shared one: whoever asked first left the other no rotation."""
+    aiding = sources()
+    aiding.on_coarse_pose(pose_of())
+    pipeline = horizon_settings(PARAMETERS).pipeline
+    settings_of = pipeline.aiding, pipeline.sensor.planet, pipeline.base_frame
+    both = aiding, aiding.copy(*settings_of)
+    for step in range(21):
+        stamp = START_NS + step * S // 20
+        for each in both:
+            each.on_imu(imu_of(stamp, (0.0, 0.1, 0.0)))
+        if step in (10, 20):
+            handed = [each.of_set(stamp) for each in both]
+    assert all(one.coarse_pose is not None for one in handed)
+    turned = [one.rot_now_from_last for one in handed]
+    assert turned[0] is not None
+    np.testing.assert_array_equal(*turned)
+    assert not np.allclose(turned[0], np.eye(3))
+    assert not aiding.ignored
+
+
 # ---------------------------------------------------------------------------- in the pipeline
 
 
