@@ -24,6 +24,7 @@ from horizon_sensor_ros.core.horizon_config import LIMB_SOURCES, HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.target.config import RegistrationConfig, TrackerConfig
 from horizon_sensor_ros.ros.resources import read_mask, resource_path
+from horizon_sensor_ros.yaml_text import load_yaml
 
 _MAX_FILE_BYTES = 1_000_000
 _CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -884,13 +885,8 @@ def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str
     if len(raw) > _MAX_FILE_BYTES:
         raise ParameterError(f"{path} is larger than {_MAX_FILE_BYTES} bytes")
     try:
-        text = raw.decode()
-        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
-            raise ParameterError(f"{path} has YAML aliases, which parameter files cannot have")
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        if isinstance(error, ParameterError):
-            raise
+        content = load_yaml(raw.decode())
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ParameterError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
     if content is None:
         return {}
@@ -961,7 +957,10 @@ def _as_kind(value: Any, kind: str) -> Any:
 
 
 def _shown(value: Any) -> str:
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of thousands of digits
+        text = f"a {type(value).__name__} too long to be shown"
     return text if len(text) <= 60 else text[:60] + "..."
 
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ import yaml
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.yaml_text import load_yaml
 
 _FILE_KEYS = ("cameras", "altitude_km", "nadir_at_zero", "planet")
 _PLANET_KEYS = ("shape", "radius_km", "limb_height_km", "latitude_deg", "heading_deg")
@@ -49,7 +51,7 @@ class Rig:
 def read_camera_file(path: Path) -> Rig:
     """Read and check the file; CameraFileError for anything missing, unknown or impossible."""
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = load_yaml(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise CameraFileError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -204,4 +206,9 @@ class _Section:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and np.isfinite(value)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer larger than any float
+        return False

@@ -256,6 +256,9 @@ def test_numbers_as_ros_writes_them(tmp_path: Path) -> None:
         ("#" * 1_000_001, "larger than"),
         ("[" * 300, "not YAML"),
         ("\x00", "not YAML"),
+        ("/**: {ros__parameters: {slop: !!bool foo}}", "not YAML"),
+        ("/**: {ros__parameters: {slop: !!timestamp foo}}", "not YAML"),
+        ("/**: {ros__parameters: {slop: !!int ''}}", "not YAML"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, words: str) -> None:
@@ -282,6 +285,7 @@ def test_typing_errors_in_names_are_found() -> None:
     values["max_gap"] = 3.0
     values["camera_9.mask"] = "/mask.png"
     values["qos_overrides./attitude.publisher.depth"] = 3
+    values["nodes"] = ["attitude_node"]
     assert unknown_parameters(values) == ["planet_raduis"]
 
 
@@ -319,3 +323,11 @@ def test_every_number_has_its_range_and_its_unit() -> None:
         assert parameter.maximum is not None, parameter.name
         name = parameter.name
         assert bool(parameter.unit) != bool(plain.fullmatch(name)), name
+
+
+def test_an_integer_of_thousands_of_digits_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text("/**: {ros__parameters: {slop: 0x" + "f" * 5000 + "}}")
+    with pytest.raises(ParameterError, match="slop") as caught:
+        horizon_settings({**PARAMETERS, **read_parameter_file(path, "attitude_node")})
+    assert len(str(caught.value)) < 300

@@ -228,6 +228,25 @@ def test_yaml_runs_no_code(tmp_path):
         read_camera_file(path)
 
 
+@pytest.mark.parametrize(
+    "text",
+    ["[" * 5000, "altitude_km: !!bool foo", "altitude_km: 2024-13-45", "a: &x 1\nb: *x"],
+)
+def test_odd_yaml_is_refused_in_one_line(tmp_path, text):
+    path = tmp_path / "cameras.yaml"
+    path.write_text(text)
+    with pytest.raises(CameraFileError, match="not valid YAML") as caught:
+        read_camera_file(path)
+    assert str(path) in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_number_larger_than_any_is_none(tmp_path, content):
+    content["altitude_km"] = 10**400
+    with pytest.raises(CameraFileError, match="altitude_km"):
+        read_camera_file(written(tmp_path, content))
+
+
 def test_a_file_that_is_not_there_or_no_text(tmp_path):
     with pytest.raises(CameraFileError, match="cannot be read"):
         read_camera_file(tmp_path / "none.yaml")
