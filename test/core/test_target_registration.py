@@ -17,7 +17,12 @@ from horizon_sensor_ros.core.target.registration import (
     register,
     target_view,
 )
-from horizon_sensor_ros.core.target.rigid import inverse_pose, pose_matrix, vector_from_rotation
+from horizon_sensor_ros.core.target.rigid import (
+    inverse_pose,
+    pose_matrix,
+    rotation_from_vector,
+    vector_from_rotation,
+)
 from horizon_sensor_ros.core.target.search import rotation_starts
 from horizon_sensor_ros.sim.shapes import TARGETS, assembly, box, revolved
 from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFDisturbances
@@ -334,6 +339,18 @@ def test_a_turn_that_a_box_hides_is_refused_not_mistaken() -> None:
             assert errors(found, truth, centroid(a))[0] < 1
         doubted += "turned by" in found.reason or "a turn by" in found.reason
     assert doubted >= 2
+
+
+@pytest.mark.parametrize("seed", [19, 25, 43])
+def test_a_prior_vouches_only_for_what_lies_near_it(seed: int) -> None:
+    """A wrong one once let through boxes 90 and 120 deg off that it had not foreseen either."""
+    a, b, truth = pair("n1", seed, 70.0)
+    axis = np.random.default_rng(seed + 1000).normal(size=3)
+    turn = rotation_from_vector(np.radians(25) * axis / np.linalg.norm(axis))
+    prior = pose_matrix(turn, centroid(b) - turn @ centroid(a))
+    found = register(target_view(a), target_view(b), None, prior)
+    if found.status is Status.OK:
+        assert errors(found, truth, centroid(a))[0] < 1
 
 
 def test_right_turns_are_the_rotations_of_a_cube() -> None:
