@@ -187,6 +187,27 @@ def test_range_noise_is_estimated(noise: float) -> None:
     assert view.sigma_m == pytest.approx(noise, rel=0.1)
 
 
+@pytest.mark.parametrize("of_ranges", [False, True], ids=["depths", "ranges"])
+@pytest.mark.parametrize(
+    ("noise", "step"), [(0.005, 0.01), (0.002, 0.01), (0.002, 0.004), (0.005, 0.001)]
+)
+def test_ranges_told_in_whole_steps_are_not_taken_for_exact(
+    noise: float, step: float, of_ranges: bool
+) -> None:
+    """Neighbours that are rounded to the same step looked as if there were no noise: 0.8 mm."""
+    cloud = scan_of("n1", 4, noise).points.astype(float)
+    measured = np.linalg.norm(cloud, axis=-1) if of_ranges else cloud[..., 2]
+    cloud *= (np.round(measured / step) * step / measured)[..., None]
+    image = range_image(cloud.astype(np.float32))
+    assert image.range_step_m == pytest.approx(step, rel=1e-3)
+    assert surface_view(image).sigma_m == pytest.approx(np.hypot(noise, step / 12**0.5), rel=0.25)
+
+
+def test_ranges_that_come_in_no_steps_have_none() -> None:
+    for seed, noise in ((1, 0.005), (2, 0.0)):
+        assert range_image(scan_of("n5", seed, noise).points).range_step_m == 0
+
+
 def test_planes_of_a_box_have_its_normals() -> None:
     scan = scan_of("n1", 5)
     view = surface_view(range_image(scan.points))

@@ -10,16 +10,17 @@ import numpy as np
 from horizon_sensor_ros.core.robust import quantile
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.pixel_values import depth_in_middles
+from horizon_sensor_ros.core.target.regular import MOST_OFF, ON_GRID, grid_of
 
 _MARGIN_PX = 8
 _MAX_COORDINATE_M = 1e4
 _MAX_SIDE_PX = 400
 _STEEPEST = 5.0
-# A grid is one that nearly all points lie on; what lies off it is odd.
-_ON_GRID = 0.98
-# So far from its pixel's middle it may lie: an organised cloud's is known, and half a pixel on the
-# next one begins; a plain one's grid is guessed from the points.
-_ORGANISED_OFF_PX, _PLAIN_OFF_PX = 0.45, 0.25
+# A point of an organised cloud may lie so far from its pixel's middle; half a pixel on the next one
+# begins.
+_ORGANISED_OFF_PX = 0.45
+# Smallest step of ranges that is still looked for, and the points it is looked for in.
+_SMALLEST_STEP_M, _STEP_POINTS = 5e-4, 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +36,7 @@ class RangeImage:
     origin : (x/z, y/z) of pixel (column 0, row 0).
     num_points : finite points in the cloud.  num_used : pixels with a return.
     centroid_m : (3,) of the finite points, in the view frame.
+    range_step_m : of a sensor that tells ranges or depths in whole steps; 0: none.
     rot_sensor_from_view : (3, 3); the image is taken along z of the view frame, which is the
         sensor's own unless the target lies more than 45 deg off its z axis (a lidar's frame with x
         forward).
@@ -49,6 +51,7 @@ class RangeImage:
     num_points: int
     num_used: int
     centroid_m: np.ndarray
+    range_step_m: float
     rot_sensor_from_view: np.ndarray
 
     def tangents(self) -> tuple[np.ndarray, np.ndarray]:
@@ -120,7 +123,7 @@ def _refused(status: Status, reason: str, num_points: int) -> RangeImage:
     empty = np.zeros((0, 0), np.float32)
     nowhere = np.full(3, np.nan)
     return RangeImage(
-        status, reason, empty, empty > 0, 1.0, np.zeros(2), num_points, 0, nowhere, np.eye(3)
+        status, reason, empty, empty > 0, 1.0, np.zeros(2), num_points, 0, nowhere, 0.0, np.eye(3)
     )
 
 
@@ -142,7 +145,7 @@ def _not_far_off(tangent: np.ndarray) -> np.ndarray:
     """(N,) bool, false for the odd point far from all others, which the grid need not reach."""
     some = tangent[:, :: max(1, tangent.shape[1] // 2000)]
     low, high = (
-        np.array([quantile(axis, share) for axis in some]) for share in (1 - _ON_GRID, _ON_GRID)
+        np.array([quantile(axis, share) for axis in some]) for share in (1 - ON_GRID, ON_GRID)
     )
     middle = (low + high)[:, None] / 2
     return _larger(np.abs(tangent - middle)) <= 2.5 * (high - low).max()
@@ -175,7 +178,7 @@ def _organised_grid(tangent: np.ndarray, place: np.ndarray, shape: tuple[int, in
     if line is not None:
         # Again without the points that lie off, which pull the lines.
         off = _larger(np.abs(some - line[0][:, None] * index - line[1][:, None]))
-        good = off <= quantile(off, _ON_GRID)
+        good = off <= quantile(off, ON_GRID)
         line = _lines(index[:, good], some[:, good])
     if line is None:
         return None
@@ -194,7 +197,7 @@ def _square_grid(
     middle = pixel.mean(axis=1)
     origin = origin + (pitch - mean) * middle
     off = _larger(np.abs(tangent - mean * pixel - origin[:, None])) / mean
-    if quantile(off, _ON_GRID) > most_px:
+    if quantile(off, ON_GRID) > most_px:
         return None
     return _Grid(pixel, 1 / mean, origin, off < 0.5)
 
@@ -219,12 +222,12 @@ def _plain_grid(tangent: np.ndarray, focal_px: float | None) -> _Grid:
     """
     extent = float(np.ptp(tangent, axis=1).max())
     expected = 1 / focal_px if focal_px else None
-    grid = [_grid_of(tangent[axis], expected, extent / _MAX_SIDE_PX) for axis in (0, 1)]
+    grid = [grid_of(tangent[axis], expected, extent / _MAX_SIDE_PX) for axis in (0, 1)]
     if grid[0] is not None and grid[1] is not None:
         pitch, origin = np.transpose([grid[0], grid[1]])
         if abs(pitch[0] / pitch[1] - 1) < 0.02:
             pixel = np.rint((tangent - origin[:, None]) / pitch[:, None]).astype(np.int64)
-            square = _square_grid(tangent, pixel, pitch, origin, _PLAIN_OFF_PX)
+            square = _square_grid(tangent, pixel, pitch, origin, MOST_OFF)
             if square is not None:
                 return square
     distance = _nearest_distance(tangent, extent)
@@ -245,45 +248,6 @@ def _nearest_distance(tangent: np.ndarray, extent: float) -> float:
     sample = unique[:: max(1, len(unique) // 500)]
     distance = cKDTree(unique).query(sample, k=2)[0][:, 1]
     return float(np.median(distance))
-
-
-def _grid_of(
-    values: np.ndarray, expected: float | None, smallest: float
-) -> tuple[float, float] | None:
-    """Pitch and origin of the regular grid that the values lie on, or None.
-
-    expected : its pitch, where it is known.  smallest : pitch that is still taken for one.
-    """
-    ordered = np.sort(values)
-    first = np.flatnonzero(np.concatenate([[True], np.diff(ordered) > 0.1 * smallest]))
-    levels = ordered[first]
-    # A line of the grid holds many points, a stray one is alone.
-    shared = np.diff(first, append=len(ordered)) > 2
-    if np.count_nonzero(shared) >= 4:
-        levels = levels[shared]
-    if len(levels) < 4:
-        return None
-    pitch = float(np.median(np.diff(levels))) if expected is None else expected
-    if pitch < smallest:
-        return None
-    steps = np.diff(levels)
-    steps = steps[steps > 0.5 * pitch]
-    if not len(steps):
-        return None
-    step = float(np.median(steps[steps < 1.5 * pitch])) if (steps < 1.5 * pitch).any() else pitch
-    origin = levels[0]
-    half = (levels[-1] - origin) / 2
-    # The pitch sharpens as more of the grid is counted right, from the first lines outwards.
-    for reach in (8 * step, 32 * step, half, 4 * half):
-        near = levels[levels - origin <= reach]
-        count = np.rint((near - origin) / step)
-        if count[-1] < 1 or len(near) < 3:
-            continue
-        step, origin = np.polyfit(count, near, 1)
-    off = (values - origin) / step
-    return (
-        (step, origin) if quantile(np.abs(off - np.rint(off)), _ON_GRID) < _PLAIN_OFF_PX else None
-    )
 
 
 def _assemble(
@@ -323,8 +287,29 @@ def _assemble(
     centre = used.mean(axis=1)
     turn = np.eye(3) if view is None else view
     return RangeImage(
-        Status.OK, "", inverse, unknown, focal, corner, num_points, count, centre, turn
+        Status.OK,
+        "",
+        inverse,
+        unknown,
+        focal,
+        corner,
+        num_points,
+        count,
+        centre,
+        _range_step(used),
+        turn,
     )
+
+
+def _range_step(points: np.ndarray) -> float:
+    """Step (m) in which the depths or else the ranges of (3, N) points come; 0 where they do
+    not."""
+    some = points[:, :: max(1, points.shape[1] // _STEP_POINTS)]
+    for values in (some[2], np.linalg.norm(some, axis=0)):
+        grid = grid_of(values, None, _SMALLEST_STEP_M)
+        if grid is not None:
+            return float(grid[0])
+    return 0.0
 
 
 def _likely_frame(inverse: np.ndarray) -> np.ndarray:
