@@ -90,6 +90,65 @@ def test_points_strewn_at_random_make_an_image_with_few_holes() -> None:
     assert np.mean(inner > 0) > 0.7
 
 
+def barrel(rows: int, columns: int, focal_px: float) -> np.ndarray:
+    """(rows, columns, 2) x/z and y/z of the pixels of a lens with barrel distortion."""
+    u, v = np.meshgrid(np.arange(columns) - columns / 2, np.arange(rows) - rows / 2)
+    spot = np.stack([u, v], axis=-1) / focal_px
+    return spot * (1 + 0.5 * (spot**2).sum(axis=-1, keepdims=True))
+
+
+@pytest.mark.parametrize(
+    "spot",
+    [
+        np.random.default_rng(2).uniform(-0.1, 0.1, (6000, 2)), barrel(100, 100, 320.0),
+        barrel(200, 200, 320.0), barrel(100, 100, 320.0) * (1, 1.03),
+        barrel(100, 100, 320.0) @ Rotation.from_euler("z", 1, degrees=True).as_matrix()[:2, :2],
+    ],
+    ids=["strewn", "weak barrel", "barrel", "narrow pixels", "rolled"],
+)  # fmt: skip
+def test_pixels_show_the_depth_in_their_middle(spot: np.ndarray) -> None:
+    """The nearest return of a pixel, as if it were in the middle, was 1.6 mm short of this plane
+    on average."""
+    normal = np.array([0.5, -0.3, 1.0])
+    depth = 5.0 / (spot @ normal[:2] + 1)
+    image = range_image(np.concatenate([spot, np.ones_like(spot[..., :1])], -1) * depth[..., None])
+    row, column = np.nonzero(image.inverse_depth)
+    tan_u, tan_v = image.tangents()
+    truth = 5.0 / (tan_u[column] * normal[0] + tan_v[row] * normal[1] + 1)
+    error = 1 / image.inverse_depth[row, column] - truth
+    assert len(row) > 2000
+    assert abs(error.mean()) < 1e-4
+    assert np.sqrt(np.mean(error**2)) < 3e-4
+
+
+def test_a_pixel_that_holds_two_surfaces_shows_the_nearer_one() -> None:
+    rng = np.random.default_rng(1)
+    spot = rng.uniform(-0.1, 0.1, (8000, 2))
+    depth = np.where(spot[:, 0] > 0.03 * np.sin(40 * spot[:, 1]), 4.0, 6.0)
+    image = range_image(np.column_stack([spot, np.ones(len(spot))]) * depth[:, None])
+    seen = 1 / image.inverse_depth[image.inverse_depth > 0]
+    assert np.minimum(abs(seen - 4), abs(seen - 6)).max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    "stray", [(0.02, 0.0, 0.05), (0.3011, 0.3012, 5.0), (0.0, 0.0, 0.002), (9.0, -8.0, 6.0)]
+)
+@pytest.mark.parametrize("organised", [True, False])
+def test_a_stray_point_changes_nothing(stray: tuple[float, ...], organised: bool) -> None:
+    """One of them sent the whole cloud to pixels twice as wide."""
+    scan = scan_of("n5", 1)
+    clean = range_image(scan.points)
+    cloud = scan.points.copy()
+    assert np.isnan(cloud[5, 7]).all()
+    cloud[5, 7] = stray
+    if not organised:
+        cloud = cloud[np.isfinite(cloud[..., 2])]
+    image = range_image(cloud)
+    assert image.focal_px == pytest.approx(clean.focal_px, rel=1e-4)
+    assert image.num_used == pytest.approx(clean.num_used, abs=2)
+    assert image.num_points == clean.num_points + 1
+
+
 def test_a_lidars_frame_is_brought_forward() -> None:
     scan = scan_of("n1", 3)
     lidar = scan.plain()[:, [2, 0, 1]] * (1, -1, -1)  # x forward, y left, z up
@@ -126,6 +185,27 @@ def test_another_shape_is_the_callers_bug() -> None:
 def test_range_noise_is_estimated(noise: float) -> None:
     view = surface_view(range_image(scan_of("n1", 4, noise).points))
     assert view.sigma_m == pytest.approx(noise, rel=0.1)
+
+
+@pytest.mark.parametrize("of_ranges", [False, True], ids=["depths", "ranges"])
+@pytest.mark.parametrize(
+    ("noise", "step"), [(0.005, 0.01), (0.002, 0.01), (0.002, 0.004), (0.005, 0.001)]
+)
+def test_ranges_told_in_whole_steps_are_not_taken_for_exact(
+    noise: float, step: float, of_ranges: bool
+) -> None:
+    """Neighbours that are rounded to the same step looked as if there were no noise: 0.8 mm."""
+    cloud = scan_of("n1", 4, noise).points.astype(float)
+    measured = np.linalg.norm(cloud, axis=-1) if of_ranges else cloud[..., 2]
+    cloud *= (np.round(measured / step) * step / measured)[..., None]
+    image = range_image(cloud.astype(np.float32))
+    assert image.range_step_m == pytest.approx(step, rel=1e-3)
+    assert surface_view(image).sigma_m == pytest.approx(np.hypot(noise, step / 12**0.5), rel=0.25)
+
+
+def test_ranges_that_come_in_no_steps_have_none() -> None:
+    for seed, noise in ((1, 0.005), (2, 0.0)):
+        assert range_image(scan_of("n5", seed, noise).points).range_step_m == 0
 
 
 def test_planes_of_a_box_have_its_normals() -> None:

@@ -1,11 +1,15 @@
 """Clouds in order of time: the contract's frames, deltas, refusals and new beginnings."""
 
+import gc
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target import tracker as tracker_module
 from horizon_sensor_ros.core.target.config import TrackerConfig
+from horizon_sensor_ros.core.target.registration import TargetView
 from horizon_sensor_ros.core.target.rigid import (
     inverse_pose,
     pose_matrix,
@@ -196,6 +200,22 @@ def test_the_same_clouds_give_the_same_fixes() -> None:
     for one, two in zip(*runs, strict=True):
         assert np.array_equal(one.pose_sensor_from_target, two.pose_sensor_from_target)
         assert np.array_equal(one.covariance, two.covariance)
+
+
+def test_views_that_are_no_longer_kept_are_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Kept views once held those before them, so that none was ever freed."""
+    monkeypatch.setattr(tracker_module, "_MAX_KEYFRAMES", 3)
+    clouds, _ = tumbling(30, 14)
+    tracker = TargetTracker(TrackerConfig(keyframe_turn_rad=np.radians(5)))
+    gc.collect()
+    before = sum(type(each) is TargetView for each in gc.get_objects())
+    for k, cloud in enumerate(clouds):
+        fix = tracker.process(cloud, k * STEP_NS)
+        assert fix.status is Status.OK
+    assert fix.num_keyframes == 3
+    gc.collect()
+    alive = sum(type(each) is TargetView for each in gc.get_objects()) - before
+    assert alive <= 3 + 2  # and the last two clouds'
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from horizon_sensor_ros.core.target.consistency import view_consistency
 from horizon_sensor_ros.core.target.judgement import Uncertainty, uncertainty, worst_known
 from horizon_sensor_ros.core.target.pairs import Matcher, Pairs
 from horizon_sensor_ros.core.target.refinement import COARSE_STEP, Refined, mean_loss, refine
-from horizon_sensor_ros.core.target.rigid import rotation_from_vector
+from horizon_sensor_ros.core.target.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.core.target.search import align_batch, rotation_starts
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 
@@ -41,6 +41,8 @@ _HOPELESS = 1.5
 _LOST = 30.0
 # One whose information, in units of what is allowed, is above this is never known so badly.
 _DOUBTFUL = 2.0
+# A prior is good to a few degrees: what lies farther from it than this is not what it promised.
+_NEAR_PRIOR_RAD = np.radians(10.0)
 # Starts of the search lie so far apart.
 _START_SPACING_RAD = np.radians(18.0)
 # Reach of the coarse alignments, step by step, in rms radii of the target.
@@ -54,7 +56,7 @@ _SECOND_GATES = np.array([0.16, 0.12, 0.1, 0.08])
 class Found:
     """A refined motion to view ``b``, and how well the views agree with it.
 
-    searched : whether the search was needed.  expected : whether it comes from a prior.
+    searched : whether the search was needed.  expected : whether it lies near a prior.
     known : its uncertainty, where the refinement asked for it.
     """
 
@@ -103,10 +105,11 @@ class Finder:
         a, b, config = self._a, self._b, self._config
         tried = []
         if prior is not None:
-            tried.append(self._finish(*prior, False, True))
+            tried.append(self._regained(self._finish(*prior, False, prior[0]), *prior))
             # What a good start leads to need not be better than what is accepted in the end.
-            if tried[-1].score >= config.min_score and tried[-1].refined.converged:
-                return self._regained(tried[-1], *prior)
+            good = tried[-1].score >= config.min_score and tried[-1].refined.converged
+            if good and tried[-1].expected:
+                return tried[-1]
         shift = b.image.centroid_m - a.image.centroid_m
         first = align_batch(a, b, np.eye(3)[None], shift[None], b.size_m * _SINGLE_GATES, 250)
         tried.append(self._settle(first[0][0], first[1][0], False))
@@ -123,11 +126,12 @@ class Finder:
 
     def _regained(self, found: Found, rotation: np.ndarray, translation: np.ndarray) -> Found:
         """What a prior led to, or, where that lost a direction, what more reach leads to."""
-        if not _lost(found.uncertainty.covariance, self._b.size_m, self._config):
-            return found
+        good = found.score >= self._config.min_score and found.refined.converged
         a, b = self._a, self._b
+        if not (good and _lost(found.uncertainty.covariance, b.size_m, self._config)):
+            return found
         start = align_batch(a, b, rotation[None], translation[None], b.size_m * _SINGLE_GATES, 250)
-        again = self._finish(start[0][0], start[1][0], False, True)
+        again = self._finish(start[0][0], start[1][0], False, rotation)
         return again if again.merit > found.merit and again.refined.converged else found
 
     def _finish(
@@ -135,7 +139,7 @@ class Finder:
         rotation: np.ndarray,
         translation: np.ndarray,
         searched: bool,
-        expected: bool = False,
+        prior_rotation: np.ndarray | None = None,
     ) -> Found:
         refined = refine(self._matcher, rotation, translation, self._gates, self._hopeless)
         seen = view_consistency(
@@ -144,6 +148,7 @@ class Finder:
         score, overlap = float(seen.score[0]), float(seen.overlap[0])
         asked = self._asked
         known = asked[1] if asked is not None and asked[0] is refined.robust else None
+        expected = prior_rotation is not None and _near(refined.rotation, prior_rotation)
         return Found(refined, self._b, score, overlap, searched, expected, known)
 
     def _hopeless(self, information: np.ndarray, pairs: Pairs, robust: np.ndarray) -> bool:
@@ -198,6 +203,11 @@ class Finder:
     def _loss(self, rotation: np.ndarray, translation: np.ndarray) -> float:
         """Of a motion's pairs, with the reach of a start."""
         return mean_loss(self._matcher.pairs(rotation, translation, self._gates[0], COARSE_STEP))
+
+
+def _near(rotation: np.ndarray, prior_rotation: np.ndarray) -> bool:
+    apart = vector_from_rotation(prior_rotation.T @ rotation)
+    return bool(np.linalg.norm(apart) < _NEAR_PRIOR_RAD)
 
 
 def _lost(covariance: np.ndarray, size_m: float, config: RegistrationConfig) -> bool:

@@ -25,6 +25,8 @@ _FLAT = 2.0
 # carried on to the pixels beside it its planes would lie off it, and those of windows cut off by
 # its limb lean, in both views alike.
 _CURVED = 4.0
+# Ranges come in steps that matter where these are above such a share of the noise.
+_COARSE_STEP = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +69,14 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     seen = inverse > 0
     middle = _quantile(inverse[seen], 0.5)
     footprint = 1 / (middle * image.focal_px)
-    sigma = max(_range_noise(inverse, seen) if sigma_m is None else sigma_m, 1e-3 * footprint)
+    guess = _range_noise(inverse, seen) if sigma_m is None else sigma_m
+    rounded = sigma_m is None and image.range_step_m > _COARSE_STEP * guess
+    if rounded:
+        guess = _stepped_noise(inverse, seen, image.range_step_m)
+    sigma = max(guess, 1e-3 * footprint)
     radius = _window_radius(sigma / footprint)
     fit = _plane_fit(inverse, seen, middle, radius)
-    if sigma_m is None:
+    if sigma_m is None and not rounded:
         sigma = max(fit.noise_m(sigma, radius), 1e-3 * footprint)
     noise = np.float32(sigma) * inverse * inverse + inverse * np.float32(_BEND_PX / image.focal_px)
     flat = fit.flat(noise)
@@ -125,6 +131,18 @@ def _quantile(values: np.ndarray, share: float) -> float:
     """The value with that share of the others below it; several times as fast as NumPy's."""
     place = int(share * (len(values) - 1))
     return float(np.partition(values, place)[place])
+
+
+def _stepped_noise(inverse: np.ndarray, seen: np.ndarray, step_m: float) -> float:
+    """Standard deviation (m) of ranges that come in whole steps, rounding included.
+
+    Steps make many neighbours equal, as if there were no noise; spread over the step they came
+    from, they show it again.
+    """
+    spread = np.random.default_rng(0).uniform(-step_m / 2, step_m / 2, inverse.shape)
+    square = _range_noise(inverse + (spread * inverse * inverse).astype(np.float32), seen) ** 2
+    rounding = step_m * step_m / 12
+    return float(np.sqrt(max(square - rounding, rounding)))
 
 
 def _window_radius(noise_px: float) -> int:

@@ -3,16 +3,24 @@ function."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from horizon_sensor_ros.core.robust import quantile
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target.pixel_values import depth_in_middles
+from horizon_sensor_ros.core.target.regular import MOST_OFF, ON_GRID, grid_of
 
 _MARGIN_PX = 8
 _MAX_COORDINATE_M = 1e4
 _MAX_SIDE_PX = 400
 _STEEPEST = 5.0
+# A point of an organised cloud may lie so far from its pixel's middle; half a pixel on the next one
+# begins.
+_ORGANISED_OFF_PX = 0.45
+# Smallest step of ranges that is still looked for, and the points it is looked for in.
+_SMALLEST_STEP_M, _STEP_POINTS = 5e-4, 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +36,7 @@ class RangeImage:
     origin : (x/z, y/z) of pixel (column 0, row 0).
     num_points : finite points in the cloud.  num_used : pixels with a return.
     centroid_m : (3,) of the finite points, in the view frame.
+    range_step_m : of a sensor that tells ranges or depths in whole steps; 0: none.
     rot_sensor_from_view : (3, 3); the image is taken along z of the view frame, which is the
         sensor's own unless the target lies more than 45 deg off its z axis (a lidar's frame with x
         forward).
@@ -42,6 +51,7 @@ class RangeImage:
     num_points: int
     num_used: int
     centroid_m: np.ndarray
+    range_step_m: float
     rot_sensor_from_view: np.ndarray
 
     def tangents(self) -> tuple[np.ndarray, np.ndarray]:
@@ -91,24 +101,29 @@ def range_image(
             Status.TOO_FEW_POINTS, f"{len(place)} {what}, {min_points} needed", len(place)
         )
     tangent = used[:2] / used[2]
+    count = len(place)
     if points.ndim == 3 and view is None:
         grid = _organised_grid(tangent, place, points.shape[:2])
         if grid is not None:
-            pixel, focal, origin, frame = grid
-            return _assemble(used, pixel, focal, origin, frame, None, min_points)
+            height, width = points.shape[:2]
+            frame = np.array([0, 0, width - 1, height - 1])
+            return _assemble(used, tangent, grid, frame, None, count, min_points)
+    near = _not_far_off(tangent)
+    if not near.all():
+        used, tangent = used[:, near], tangent[:, near]
     if not (np.ptp(tangent, axis=1) > 1e-6).all():
         return _refused(
-            Status.TOO_FEW_POINTS, "the directions to the points lie on one line", len(place)
+            Status.TOO_FEW_POINTS, "the directions to the points lie on one line", count
         )
-    pixel, focal, origin = _plain_grid(tangent, focal_px)
-    return _assemble(used, pixel, focal, origin, None, view, min_points)
+    grid = _plain_grid(tangent, focal_px)
+    return _assemble(used, tangent, grid, None, view, count, min_points)
 
 
 def _refused(status: Status, reason: str, num_points: int) -> RangeImage:
     empty = np.zeros((0, 0), np.float32)
     nowhere = np.full(3, np.nan)
     return RangeImage(
-        status, reason, empty, empty > 0, 1.0, np.zeros(2), num_points, 0, nowhere, np.eye(3)
+        status, reason, empty, empty > 0, 1.0, np.zeros(2), num_points, 0, nowhere, 0.0, np.eye(3)
     )
 
 
@@ -126,37 +141,80 @@ def _view_rotation(points: np.ndarray) -> np.ndarray | None:
     return np.column_stack([right, np.cross(forward, right), forward])
 
 
-def _organised_grid(
-    tangent: np.ndarray, place: np.ndarray, shape: tuple[int, int]
-) -> tuple[np.ndarray, float, np.ndarray, np.ndarray] | None:
-    """Pixels, focal length and origin of a pinhole camera's cloud, or None where it is not one.
+def _not_far_off(tangent: np.ndarray) -> np.ndarray:
+    """(N,) bool, false for the odd point far from all others, which the grid need not reach."""
+    some = tangent[:, :: max(1, tangent.shape[1] // 2000)]
+    low, high = (
+        np.array([quantile(axis, share) for axis in some]) for share in (1 - ON_GRID, ON_GRID)
+    )
+    middle = (low + high)[:, None] / 2
+    return _larger(np.abs(tangent - middle)) <= 2.5 * (high - low).max()
 
-    Columns and rows are linear in x/z and y/z; pixels that are not square are brought to the finer
-    pitch.
-    """
+
+def _larger(two: np.ndarray) -> np.ndarray:
+    """(N,) of (2, N); faster than a reduction."""
+    return np.maximum(two[0], two[1])
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Pixels of points: (2, N) int column and row; the direction of pixel (0, 0); and which points
+    (N,) bool lie on the grid."""
+
+    pixel: np.ndarray
+    focal_px: float
+    origin: np.ndarray
+    on: np.ndarray
+
+
+def _organised_grid(tangent: np.ndarray, place: np.ndarray, shape: tuple[int, int]) -> _Grid | None:
+    """Grid of a pinhole camera's cloud, or None where it is not one: columns and rows are linear in
+    x/z and y/z, and pixels are square."""
     row, column = np.divmod(place, shape[1])
     pixel = np.stack([column, row])
     step = max(1, len(place) // 2000)
     index, some = pixel[:, ::step].astype(float), tangent[:, ::step]
-    mean_i, mean_t = index.mean(axis=1), some.mean(axis=1)
-    index, some = index - mean_i[:, None], some - mean_t[:, None]
-    spread = (index * index).sum(axis=1)
+    line = _lines(index, some)
+    if line is not None:
+        # Again without the points that lie off, which pull the lines.
+        off = _larger(np.abs(some - line[0][:, None] * index - line[1][:, None]))
+        good = off <= quantile(off, ON_GRID)
+        line = _lines(index[:, good], some[:, good])
+    if line is None:
+        return None
+    slope, origin = line
+    if not (slope > 0).all() or abs(slope[0] / slope[1] - 1) > 0.02:
+        return None
+    return _square_grid(tangent, pixel, slope, origin, _ORGANISED_OFF_PX)
+
+
+def _square_grid(
+    tangent: np.ndarray, pixel: np.ndarray, pitch: np.ndarray, origin: np.ndarray, most_px: float
+) -> _Grid | None:
+    """Grid of pixels (2, N) with the mean of both pitches (2,), or None where too many points lie
+    farther than that from their pixels' middles."""
+    mean = float(pitch.mean())
+    middle = pixel.mean(axis=1)
+    origin = origin + (pitch - mean) * middle
+    off = _larger(np.abs(tangent - mean * pixel - origin[:, None])) / mean
+    if quantile(off, ON_GRID) > most_px:
+        return None
+    return _Grid(pixel, 1 / mean, origin, off < 0.5)
+
+
+def _lines(index: np.ndarray, tangent: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Slopes and values at 0 (2,) of the lines tangent (2, N) over index (2, N)."""
+    mean_i, mean_t = index.mean(axis=1), tangent.mean(axis=1)
+    arm = index - mean_i[:, None]
+    spread = (arm * arm).sum(axis=1)
     if not (spread > 0).all():
         return None
-    slope = (some * index).sum(axis=1) / spread
-    worst = np.abs(some - slope[:, None] * index).max(axis=1)
-    if not ((slope > 0) & (worst < 0.2 * slope)).all():
-        return None
-    if abs(slope[0] / slope[1] - 1) > 0.02:
-        return None
-    frame = np.array([0, 0, shape[1] - 1, shape[0] - 1])
-    return pixel, float(2 / slope.sum()), mean_t - slope * mean_i, frame
+    slope = (tangent * arm).sum(axis=1) / spread
+    return slope, mean_t - slope * mean_i
 
 
-def _plain_grid(
-    tangent: np.ndarray, focal_px: float | None
-) -> tuple[np.ndarray, float, np.ndarray]:
-    """Pixels, focal length and origin for points in any order.
+def _plain_grid(tangent: np.ndarray, focal_px: float | None) -> _Grid:
+    """Grid for points in any order.
 
     Where the directions lie on a regular grid (a camera's cloud without its empty pixels) that
     grid is found and every point gets its own pixel; otherwise the pixels are made coarse enough
@@ -164,19 +222,21 @@ def _plain_grid(
     """
     extent = float(np.ptp(tangent, axis=1).max())
     expected = 1 / focal_px if focal_px else None
-    grid = [_grid_of(tangent[axis], expected, extent / _MAX_SIDE_PX) for axis in (0, 1)]
+    grid = [grid_of(tangent[axis], expected, extent / _MAX_SIDE_PX) for axis in (0, 1)]
     if grid[0] is not None and grid[1] is not None:
-        (pitch_x, x0), (pitch_y, y0) = grid[0], grid[1]
-        if abs(pitch_x / pitch_y - 1) < 0.02:
-            pitch, origin = (pitch_x + pitch_y) / 2, np.array([x0, y0])
-            pixel = np.rint((tangent - origin[:, None]) / pitch).astype(np.int64)
-            return pixel, 1 / pitch, origin
+        pitch, origin = np.transpose([grid[0], grid[1]])
+        if abs(pitch[0] / pitch[1] - 1) < 0.02:
+            pixel = np.rint((tangent - origin[:, None]) / pitch[:, None]).astype(np.int64)
+            square = _square_grid(tangent, pixel, pitch, origin, MOST_OFF)
+            if square is not None:
+                return square
     distance = _nearest_distance(tangent, extent)
     # Points strewn at random: some two to a pixel leave one in seven empty.
     area = max(extent * float(np.ptp(tangent, axis=1).min()), (extent / 50) ** 2)
     pitch = max(2 * distance, extent / _MAX_SIDE_PX, np.sqrt(2 * area / tangent.shape[1]))
     origin = tangent.min(axis=1)
-    return np.rint((tangent - origin[:, None]) / pitch).astype(np.int64), 1 / pitch, origin
+    pixel = np.rint((tangent - origin[:, None]) / pitch).astype(np.int64)
+    return _Grid(pixel, 1 / pitch, origin, np.ones(tangent.shape[1], bool))
 
 
 def _nearest_distance(tangent: np.ndarray, extent: float) -> float:
@@ -190,58 +250,26 @@ def _nearest_distance(tangent: np.ndarray, extent: float) -> float:
     return float(np.median(distance))
 
 
-def _grid_of(
-    values: np.ndarray, expected: float | None, smallest: float
-) -> tuple[float, float] | None:
-    """Pitch and origin of the regular grid that the values lie on, or None.
-
-    expected : its pitch, where it is known.  smallest : pitch that is still taken for one.
-    """
-    ordered = np.sort(values)
-    levels = ordered[np.concatenate([[True], np.diff(ordered) > 0.1 * smallest])]
-    if len(levels) < 4:
-        return None
-    pitch = float(np.median(np.diff(levels))) if expected is None else expected
-    if pitch < smallest:
-        return None
-    steps = np.diff(levels)
-    steps = steps[steps > 0.5 * pitch]
-    if not len(steps):
-        return None
-    step = float(np.median(steps[steps < 1.5 * pitch])) if (steps < 1.5 * pitch).any() else pitch
-    origin = levels[0]
-    half = (levels[-1] - origin) / 2
-    # The pitch sharpens as more of the grid is counted right, from the first lines outwards.
-    for reach in (8 * step, 32 * step, half, 4 * half):
-        near = levels[levels - origin <= reach]
-        count = np.rint((near - origin) / step)
-        if count[-1] < 1 or len(near) < 3:
-            continue
-        step, origin = np.polyfit(count, near, 1)
-    off = (values - origin) / step
-    return (step, origin) if np.abs(off - np.rint(off)).max() < 0.25 else None
-
-
 def _assemble(
     used: np.ndarray,
-    pixel: np.ndarray,
-    focal: float,
-    origin: np.ndarray,
+    tangent: np.ndarray,
+    grid: _Grid,
     frame: np.ndarray | None,
     view: np.ndarray | None,
+    num_points: int,
     min_points: int,
 ) -> RangeImage:
+    if not grid.on.all():
+        used, tangent = used[:, grid.on], tangent[:, grid.on]
+        grid = replace(grid, pixel=grid.pixel[:, grid.on], on=grid.on[grid.on])
+    if not len(grid.on):
+        return _refused(Status.TOO_FEW_POINTS, "no points on the grid", num_points)
+    pixel, focal, origin = grid.pixel, grid.focal_px, grid.origin
     low = pixel.min(axis=1) - _MARGIN_PX
     width, height = (int(side) for side in pixel.max(axis=1) + _MARGIN_PX + 1 - low)
-    flat = np.zeros(height * width, np.float32)
     index = pixel[1] * width + (pixel[0] - (low[1] * width + low[0]))
-    depth = (1 / used[2]).astype(np.float32)
-    if frame is not None:
-        flat[index] = depth
-    else:
-        # Of several points in one pixel the nearest counts, whatever their order.
-        np.maximum.at(flat, index, depth)
-    inverse = flat.reshape(height, width)
+    offset = (tangent - origin[:, None]) * focal - pixel
+    inverse = depth_in_middles(1 / used[2], index, offset, (height, width), _STEEPEST / focal)
     frame = _likely_frame(inverse) if frame is None else frame - np.concatenate([low, low])
     unknown = np.zeros((height, width), bool)
     unknown[: max(frame[1], 0)] = True
@@ -254,13 +282,34 @@ def _assemble(
     count = int(np.count_nonzero(inverse))
     if count < min_points:
         reason = f"{count} separate directions hang together, {min_points} needed"
-        return _refused(Status.TOO_FEW_POINTS, reason, used.shape[1])
+        return _refused(Status.TOO_FEW_POINTS, reason, num_points)
     corner = origin + low / focal
     centre = used.mean(axis=1)
     turn = np.eye(3) if view is None else view
     return RangeImage(
-        Status.OK, "", inverse, unknown, focal, corner, used.shape[1], count, centre, turn
+        Status.OK,
+        "",
+        inverse,
+        unknown,
+        focal,
+        corner,
+        num_points,
+        count,
+        centre,
+        _range_step(used),
+        turn,
     )
+
+
+def _range_step(points: np.ndarray) -> float:
+    """Step (m) in which the depths or else the ranges of (3, N) points come; 0 where they do
+    not."""
+    some = points[:, :: max(1, points.shape[1] // _STEP_POINTS)]
+    for values in (some[2], np.linalg.norm(some, axis=0)):
+        grid = grid_of(values, None, _SMALLEST_STEP_M)
+        if grid is not None:
+            return float(grid[0])
+    return 0.0
 
 
 def _likely_frame(inverse: np.ndarray) -> np.ndarray:

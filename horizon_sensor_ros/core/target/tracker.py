@@ -66,13 +66,17 @@ class TargetFix:
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """A view whose pose is known: how it was found, and its covariance in parts."""
+    """A view whose pose is known: how it was found, and its covariance in parts.
+
+    keyframe_ns : stamp of the view it was registered to; None for the first one. No more than the
+        stamp, as a reference would keep every view since the first one alive.
+    """
 
     view: TargetView
     stamp_ns: int
     pose: np.ndarray
     covariance: np.ndarray
-    keyframe: _Known | None
+    keyframe_ns: int | None
     step_covariance: np.ndarray
 
 
@@ -222,7 +226,7 @@ class TargetTracker:
         step = found.covariance_at(pose[:3, 3])
         turn = np.kron(np.eye(2), found.pose_b_from_a[:3, :3])
         covariance = step + turn @ keyframe.covariance @ turn.T
-        now = _Known(view, stamp_ns, pose, covariance, keyframe, step)
+        now = _Known(view, stamp_ns, pose, covariance, keyframe.stamp_ns, step)
         delta = inverse_pose(last.pose) @ pose
         delta_covariance = _delta_covariance(last, now)
         # The next cloud is not likely to overlap this keyframe any better.
@@ -256,9 +260,9 @@ def _delta_covariance(last: _Known, now: _Known) -> np.ndarray:
     apart = now.pose[:3, 3] - last.pose[:3, 3]
     move = np.eye(6)
     move[3:, :3] = -skew(apart)
-    if now.keyframe is last:
+    if now.keyframe_ns == last.stamp_ns:
         total = now.step_covariance
-    elif now.keyframe is last.keyframe:
+    elif now.keyframe_ns == last.keyframe_ns:
         total = (now.step_covariance + move @ last.step_covariance @ move.T) / 2
     else:
         total = now.covariance + move @ last.covariance @ move.T
