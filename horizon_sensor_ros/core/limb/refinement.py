@@ -82,8 +82,8 @@ def refine_limb(
         for climb in (False, True) if perhaps and len(looks) > 1 else (True,):
             look = likeliest_look(shown, noise, looks, grid, climb=climb)
             if joined and look.glow_px > 0.0:
-                joint, for_this = _with_glow(gray, step, view, cone, look, edges.jumps_px)
-                uneven |= for_this
+                joint, too_uneven = _with_glow(gray, step, view, cone, look, edges.jumps_px)
+                uneven |= too_uneven
                 if joint is not None:
                     return joint
         looks = (look,)
@@ -92,8 +92,8 @@ def refine_limb(
         # From far away air is as thin as the blur, and no edge quite looks like either.
         thin = EdgeLook(USUAL_PSF_PX, usual_length_px(view, rho_rad, step.factor))
         if thin.glow_px > _THINNEST_PX:
-            joint, for_this = _with_glow(gray, step, view, cone, thin, edges.jumps_px)
-            uneven |= for_this
+            joint, too_uneven = _with_glow(gray, step, view, cone, thin, edges.jumps_px)
+            uneven |= too_uneven
             if joint is not None:
                 return joint
     return limb_of_edges(sample, edges, steepest, looks, view, rho_rad, step, uneven=uneven)
