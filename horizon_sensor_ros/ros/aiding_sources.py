@@ -6,6 +6,7 @@ As the pipeline: no node, no clock. Ages are differences of stamps, so live and 
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from typing import Any
 
 from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement, CoarsePose
@@ -42,9 +43,29 @@ class AidingSources:
         self._refused: dict[str, str] = {}
         self._last_set: int | None = None
 
+    def with_settings(
+        self, settings: AidingSettings, planet: Planet, base_frame: str
+    ) -> AidingSources:
+        """Return sources of the same topics with other settings; the rates begin anew."""
+        other = AidingSources(settings, planet, base_frame)
+        other.ignored, other.words = self.ignored.copy(), self.words.copy()
+        other._refused = self._refused.copy()
+        if self._pose is not None:
+            stamp, pose = self._pose
+            position, rotation = settings.position_sigma_m, settings.rotation_sigma_rad
+            pose = replace(pose, position_sigma_m=position, rotation_sigma_rad=rotation)
+            other._pose = stamp, pose
+        return other
+
     def reset(self) -> None:
         """Forget when the last set was; the topics' own stamps say whether they still count."""
         self._last_set = None
+
+    def jump_back(self, stamp: int) -> None:
+        """Go on at an earlier time: a pose from after it is one of the time before the jump."""
+        self.reset()
+        if self._pose is not None and self._pose[0] > stamp:
+            self._pose = None
 
     def on_coarse_pose(self, msg: Any) -> None:
         """Take a `geometry_msgs/PoseStamped` of the base frame in the frame `earth`."""

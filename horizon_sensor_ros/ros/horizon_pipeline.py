@@ -97,10 +97,14 @@ class HorizonPipeline:
         along.
         """
         other = HorizonPipeline(settings, self._extrinsics)
-        other._cameras = self._cameras
         other.counts, other.rejected = self.counts.copy(), self.rejected.copy()
-        # Live parameters are none of theirs.
-        other.aiding = self.aiding
+        # Copies: this pipeline may go on beside the other one, with the same messages.
+        for name, state in other._cameras.items():
+            known = self._cameras[name]
+            state.info_key, state.camera = known.info_key, known.camera
+        other.aiding = self.aiding.with_settings(
+            settings.aiding, settings.sensor.planet, settings.base_frame
+        )
         return other
 
     def reset(self) -> None:
@@ -147,7 +151,7 @@ class HorizonPipeline:
         if paired.jumped:
             self.counts["time_jumps"] += 1
             self._sensor.reset()
-            self.aiding.reset()
+            self.aiding.jump_back(stamp)
         return Step(camera, tuple(self._process(members) for members in paired.sets))
 
     def warm_up(self) -> None:
