@@ -112,8 +112,12 @@ class HorizonNode(ReportingNode[HorizonSettings]):
             return
         self._monitor.stale_after_ns = settings.stale_after_ns
         self.report_every(settings.diagnostics_period_s)
+        feed = self._feed_of(settings, self._feed.pipeline)
+        if feed is self._feed:
+            # To subscribe anew would cost frames and the track.
+            return
         self._feed.leave(self)
-        self._feed = self._feed_of(settings, self._feed.pipeline)
+        self._feed = feed
         if self._working:
             self._feed.join(self)
 
