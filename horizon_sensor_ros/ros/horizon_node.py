@@ -161,7 +161,14 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         ]
         topics = tuple(map(self.resolve_topic_name, (*of_cameras, COARSE_POSE_TOPIC, IMU_TOPIC)))
         owner = self.get_fully_qualified_name() if None in settings.pipeline.rotations else ""
-        return settings.pipeline, topics, owner
+        # Subscriptions are shared with the feed: with another's QoS a node would miss its own.
+        of_topics = tuple(f"qos_overrides.{topic}.subscription." for topic in topics)
+        overrides = frozenset(
+            (name, repr(value))
+            for name, value in self.qos_overrides.items()
+            if name.startswith(of_topics)
+        )
+        return settings.pipeline, topics, overrides, owner
 
     def diagnosis(self, now: int) -> DiagnosticArray | None:
         """Message for /diagnostics; None while the node is not active."""

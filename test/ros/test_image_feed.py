@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
 
-from horizon_sensor_ros.ros.horizon_node import AttitudeNode, HorizonNode
+from horizon_sensor_ros.ros.horizon_node import AttitudeNode, HorizonNode, LocalVerticalNode
 from horizon_sensor_ros.ros.image_feed import ImageFeeds
 
 IMAGES = "/camera_1/image_raw"
@@ -51,6 +51,36 @@ def subscriptions(node: Node) -> list[Any]:
 
 def reliabilities(node: Node) -> list[ReliabilityPolicy]:
     return [s.qos_profile.reliability for s in subscriptions(node)]
+
+
+def test_an_override_is_for_its_topic_alone(make: Callable) -> None:
+    best_effort = {"qos_overrides./attitude.publisher.reliability": "best_effort"}
+    node = make(AttitudeNode, **RELIABLE, **best_effort)
+    (others,) = {s.qos_profile.reliability for s in node.subscriptions} - set(reliabilities(node))
+    assert others == ReliabilityPolicy.BEST_EFFORT
+    assert reliabilities(node) == [ReliabilityPolicy.RELIABLE]
+    assert {
+        p.topic_name: p.qos_profile.reliability
+        for p in node.publishers
+        if p.topic_name in ("/attitude", "/attitude_node/debug_image")
+    } == {
+        "/attitude": ReliabilityPolicy.BEST_EFFORT,
+        "/attitude_node/debug_image": ReliabilityPolicy.RELIABLE,
+    }
+
+
+def test_each_node_has_the_quality_of_service_that_it_was_given(make: Callable) -> None:
+    first, second = make(LocalVerticalNode), make(AttitudeNode, **RELIABLE)
+    assert reliabilities(first) == [ReliabilityPolicy.BEST_EFFORT]
+    assert reliabilities(second) == [ReliabilityPolicy.RELIABLE]
+
+
+def test_nodes_with_the_same_wishes_share_subscriptions(make: Callable) -> None:
+    # What is asked of an output matters to nobody else.
+    own = {"qos_overrides./attitude.publisher.depth": 3}
+    first, second = make(LocalVerticalNode, **RELIABLE), make(AttitudeNode, **RELIABLE, **own)
+    assert reliabilities(first) == [ReliabilityPolicy.RELIABLE]
+    assert subscriptions(second) == []
 
 
 def test_a_parameter_of_the_reports_leaves_the_subscriptions_alone(make: Callable) -> None:
