@@ -181,7 +181,7 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
         for parameter in self.parameters_of(given):
             self._parameter_names.add(parameter.name)
             value = given.get(parameter.name, parameter.default)
-            descriptor = _descriptor(parameter)
+            descriptor = descriptor_of(parameter)
             if value is None:
                 self.declare_parameter(parameter.name, _KINDS[parameter.kind], descriptor)
             else:
@@ -215,7 +215,8 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
             self.apply(settings)
 
 
-def _descriptor(parameter: Parameter) -> ParameterDescriptor:
+def descriptor_of(parameter: Parameter) -> ParameterDescriptor:
+    """Return what a node tells of a parameter."""
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     descriptor = ParameterDescriptor(
         description=parameter.description + unit,

@@ -23,6 +23,7 @@ from horizon_sensor_ros.core.fits import METHODS
 from horizon_sensor_ros.core.horizon_config import LIMB_SOURCES, HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.target.config import RegistrationConfig, TrackerConfig
+from horizon_sensor_ros.ros.executable import NODES
 from horizon_sensor_ros.ros.resources import read_mask, resource_path
 
 _MAX_FILE_BYTES = 1_000_000
@@ -534,6 +535,14 @@ NODE_PARAMETERS = (
     ),
 )
 
+# Of the node horizon_sensor alone; a file for all nodes may have it.
+NODES_PARAMETER = Parameter(
+    "nodes",
+    "string_array",
+    list(NODES),
+    "Which nodes the executable horizon_sensor runs in its one process.",
+)
+
 
 def rotation_parameter(camera: str) -> Parameter:
     """Return the parameter that says how a camera sits in the base frame."""
@@ -569,6 +578,8 @@ def gamma_parameter(camera: str) -> Parameter:
         maximum=5.0,
     )
 
+
+_OF_A_CAMERA = (rotation_parameter, mask_parameter, gamma_parameter)
 
 # Parameters that go into the core's configuration as they are.
 _SENSOR_FIELDS = {
@@ -840,8 +851,7 @@ def horizon_parameters(values: Mapping[str, Any]) -> tuple[Parameter, ...]:
     """Return all parameters of a horizon node with these values: some depend on `cameras`."""
     cameras = _as_kind(values.get("cameras", HORIZON_PARAMETERS[0].default), "string_array")
     names = dict.fromkeys(cameras) if isinstance(cameras, list) else ()
-    kinds = (rotation_parameter, mask_parameter, gamma_parameter)
-    each = [of(str(camera)) for camera in names for of in kinds]
+    each = [of(str(camera)) for camera in names for of in _OF_A_CAMERA]
     own = (*HORIZON_PARAMETERS[:1], *each, *HORIZON_PARAMETERS[1:])
     return (*own, *COMMON_PARAMETERS, *NODE_PARAMETERS)
 
@@ -857,7 +867,8 @@ def unknown_parameters(values: Mapping[str, Any]) -> list[str]:
     One file serves all nodes, so another node's parameter is known, and so are those of an unused
     camera.
     """
-    known = {p.name for p in (*horizon_parameters(values), *TARGET_PARAMETERS)}
+    parameters = (*horizon_parameters(values), *TARGET_PARAMETERS, NODES_PARAMETER)
+    known = {p.name for p in parameters}
     return [
         name
         for name in values
@@ -971,8 +982,8 @@ def _shown(value: Any) -> str:
 def parameter_reference() -> str:
     """Return the table of all parameters, Markdown, for the documentation."""
     lines = ["| parameter | default | what |", "|---|---|---|"]
-    rotation = rotation_parameter("camera_N")
-    for parameter in (*HORIZON_PARAMETERS, rotation, *target_parameters()):
+    camera = tuple(of("camera_N") for of in _OF_A_CAMERA)
+    for parameter in (*HORIZON_PARAMETERS, *camera, *target_parameters(), NODES_PARAMETER):
         default = "none" if parameter.default is None else f"`{_yaml_value(parameter.default)}`"
         unit = f" {parameter.unit}" if parameter.unit else ""
         values = parameter.range_text.replace("|", r"\|")
@@ -990,7 +1001,7 @@ def parameter_file() -> str:
         "/**:",
         "  ros__parameters:",
     ]
-    for parameter in (*HORIZON_PARAMETERS, *target_parameters()):
+    for parameter in (*HORIZON_PARAMETERS, *target_parameters(), NODES_PARAMETER):
         lines += _comment(parameter)
         lines.append(f"    {parameter.name}: {_yaml_value(parameter.default)}")
         if parameter.name == "cameras":
@@ -1025,4 +1036,4 @@ def _yaml_value(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, list):
         return f"[{', '.join(_yaml_value(item) for item in value)}]"
-    return str(value)
+    return '""' if value == "" else str(value)

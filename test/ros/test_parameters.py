@@ -17,6 +17,7 @@ from horizon_sensor_ros.ros.parameters import (
     COMMON_PARAMETERS,
     HORIZON_PARAMETERS,
     NODE_PARAMETERS,
+    NODES_PARAMETER,
     TARGET_PARAMETERS,
     ParameterError,
     horizon_parameters,
@@ -29,7 +30,13 @@ from horizon_sensor_ros.ros.parameters import (
     unknown_parameters,
 )
 
-ALL_PARAMETERS = (*HORIZON_PARAMETERS, *TARGET_PARAMETERS, *COMMON_PARAMETERS, *NODE_PARAMETERS)
+ALL_PARAMETERS = (
+    *HORIZON_PARAMETERS,
+    *TARGET_PARAMETERS,
+    *COMMON_PARAMETERS,
+    *NODE_PARAMETERS,
+    NODES_PARAMETER,
+)
 ANY_VALUE = (
     st.none()
     | st.booleans()
@@ -280,6 +287,7 @@ def test_an_empty_file_sets_nothing(tmp_path: Path) -> None:
 def test_typing_errors_in_names_are_found() -> None:
     values = {**PARAMETERS, "planet_raduis": 1.0, "use_sim_time": True, "camera_9.rotation": [1]}
     values["max_gap"] = 3.0
+    values["nodes"] = ["attitude_node"]
     values["camera_9.mask"] = "/mask.png"
     values["qos_overrides./attitude.publisher.depth"] = 3
     assert unknown_parameters(values) == ["planet_raduis"]
@@ -298,8 +306,10 @@ def test_the_shipped_file_holds_every_default() -> None:
 
 def test_the_reference_names_every_parameter() -> None:
     reference = parameter_reference()
-    for parameter in ALL_PARAMETERS:
-        assert f"| `{parameter.name}` |" in reference
+    names = [parameter.name for parameter in ALL_PARAMETERS]
+    for name in (*names, "camera_N.rotation", "camera_N.mask", "camera_N.gamma"):
+        assert f"| `{name}` |" in reference
+    assert '| `camera_N.mask` | `""` |' in reference
 
 
 def test_every_number_has_its_range_and_its_unit() -> None:
