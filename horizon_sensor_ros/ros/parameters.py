@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from horizon_sensor_ros.core.aiding import CoarsePose
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
@@ -25,8 +24,8 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.target.config import RegistrationConfig, TrackerConfig
 from horizon_sensor_ros.ros.executable import NODES
 from horizon_sensor_ros.ros.resources import read_mask, resource_path
+from horizon_sensor_ros.ros.yaml_file import YamlFileError, read_yaml, shown
 
-_MAX_FILE_BYTES = 1_000_000
 _CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _KIND_WORDS = {
     "string": "a string",
@@ -81,11 +80,11 @@ class Parameter:
         accepted = _as_kind(value, self.kind)
         if accepted is None:
             raise ParameterError(
-                f"{self.name} must be {_KIND_WORDS[self.kind]}, got {_shown(value)}"
+                f"{self.name} must be {_KIND_WORDS[self.kind]}, got {shown(value)}"
             )
         if self.choices and accepted not in self.choices:
             raise ParameterError(
-                f"{self.name} must be one of {', '.join(self.choices)}; got {_shown(accepted)}"
+                f"{self.name} must be one of {', '.join(self.choices)}; got {shown(accepted)}"
             )
         if self.minimum is not None and self.maximum is not None:
             number = float(accepted)  # type: ignore[arg-type]
@@ -94,7 +93,7 @@ class Parameter:
                 unit = f" {self.unit}" if self.unit else ""
                 raise ParameterError(
                     f"{self.name} must be {self.minimum:g} to {self.maximum:g}{unit}, "
-                    f"got {_shown(accepted)}"
+                    f"got {shown(accepted)}"
                 )
         return accepted
 
@@ -802,7 +801,7 @@ def _camera_name_problems(cameras: Sequence[str]) -> list[str]:
     if len(set(cameras)) != len(cameras):
         problems.append(f"cameras names one twice: {', '.join(cameras)}")
     problems += [
-        f"cameras has {_shown(name)}, which is no name for a topic"
+        f"cameras has {shown(name)}, which is no name for a topic"
         for name in cameras
         if not _CAMERA_NAME.fullmatch(name)
     ]
@@ -888,21 +887,9 @@ def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str
     saying what is wrong with the file.
     """
     try:
-        with path.open("rb") as file:
-            raw = file.read(_MAX_FILE_BYTES + 1)
-    except OSError as error:
-        raise ParameterError(f"cannot read {path}: {error.strerror}") from None
-    if len(raw) > _MAX_FILE_BYTES:
-        raise ParameterError(f"{path} is larger than {_MAX_FILE_BYTES} bytes")
-    try:
-        text = raw.decode()
-        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
-            raise ParameterError(f"{path} has YAML aliases, which parameter files cannot have")
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        if isinstance(error, ParameterError):
-            raise
-        raise ParameterError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
+        content = read_yaml(path, aliases=False)
+    except YamlFileError as error:
+        raise ParameterError(f"{path} {error}") from None
     if content is None:
         return {}
     full_name = "/".join(["", *namespace.strip("/").split("/"), node]).replace("//", "/")
@@ -962,18 +949,12 @@ def _as_kind(value: Any, kind: str) -> Any:
         whole = isinstance(value, int) and not isinstance(value, bool)
         # A ROS integer has 64 bits; those of a file may have any number.
         return value if whole and -(2**63) <= value < 2**63 else None
-    if isinstance(value, bool):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:
-        # Also 6.371e6, a double in ROS and a string in YAML 1.1.
         return float(value)
-    except (TypeError, ValueError, OverflowError):
+    except OverflowError:
         return None
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:60] + "..."
 
 
 # ---------------------------------------------------------------------------- reference

@@ -252,17 +252,38 @@ def test_numbers_as_ros_writes_them(tmp_path: Path) -> None:
     assert settings.pipeline.sensor.planet.radius_m == 1e6
 
 
+@pytest.mark.parametrize("text", ["'6371000.0'", '"1e6"', "' 1 '", "1_0e", "six"])
+def test_a_string_is_no_number(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text(f"/**:\n ros__parameters:\n  planet_radius: {text}\n")
+    with pytest.raises(ParameterError, match="planet_radius must be a double, got '"):
+        horizon_settings({**PARAMETERS, **read_parameter_file(path, "attitude_node")})
+
+
+def test_a_value_of_any_length_is_shown_in_a_line() -> None:
+    for value in (16**6000, "x" * 10_000, [[1] * 1000] * 1000):
+        with pytest.raises(ParameterError, match="slop must be a double") as caught:
+            horizon_settings({**PARAMETERS, "slop": value})
+        assert len(str(caught.value)) < 120
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("a: [1, 2", "not YAML"),
+        ("a: [1, 2", "not valid YAML"),
         ("slop: 0.1", "no ros__parameters"),
         ("- 1\n- 2", "no ros__parameters"),
         ("a: &x {ros__parameters: {slop: 1}}\nb: *x", "aliases"),
-        ("/**: {ros__parameters: {f: !!python/object/apply:os.getcwd []}}", "not YAML"),
+        ("/**: {ros__parameters: {f: !!python/object/apply:os.getcwd []}}", "not valid YAML"),
         ("#" * 1_000_001, "larger than"),
-        ("[" * 300, "not YAML"),
-        ("\x00", "not YAML"),
+        ("a: " + 5000 * "[" + 5000 * "]", "nested too deeply"),
+        ("\x00", "not valid YAML"),
+        ("/**: {ros__parameters: {slop: !!bool foo}}", "not of its kind"),
+        ("/**: {ros__parameters: {slop: !!timestamp foo}}", "not of its kind"),
+        ("/**: {ros__parameters: {slop: !!int ''}}", "not of its kind"),
+        ("/**: {ros__parameters: {slop: 2024-13-45}}", "month"),
+        ("/**: {ros__parameters: {slop: 0x" + 5000 * "f" + "}}", "too many digits"),
+        ("/**: {ros__parameters: {slop: " + 5000 * "9" + "}}", "digits"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, words: str) -> None:

@@ -215,7 +215,16 @@ def test_errors_name_file_key_and_cure(tmp_path, capsys, content, spoil, message
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("cameras: [", "is not valid YAML"), ("just words", "must be a block of keys"), ("", "block")],
+    [
+        ("cameras: [", "is not valid YAML"),
+        ("just words", "must be a block of keys"),
+        ("", "block"),
+        ("cameras: " + 5000 * "[", "nested too deeply"),
+        ("cameras: !!bool foo", "not of its kind"),
+        ("altitude_km: !!int ''", "not of its kind"),
+        ("altitude_km: 2024-13-45", "month"),
+        ("altitude_km: 1" + 400 * "0", "too many digits"),
+    ],
 )
 def test_files_that_are_no_mapping(tmp_path, text, message):
     with pytest.raises(CameraFileError, match=message):
