@@ -685,6 +685,8 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
     rotations: list[tuple[float, ...] | None] = []
     masks: list[Path | None] = []
     gammas: list[float] = []
+    if not str(accepted.get("base_frame", "base_link")).strip():
+        problems.append("base_frame is empty")
     cameras = accepted.get("cameras", [])
     problems += _camera_name_problems(cameras) if "cameras" in accepted else []
     for camera in filter(_CAMERA_NAME.fullmatch, dict.fromkeys(cameras)):

@@ -74,6 +74,8 @@ def test_defaults_are_the_contracts() -> None:
         ({"method": "magic"}, ["method must be one of", "magic"]),
         ({"extrinsics_source": "guess"}, ["extrinsics_source", "guess"]),
         ({"altitude_min": 9e5, "altitude_max": 1e5}, ["altitude"]),
+        ({"base_frame": ""}, ["base_frame is empty"]),
+        ({"base_frame": " "}, ["base_frame is empty"]),
         ({"slop": -0.1}, ["slop", "-0.1"]),
         ({"cameras": []}, ["cameras is empty"]),
         ({"cameras": ["camera_1", "camera_1"]}, ["cameras names one twice"]),
