@@ -6,6 +6,7 @@ As the pipeline: no node, no clock. Ages are differences of stamps, so live and 
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from typing import Any
 
 from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement, CoarsePose
@@ -42,25 +43,32 @@ class AidingSources:
         self._refused: dict[str, str] = {}
         self._last_set: int | None = None
 
-    def copy(self, settings: AidingSettings, planet: Planet, base_frame: str) -> AidingSources:
-        """Return sources with the same coarse pose and counts and rates of their own, which begin
-        anew.
-        """
+    def with_settings(
+        self, settings: AidingSettings, planet: Planet, base_frame: str
+    ) -> AidingSources:
+        """Return sources of the same topics with other settings; the rates begin anew."""
         other = AidingSources(settings, planet, base_frame)
         other.ignored, other.words = self.ignored.copy(), self.words.copy()
-        other._refused, other._pose = self._refused.copy(), self._pose
+        other._refused = self._refused.copy()
+        if self._pose is not None:
+            stamp, pose = self._pose
+            position, rotation = settings.position_sigma_m, settings.rotation_sigma_rad
+            pose = replace(pose, position_sigma_m=position, rotation_sigma_rad=rotation)
+            other._pose = stamp, pose
         return other
 
-    def reset(self, stamp: int | None = None) -> None:
-        """Forget when the last set was; the topics' own stamps say whether they still count.
+    def reset(self) -> None:
+        """Forget when the last set was; the topics' own stamps say whether they still count."""
+        self._last_set = None
 
-        stamp : to which time jumped back, if it did. A coarse pose that is nearer to the last set
-        before is of where the craft was then.
+    def jump_back(self, stamp: int) -> None:
+        """Go on at an earlier time: a pose that is nearer to the last set before is of where the
+        craft was then.
         """
         last, self._last_set = self._last_set, None
-        if stamp is None or last is None or self._pose is None:
+        if last is None or self._pose is None:
             return
-        if abs(self._pose[0] - last) < abs(self._pose[0] - stamp):
+        if abs(self._pose[0] - last) <= abs(self._pose[0] - stamp):
             self._pose = None
 
     def on_coarse_pose(self, msg: Any) -> None:

@@ -128,15 +128,14 @@ def _made(classes: dict[str, Any]) -> list[Any]:
 
 
 def _nodes_parameter(node: Any) -> list[str]:
-    from rcl_interfaces.msg import ParameterDescriptor  # noqa: PLC0415 - see above
-
-    read_only = ParameterDescriptor(
-        read_only=True, description="Nodes that horizon_sensor runs in its process."
-    )
-    names = node.declare_parameter("nodes", list(NODES), read_only).value or []
+    parameter = _load("horizon_sensor_ros.ros.parameters:NODES_PARAMETER")
+    descriptor = _load("horizon_sensor_ros.ros.managed_node:descriptor_of")(parameter)
+    # An empty list is none to rclpy.
+    names = node.declare_parameter(parameter.name, parameter.default, descriptor).value or []
     unknown = [name for name in names if name not in NODES]
     if unknown or not names or len(set(names)) != len(names):
-        raise ValueError(f"nodes must be some of {', '.join(NODES)}; got {', '.join(names)}")
+        got = ", ".join(names) or "none"
+        raise ValueError(f"nodes must be some of {', '.join(NODES)}, each once; got {got}")
     return names
 
 

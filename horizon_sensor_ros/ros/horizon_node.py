@@ -114,11 +114,12 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         self.report_every(settings.diagnostics_period_s)
         feed = self._feed_of(settings, self._feed.pipeline)
         if feed is self._feed:
+            # To subscribe anew would cost frames and the track.
             return
         self._feed.leave(self)
         self._feed = feed
         if self._working:
-            feed.join(self)
+            self._feed.join(self)
 
     def on_step(self, step: Step) -> None:
         """Publish what an image completed; report a change of state at once."""
@@ -160,7 +161,14 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         ]
         topics = tuple(map(self.resolve_topic_name, (*of_cameras, COARSE_POSE_TOPIC, IMU_TOPIC)))
         owner = self.get_fully_qualified_name() if None in settings.pipeline.rotations else ""
-        return settings.pipeline, topics, owner
+        # Subscriptions are shared with the feed: with another's QoS a node would miss its own.
+        of_topics = tuple(f"qos_overrides.{topic}.subscription." for topic in topics)
+        overrides = frozenset(
+            (name, repr(value))
+            for name, value in self.qos_overrides.items()
+            if name.startswith(of_topics)
+        )
+        return settings.pipeline, topics, overrides, owner
 
     def diagnosis(self, now: int) -> DiagnosticArray | None:
         """Message for /diagnostics; None while the node is not active."""

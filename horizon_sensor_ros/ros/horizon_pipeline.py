@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -97,11 +97,14 @@ class HorizonPipeline:
         along.
         """
         other = HorizonPipeline(settings, self._extrinsics)
-        # Both may go on: under one executor another node keeps the settings that were.
-        other._cameras = {name: replace(state) for name, state in self._cameras.items()}
         other.counts, other.rejected = self.counts.copy(), self.rejected.copy()
-        sensor = settings.sensor
-        other.aiding = self.aiding.copy(settings.aiding, sensor.planet, settings.base_frame)
+        # Copies: this pipeline may go on beside the other one, with the same messages.
+        for name, state in other._cameras.items():
+            known = self._cameras[name]
+            state.info_key, state.camera = known.info_key, known.camera
+        other.aiding = self.aiding.with_settings(
+            settings.aiding, settings.sensor.planet, settings.base_frame
+        )
         return other
 
     def reset(self) -> None:
@@ -148,7 +151,7 @@ class HorizonPipeline:
         if paired.jumped:
             self.counts["time_jumps"] += 1
             self._sensor.reset()
-            self.aiding.reset(stamp)
+            self.aiding.jump_back(stamp)
         return Step(camera, tuple(self._process(members) for members in paired.sets))
 
     def warm_up(self) -> None:

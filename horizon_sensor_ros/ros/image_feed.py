@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from copy import copy
 from functools import partial
 from typing import Any, Protocol
 from weakref import WeakValueDictionary
@@ -89,7 +90,8 @@ class ImageFeed:
             kind,
             topic,
             callback,
-            qos,
+            # Overrides are written into it, and must not reach the other topics.
+            copy(qos),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
         self._subscriptions.append(subscription)

@@ -38,6 +38,9 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
     A subclass says what its parameters are and makes settings of them. It makes its resources in
     `open`, uses them between `start` and `stop`, and gives them back in `close`. Raises
     ParameterError when the node cannot run with its parameters.
+
+    qos_overrides : the parameters of that name that were given, which rclpy declares only with the
+    publishers and subscriptions they are for.
     """
 
     def __init__(self, name: str, **node_arguments: Any) -> None:
@@ -52,6 +55,7 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
             ) from error
         self._failure = ""
         self._parameter_names: set[str] = set()
+        self.qos_overrides: dict[str, Any] = {}
         try:
             self.settings = self._declare_parameters()
         except BaseException:
@@ -172,11 +176,12 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
             self.undeclare_parameter(name)
         for name in unknown_parameters(given):
             self.get_logger().warning(f"unknown parameter {name} is ignored")
+        self.qos_overrides = {n: v for n, v in given.items() if n.startswith("qos_overrides.")}
         settings = self.settings_of(given)
         for parameter in self.parameters_of(given):
             self._parameter_names.add(parameter.name)
             value = given.get(parameter.name, parameter.default)
-            descriptor = _descriptor(parameter)
+            descriptor = descriptor_of(parameter)
             if value is None:
                 self.declare_parameter(parameter.name, _KINDS[parameter.kind], descriptor)
             else:
@@ -210,7 +215,8 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
             self.apply(settings)
 
 
-def _descriptor(parameter: Parameter) -> ParameterDescriptor:
+def descriptor_of(parameter: Parameter) -> ParameterDescriptor:
+    """Return what a node tells of a parameter."""
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     descriptor = ParameterDescriptor(
         description=parameter.description + unit,

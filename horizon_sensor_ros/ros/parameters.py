@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from horizon_sensor_ros.core.aiding import CoarsePose
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
@@ -23,10 +22,10 @@ from horizon_sensor_ros.core.fits import METHODS
 from horizon_sensor_ros.core.horizon_config import LIMB_SOURCES, HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.target.config import RegistrationConfig, TrackerConfig
+from horizon_sensor_ros.ros.executable import NODES
 from horizon_sensor_ros.ros.resources import read_mask, resource_path
-from horizon_sensor_ros.yaml_text import load_yaml
+from horizon_sensor_ros.ros.yaml_file import YamlFileError, read_yaml, shown
 
-_MAX_FILE_BYTES = 1_000_000
 _CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _KIND_WORDS = {
     "string": "a string",
@@ -36,8 +35,8 @@ _KIND_WORDS = {
     "double_array": "a list of numbers",
     "string_array": "a list of strings",
 }
-# Declared by rclpy itself, and the same in every node; `nodes` is the process's.
-_OF_RCLPY = re.compile(r"nodes|use_sim_time|start_type_description_service|qos_overrides\..*")
+# Declared by rclpy itself, and the same in every node.
+_OF_RCLPY = re.compile(r"use_sim_time|start_type_description_service|qos_overrides\..*")
 
 Value = bool | int | float | str | list[float] | list[str]
 
@@ -81,11 +80,11 @@ class Parameter:
         accepted = _as_kind(value, self.kind)
         if accepted is None:
             raise ParameterError(
-                f"{self.name} must be {_KIND_WORDS[self.kind]}, got {_shown(value)}"
+                f"{self.name} must be {_KIND_WORDS[self.kind]}, got {shown(value)}"
             )
         if self.choices and accepted not in self.choices:
             raise ParameterError(
-                f"{self.name} must be one of {', '.join(self.choices)}; got {_shown(accepted)}"
+                f"{self.name} must be one of {', '.join(self.choices)}; got {shown(accepted)}"
             )
         if self.minimum is not None and self.maximum is not None:
             number = float(accepted)  # type: ignore[arg-type]
@@ -94,7 +93,7 @@ class Parameter:
                 unit = f" {self.unit}" if self.unit else ""
                 raise ParameterError(
                     f"{self.name} must be {self.minimum:g} to {self.maximum:g}{unit}, "
-                    f"got {_shown(accepted)}"
+                    f"got {shown(accepted)}"
                 )
         return accepted
 
@@ -535,6 +534,14 @@ NODE_PARAMETERS = (
     ),
 )
 
+# Of the node horizon_sensor alone; a file for all nodes may have it.
+NODES_PARAMETER = Parameter(
+    "nodes",
+    "string_array",
+    list(NODES),
+    "Which nodes the executable horizon_sensor runs in its one process.",
+)
+
 
 def rotation_parameter(camera: str) -> Parameter:
     """Return the parameter that says how a camera sits in the base frame."""
@@ -570,6 +577,8 @@ def gamma_parameter(camera: str) -> Parameter:
         maximum=5.0,
     )
 
+
+_OF_A_CAMERA = (rotation_parameter, mask_parameter, gamma_parameter)
 
 # Parameters that go into the core's configuration as they are.
 _SENSOR_FIELDS = {
@@ -676,6 +685,8 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
     rotations: list[tuple[float, ...] | None] = []
     masks: list[Path | None] = []
     gammas: list[float] = []
+    if not str(accepted.get("base_frame", "base_link")).strip():
+        problems.append("base_frame is empty")
     cameras = accepted.get("cameras", [])
     problems += _camera_name_problems(cameras) if "cameras" in accepted else []
     for camera in filter(_CAMERA_NAME.fullmatch, dict.fromkeys(cameras)):
@@ -792,7 +803,7 @@ def _camera_name_problems(cameras: Sequence[str]) -> list[str]:
     if len(set(cameras)) != len(cameras):
         problems.append(f"cameras names one twice: {', '.join(cameras)}")
     problems += [
-        f"cameras has {_shown(name)}, which is no name for a topic"
+        f"cameras has {shown(name)}, which is no name for a topic"
         for name in cameras
         if not _CAMERA_NAME.fullmatch(name)
     ]
@@ -841,8 +852,7 @@ def horizon_parameters(values: Mapping[str, Any]) -> tuple[Parameter, ...]:
     """Return all parameters of a horizon node with these values: some depend on `cameras`."""
     cameras = _as_kind(values.get("cameras", HORIZON_PARAMETERS[0].default), "string_array")
     names = dict.fromkeys(cameras) if isinstance(cameras, list) else ()
-    kinds = (rotation_parameter, mask_parameter, gamma_parameter)
-    each = [of(str(camera)) for camera in names for of in kinds]
+    each = [of(str(camera)) for camera in names for of in _OF_A_CAMERA]
     own = (*HORIZON_PARAMETERS[:1], *each, *HORIZON_PARAMETERS[1:])
     return (*own, *COMMON_PARAMETERS, *NODE_PARAMETERS)
 
@@ -858,7 +868,8 @@ def unknown_parameters(values: Mapping[str, Any]) -> list[str]:
     One file serves all nodes, so another node's parameter is known, and so are those of an unused
     camera.
     """
-    known = {p.name for p in (*horizon_parameters(values), *TARGET_PARAMETERS)}
+    parameters = (*horizon_parameters(values), *TARGET_PARAMETERS, NODES_PARAMETER)
+    known = {p.name for p in parameters}
     return [
         name
         for name in values
@@ -878,16 +889,9 @@ def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str
     saying what is wrong with the file.
     """
     try:
-        with path.open("rb") as file:
-            raw = file.read(_MAX_FILE_BYTES + 1)
-    except OSError as error:
-        raise ParameterError(f"cannot read {path}: {error.strerror}") from None
-    if len(raw) > _MAX_FILE_BYTES:
-        raise ParameterError(f"{path} is larger than {_MAX_FILE_BYTES} bytes")
-    try:
-        content = load_yaml(raw.decode())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ParameterError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
+        content = read_yaml(path, aliases=False)
+    except YamlFileError as error:
+        raise ParameterError(f"{path} {error}") from None
     if content is None:
         return {}
     full_name = "/".join(["", *namespace.strip("/").split("/"), node]).replace("//", "/")
@@ -947,21 +951,12 @@ def _as_kind(value: Any, kind: str) -> Any:
         whole = isinstance(value, int) and not isinstance(value, bool)
         # A ROS integer has 64 bits; those of a file may have any number.
         return value if whole and -(2**63) <= value < 2**63 else None
-    if isinstance(value, bool):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:
-        # Also 6.371e6, a double in ROS and a string in YAML 1.1.
         return float(value)
-    except (TypeError, ValueError, OverflowError):
+    except OverflowError:
         return None
-
-
-def _shown(value: Any) -> str:
-    try:
-        text = repr(value)
-    except ValueError:  # an integer of thousands of digits
-        text = f"a {type(value).__name__} too long to be shown"
-    return text if len(text) <= 60 else text[:60] + "..."
 
 
 # ---------------------------------------------------------------------------- reference
@@ -970,8 +965,8 @@ def _shown(value: Any) -> str:
 def parameter_reference() -> str:
     """Return the table of all parameters, Markdown, for the documentation."""
     lines = ["| parameter | default | what |", "|---|---|---|"]
-    rotation = rotation_parameter("camera_N")
-    for parameter in (*HORIZON_PARAMETERS, rotation, *target_parameters()):
+    camera = tuple(of("camera_N") for of in _OF_A_CAMERA)
+    for parameter in (*HORIZON_PARAMETERS, *camera, *target_parameters(), NODES_PARAMETER):
         default = "none" if parameter.default is None else f"`{_yaml_value(parameter.default)}`"
         unit = f" {parameter.unit}" if parameter.unit else ""
         values = parameter.range_text.replace("|", r"\|")
@@ -989,7 +984,7 @@ def parameter_file() -> str:
         "/**:",
         "  ros__parameters:",
     ]
-    for parameter in (*HORIZON_PARAMETERS, *target_parameters()):
+    for parameter in (*HORIZON_PARAMETERS, *target_parameters(), NODES_PARAMETER):
         lines += _comment(parameter)
         lines.append(f"    {parameter.name}: {_yaml_value(parameter.default)}")
         if parameter.name == "cameras":
@@ -1024,4 +1019,4 @@ def _yaml_value(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, list):
         return f"[{', '.join(_yaml_value(item) for item in value)}]"
-    return str(value)
+    return '""' if value == "" else str(value)

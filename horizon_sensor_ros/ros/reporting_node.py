@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -43,7 +44,8 @@ class ReportingNode(ManagedNode[Settings]):
         publisher = self.create_lifecycle_publisher(
             message,
             topic,
-            OUTPUT_QOS,
+            # Overrides are written into it, and must not reach the other topics.
+            copy(OUTPUT_QOS),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
         self._publishers_made.append(publisher)

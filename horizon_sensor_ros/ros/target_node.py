@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -70,7 +71,8 @@ class TargetPoseNode(ReportingNode[TargetSettings]):
             PointCloud2,
             CLOUD_TOPIC,
             self._on_cloud,
-            qos_profile_sensor_data,
+            # Overrides are written into it, and must not reach other topics.
+            copy(qos_profile_sensor_data),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
         self.report()

@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.yaml_text import load_yaml
+from horizon_sensor_ros.ros.yaml_file import YamlFileError, read_yaml, shown
 
 _FILE_KEYS = ("cameras", "altitude_km", "nadir_at_zero", "planet")
 _PLANET_KEYS = ("shape", "radius_km", "limb_height_km", "latitude_deg", "heading_deg")
@@ -51,15 +50,9 @@ class Rig:
 def read_camera_file(path: Path) -> Rig:
     """Read and check the file; CameraFileError for anything missing, unknown or impossible."""
     try:
-        content = load_yaml(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CameraFileError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise CameraFileError(f"{path}: is not a text file in UTF-8") from error
-    except yaml.YAMLError as error:
-        raise CameraFileError(
-            f"{path}: is not valid YAML: {' '.join(str(error).split())}"
-        ) from error
+        content = read_yaml(path)
+    except YamlFileError as error:
+        raise CameraFileError(f"{path}: {error}") from None
     root = _Section(path, "", content, _FILE_KEYS)
     cameras = root.get("cameras")
     if not isinstance(cameras, dict) or not cameras:
@@ -184,7 +177,7 @@ class _Section:
                 wanted += f" above {above:g}"
             if np.isfinite(below):
                 wanted += f" and below {below:g}"
-            raise self.error(key, f"{wanted}, got {value!r}")
+            raise self.error(key, f"{wanted}, got {shown(value)}")
         return float(value)
 
     def numbers(self, key: str, shape: tuple[int] | None, *default: list[float]) -> np.ndarray:
@@ -195,20 +188,15 @@ class _Section:
             or (shape is not None and len(value) != shape[0])
         ):
             count = f"{shape[0]} numbers" if shape else "numbers"
-            raise self.error(key, f"must be a list of {count}, got {value!r}")
+            raise self.error(key, f"must be a list of {count}, got {shown(value)}")
         return np.array(value, dtype=float)
 
     def choice(self, key: str, default: str, allowed: Collection[str]) -> str:
         value = self.get(key, default)
         if value not in allowed:
-            raise self.error(key, f"must be one of {', '.join(allowed)}, got {value!r}")
+            raise self.error(key, f"must be one of {', '.join(allowed)}, got {shown(value)}")
         return str(value)
 
 
 def _is_number(value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # an integer larger than any float
-        return False
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

@@ -167,6 +167,34 @@ def test_after_a_reset_there_is_no_last_set() -> None:
     assert aiding.of_set(START_NS + S // 5).rot_now_from_last is not None
 
 
+def test_a_jump_back_drops_the_pose_of_the_time_before() -> None:
+    aiding = sources()
+    aiding.on_coarse_pose(pose_of(START_NS + 2 * S))
+    aiding.of_set(START_NS + 3 * S)
+    aiding.jump_back(START_NS + S)
+    assert aiding.of_set(START_NS + S).coarse_pose is None
+    assert aiding.words["coarse_pose"] == "none"
+    # One that the new time has already heard stays.
+    aiding.on_coarse_pose(pose_of(START_NS))
+    aiding.jump_back(START_NS)
+    assert aiding.of_set(START_NS).coarse_pose is not None
+
+
+def test_sources_with_other_settings_have_their_own_sigmas_and_rates() -> None:
+    aiding = sources()
+    aiding.on_coarse_pose(pose_of())
+    aiding.on_imu(imu_of(START_NS, (0.1, 0.0, 0.0), "imu_link"))
+    other = horizon_settings({**PARAMETERS, "coarse_pose_position_sigma": 1e3}).pipeline
+    copy = aiding.with_settings(other.aiding, other.sensor.planet, other.base_frame)
+    assert (copy.ignored, copy.words) == (aiding.ignored, aiding.words)
+    assert copy.ignored is not aiding.ignored
+    for each in (aiding, copy):
+        each.on_imu(imu_of(START_NS + S, (0.1, 0.0, 0.0)))
+        assert each.ignored == {"imu_wrong_frame": 1}
+    sigmas = [each.of_set(START_NS).coarse_pose.position_sigma_m for each in (aiding, copy)]  # type: ignore[union-attr]
+    assert sigmas == [50e3, 1e3]
+
+
 def test_repeated_rates_are_counted() -> None:
     aiding = sources()
     for _ in range(3):
@@ -226,7 +254,7 @@ def test_a_jump_back_in_time_forgets_the_pose_of_the_end_but_not_of_the_new_begi
         aiding = sources()
         aiding.of_set(end)
         aiding.on_coarse_pose(pose_of(pose_stamp))
-        aiding.reset(start)
+        aiding.jump_back(start)
         assert (aiding.of_set(start).coarse_pose is not None) == kept
 
 
@@ -236,7 +264,7 @@ def test_a_copy_has_the_pose_and_rates_of_its_own() -> None:
     aiding.on_coarse_pose(pose_of())
     pipeline = horizon_settings(PARAMETERS).pipeline
     settings_of = pipeline.aiding, pipeline.sensor.planet, pipeline.base_frame
-    both = aiding, aiding.copy(*settings_of)
+    both = aiding, aiding.with_settings(*settings_of)
     for step in range(21):
         stamp = START_NS + step * S // 20
         for each in both:
@@ -275,6 +303,55 @@ def test_the_pipeline_hands_on_what_is_known(monkeypatch: pytest.MonkeyPatch) ->
             pipeline.on_image(camera, image_of(gray, stamp, camera))
     assert all(aiding.coarse_pose is not None for aiding in handed)
     assert [aiding.rot_now_from_last is not None for aiding in handed] == [False, True, True]
+
+
+def test_two_pipelines_of_one_process_hear_the_same_rates_apart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    handed: dict[HorizonSensor, list[Aiding]] = {}
+    process = HorizonSensor.process
+
+    def spy(self: HorizonSensor, frames: Any, aiding: Aiding) -> HorizonFix:
+        handed.setdefault(self, []).append(aiding)
+        return process(self, frames, aiding)
+
+    monkeypatch.setattr(HorizonSensor, "process", spy)
+    first = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
+    second = first.with_settings(horizon_settings({**PARAMETERS, "max_residual": 3.0}).pipeline)
+    rate = np.array([0.0, 0.3, 0.0])
+    for index in range(2):
+        stamp = START_NS + index * PERIOD_NS
+        rates = [imu_of(stamp - PERIOD_NS * part // 4, rate) for part in (3, 2, 1, 0)]
+        for pipeline in (first, second):
+            for msg in rates:
+                pipeline.aiding.on_imu(msg)
+        for camera in CAMERAS:
+            gray = horizon_gray(camera, nadir_of(0.0, np.degrees(0.3 * index * PERIOD_NS / S)))
+            for pipeline in (first, second):
+                pipeline.on_camera_info(camera, camera_info_of(0, camera))
+                pipeline.on_image(camera, image_of(gray, stamp, camera))
+    turn = Rotation.from_rotvec(-rate * PERIOD_NS / S).as_matrix()
+    for sets in handed.values():
+        assert sets[0].rot_now_from_last is None
+        np.testing.assert_allclose(sets[1].rot_now_from_last, turn, atol=1e-9)
+    assert len(handed) == 2
+    assert not first.aiding.ignored
+    assert not second.aiding.ignored
+
+
+def test_the_pose_of_a_bags_end_is_not_that_of_its_beginning() -> None:
+    pipeline = HorizonPipeline(horizon_settings({**PARAMETERS, "planet": "wgs84"}).pipeline)
+    said = []
+    for index in (0, 1, 0):
+        stamp = START_NS + index * PERIOD_NS
+        if index == 1:
+            pipeline.aiding.on_coarse_pose(pose_of(stamp))
+        for camera in CAMERAS:
+            pipeline.on_camera_info(camera, camera_info_of(0, camera))
+            gray = horizon_gray(camera, nadir_of(*attitude_at(index)))
+            pipeline.on_image(camera, image_of(gray, stamp, camera))
+        said.append(pipeline.aiding.words["coarse_pose"])
+    assert said == ["none", "used", "none"]
 
 
 def test_an_ellipsoid_without_a_pose_is_said_to_be_taken_for_a_sphere() -> None:

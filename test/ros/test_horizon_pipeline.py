@@ -218,6 +218,9 @@ def test_settings_change_and_calibrations_stay() -> None:
     assert result.fix.status is not Status.OK
     assert other.counts["sets"] == 2
     assert pipeline.counts["sets"] == 1
+    # Each hears its own messages, should both go on.
+    other.on_camera_info("camera_1", camera_info_of(k=[0.0] * 9))
+    assert pair(pipeline, 1).fix.status is Status.OK
 
 
 def test_a_defect_costs_a_frame_not_the_node(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -244,6 +244,7 @@ def test_signals_during_start_up_end_a_node_quietly(
         ("attitude_node", "extrinsics_source:=tf", ["tf2_ros"]),
         ("attitude_node", "camera_1.mask:=/no/mask.png", ["camera_1.mask", "/no/mask.png"]),
         ("horizon_sensor", "nodes:=[sextant]", ["nodes must be some of", "sextant"]),
+        ("horizon_sensor", "nodes:=[]", ["nodes must be some of", "got none"]),
         (
             "attitude_node",
             "qos_overrides./camera_1/image_raw.subscription.reliability:=psychic",
@@ -274,6 +275,17 @@ def test_whole_numbers_and_unknown_parameters(
     code, errors = program.end()
     assert code == 0, errors
     assert "unknown parameter planet_raduis is ignored" in errors
+
+
+def test_the_nodes_of_a_process_are_a_parameter_that_all_know(
+    start: Callable[..., Program], craft: Craft, params: list[str]
+) -> None:
+    program = start("horizon_sensor", *params, "-p", "nodes:=[attitude_node]")
+    craft.match(("attitude_node",))
+    request = DescribeParameters.Request(names=["nodes"])
+    answer = craft.call(DescribeParameters, "/horizon_sensor/describe_parameters", request)
+    assert answer.descriptors[0].read_only
+    assert program.end() == (0, "")
 
 
 def test_lifecycle(start: Callable[..., Program], craft: Craft, params: list[str]) -> None:

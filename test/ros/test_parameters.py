@@ -17,6 +17,7 @@ from horizon_sensor_ros.ros.parameters import (
     COMMON_PARAMETERS,
     HORIZON_PARAMETERS,
     NODE_PARAMETERS,
+    NODES_PARAMETER,
     TARGET_PARAMETERS,
     ParameterError,
     horizon_parameters,
@@ -29,7 +30,13 @@ from horizon_sensor_ros.ros.parameters import (
     unknown_parameters,
 )
 
-ALL_PARAMETERS = (*HORIZON_PARAMETERS, *TARGET_PARAMETERS, *COMMON_PARAMETERS, *NODE_PARAMETERS)
+ALL_PARAMETERS = (
+    *HORIZON_PARAMETERS,
+    *TARGET_PARAMETERS,
+    *COMMON_PARAMETERS,
+    *NODE_PARAMETERS,
+    NODES_PARAMETER,
+)
 ANY_VALUE = (
     st.none()
     | st.booleans()
@@ -67,6 +74,8 @@ def test_defaults_are_the_contracts() -> None:
         ({"method": "magic"}, ["method must be one of", "magic"]),
         ({"extrinsics_source": "guess"}, ["extrinsics_source", "guess"]),
         ({"altitude_min": 9e5, "altitude_max": 1e5}, ["altitude"]),
+        ({"base_frame": ""}, ["base_frame is empty"]),
+        ({"base_frame": " "}, ["base_frame is empty"]),
         ({"slop": -0.1}, ["slop", "-0.1"]),
         ({"cameras": []}, ["cameras is empty"]),
         ({"cameras": ["camera_1", "camera_1"]}, ["cameras names one twice"]),
@@ -245,20 +254,38 @@ def test_numbers_as_ros_writes_them(tmp_path: Path) -> None:
     assert settings.pipeline.sensor.planet.radius_m == 1e6
 
 
+@pytest.mark.parametrize("text", ["'6371000.0'", '"1e6"', "' 1 '", "1_0e", "six"])
+def test_a_string_is_no_number(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text(f"/**:\n ros__parameters:\n  planet_radius: {text}\n")
+    with pytest.raises(ParameterError, match="planet_radius must be a double, got '"):
+        horizon_settings({**PARAMETERS, **read_parameter_file(path, "attitude_node")})
+
+
+def test_a_value_of_any_length_is_shown_in_a_line() -> None:
+    for value in (16**6000, "x" * 10_000, [[1] * 1000] * 1000):
+        with pytest.raises(ParameterError, match="slop must be a double") as caught:
+            horizon_settings({**PARAMETERS, "slop": value})
+        assert len(str(caught.value)) < 120
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("a: [1, 2", "not YAML"),
+        ("a: [1, 2", "not valid YAML"),
         ("slop: 0.1", "no ros__parameters"),
         ("- 1\n- 2", "no ros__parameters"),
         ("a: &x {ros__parameters: {slop: 1}}\nb: *x", "aliases"),
-        ("/**: {ros__parameters: {f: !!python/object/apply:os.getcwd []}}", "not YAML"),
+        ("/**: {ros__parameters: {f: !!python/object/apply:os.getcwd []}}", "not valid YAML"),
         ("#" * 1_000_001, "larger than"),
-        ("[" * 300, "not YAML"),
-        ("\x00", "not YAML"),
-        ("/**: {ros__parameters: {slop: !!bool foo}}", "not YAML"),
-        ("/**: {ros__parameters: {slop: !!timestamp foo}}", "not YAML"),
-        ("/**: {ros__parameters: {slop: !!int ''}}", "not YAML"),
+        ("a: " + 5000 * "[" + 5000 * "]", "nested too deeply"),
+        ("\x00", "not valid YAML"),
+        ("/**: {ros__parameters: {slop: !!bool foo}}", "not of its kind"),
+        ("/**: {ros__parameters: {slop: !!timestamp foo}}", "not of its kind"),
+        ("/**: {ros__parameters: {slop: !!int ''}}", "not of its kind"),
+        ("/**: {ros__parameters: {slop: 2024-13-45}}", "month"),
+        ("/**: {ros__parameters: {slop: 0x" + 5000 * "f" + "}}", "too many digits"),
+        ("/**: {ros__parameters: {slop: " + 5000 * "9" + "}}", "digits"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, words: str) -> None:
@@ -283,9 +310,9 @@ def test_an_empty_file_sets_nothing(tmp_path: Path) -> None:
 def test_typing_errors_in_names_are_found() -> None:
     values = {**PARAMETERS, "planet_raduis": 1.0, "use_sim_time": True, "camera_9.rotation": [1]}
     values["max_gap"] = 3.0
+    values["nodes"] = ["attitude_node"]
     values["camera_9.mask"] = "/mask.png"
     values["qos_overrides./attitude.publisher.depth"] = 3
-    values["nodes"] = ["attitude_node"]
     assert unknown_parameters(values) == ["planet_raduis"]
 
 
@@ -302,8 +329,10 @@ def test_the_shipped_file_holds_every_default() -> None:
 
 def test_the_reference_names_every_parameter() -> None:
     reference = parameter_reference()
-    for parameter in ALL_PARAMETERS:
-        assert f"| `{parameter.name}` |" in reference
+    names = [parameter.name for parameter in ALL_PARAMETERS]
+    for name in (*names, "camera_N.rotation", "camera_N.mask", "camera_N.gamma"):
+        assert f"| `{name}` |" in reference
+    assert '| `camera_N.mask` | `""` |' in reference
 
 
 def test_every_number_has_its_range_and_its_unit() -> None:
@@ -323,11 +352,3 @@ def test_every_number_has_its_range_and_its_unit() -> None:
         assert parameter.maximum is not None, parameter.name
         name = parameter.name
         assert bool(parameter.unit) != bool(plain.fullmatch(name)), name
-
-
-def test_an_integer_of_thousands_of_digits_is_refused_in_one_line(tmp_path: Path) -> None:
-    path = tmp_path / "params.yaml"
-    path.write_text("/**: {ros__parameters: {slop: 0x" + "f" * 5000 + "}}")
-    with pytest.raises(ParameterError, match="slop") as caught:
-        horizon_settings({**PARAMETERS, **read_parameter_file(path, "attitude_node")})
-    assert len(str(caught.value)) < 300

@@ -1,0 +1,94 @@
+"""Nodes of one process: which of them share subscriptions, and when they are made anew."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import rclpy
+from horizon_messages import PARAMETERS
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import ReliabilityPolicy
+
+from horizon_sensor_ros.ros.horizon_node import AttitudeNode, HorizonNode, LocalVerticalNode
+from horizon_sensor_ros.ros.image_feed import ImageFeeds
+
+IMAGES = "/camera_1/image_raw"
+RELIABLE = {f"qos_overrides.{IMAGES}.subscription.reliability": "reliable"}
+
+
+@pytest.fixture
+def context(ros_domain: int) -> Iterator[Context]:
+    context = Context()
+    rclpy.init(context=context, domain_id=ros_domain)
+    yield context
+    rclpy.shutdown(context=context)
+
+
+@pytest.fixture
+def make(context: Context) -> Iterator[Callable[..., HorizonNode]]:
+    """Make an active node of a process, with parameters."""
+    feeds = ImageFeeds()
+    nodes: list[HorizonNode] = []
+
+    def make_one(kind: type, **values: Any) -> HorizonNode:
+        given = [Parameter(name, value=v) for name, v in {**PARAMETERS, **values}.items()]
+        nodes.append(kind(feeds=feeds, context=context, parameter_overrides=given))
+        nodes[-1].bring_up()
+        return nodes[-1]
+
+    yield make_one
+    for node in nodes:
+        node.destroy_node()
+
+
+def subscriptions(node: Node) -> list[Any]:
+    return [s for s in node.subscriptions if s.topic_name == IMAGES]
+
+
+def reliabilities(node: Node) -> list[ReliabilityPolicy]:
+    return [s.qos_profile.reliability for s in subscriptions(node)]
+
+
+def test_an_override_is_for_its_topic_alone(make: Callable) -> None:
+    best_effort = {"qos_overrides./attitude.publisher.reliability": "best_effort"}
+    node = make(AttitudeNode, **RELIABLE, **best_effort)
+    (others,) = {s.qos_profile.reliability for s in node.subscriptions} - set(reliabilities(node))
+    assert others == ReliabilityPolicy.BEST_EFFORT
+    assert reliabilities(node) == [ReliabilityPolicy.RELIABLE]
+    assert {
+        p.topic_name: p.qos_profile.reliability
+        for p in node.publishers
+        if p.topic_name in ("/attitude", "/attitude_node/debug_image")
+    } == {
+        "/attitude": ReliabilityPolicy.BEST_EFFORT,
+        "/attitude_node/debug_image": ReliabilityPolicy.RELIABLE,
+    }
+
+
+def test_each_node_has_the_quality_of_service_that_it_was_given(make: Callable) -> None:
+    first, second = make(LocalVerticalNode), make(AttitudeNode, **RELIABLE)
+    assert reliabilities(first) == [ReliabilityPolicy.BEST_EFFORT]
+    assert reliabilities(second) == [ReliabilityPolicy.RELIABLE]
+
+
+def test_nodes_with_the_same_wishes_share_subscriptions(make: Callable) -> None:
+    # What is asked of an output matters to nobody else.
+    own = {"qos_overrides./attitude.publisher.depth": 3}
+    first, second = make(LocalVerticalNode, **RELIABLE), make(AttitudeNode, **RELIABLE, **own)
+    assert reliabilities(first) == [ReliabilityPolicy.RELIABLE]
+    assert subscriptions(second) == []
+
+
+def test_a_parameter_of_the_reports_leaves_the_subscriptions_alone(make: Callable) -> None:
+    node = make(AttitudeNode)
+    (before,) = subscriptions(node)
+    for name in ("stale_after", "diagnostics_period"):
+        assert node.set_parameters([Parameter(name, value=3.0)])[0].successful
+    assert [s is before for s in subscriptions(node)] == [True]
+    # One that the estimates depend on does not.
+    assert node.set_parameters([Parameter("max_residual", value=3.0)])[0].successful
+    assert [s is before for s in subscriptions(node)] == [False]
