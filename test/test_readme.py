@@ -23,7 +23,7 @@ from horizon_sensor_ros.tools.camera_file import read_camera_file
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PACKAGE = "horizon_sensor_ros"
-PROGRAMS = (".venv/bin/", "make ", "git ", "cd ", "rosdep ", "colcon ", "source ", "ros2 ")
+PROGRAMS = (".venv/bin/", "make ", "git ", "cd ", "PIP_", "colcon ", "source ", "ros2 ")
 
 
 def commands(heading: str = "") -> list[str]:
@@ -115,8 +115,9 @@ def test_the_options_of_every_tool_in_the_readme_exist() -> None:
 def test_into_a_workspace(tmp_path: Path) -> None:
     lines = commands("With an installed ROS 2 Jazzy")
     assert [line.split()[0] for line in lines] == [
-        *("git", "cd", "rosdep", "colcon", "source", "ros2", "ros2"),
+        *("git", "cd", "PIP_BREAK_SYSTEM_PACKAGES=1", "colcon", "source", "ros2", "ros2"),
     ]
+    assert lines[2].split()[1:3] == ["rosdep", "install"]
     if shutil.which("git") is None or not (ROOT / ".git").exists():
         pytest.skip("not a clone")
     # What a fresh user's shell does, as far as there is no ROS: the clone, and where files lie.

@@ -46,9 +46,10 @@ def draw(folder: Path) -> None:
         y = _box(axes, x, y - 2.2 - 5.4, ROS_OUT[first], _ROS, above=y)
         y = _box(axes, x, y - 2.2 - 5.4, NODES[first], _ROS, above=y)
     for x, entry in zip(columns, TOOLS, strict=True):
-        _box(axes, x, 3.4, entry, _OTHER)
+        _box(axes, x, 5.0, entry, _OTHER)
     axes.text(
-        1, 0.9, "Blue: NumPy only. Green: ROS. tools/ runs the pipelines without nodes.",
+        1, 0.9, "Blue: NumPy, SciPy and OpenCV, without ROS. Green: ROS.\n"
+        "tools/ runs the pipelines without nodes.",
         fontsize=9.5, color=GREY,
     )  # fmt: skip
     save(figure, folder / "architecture.png")

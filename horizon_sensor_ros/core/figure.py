@@ -71,7 +71,9 @@ def mean_sphere(planet: Planet) -> Planet:
 
 
 def disc_of(fit: HorizonFit) -> Disc:
-    """Disc of a fit; of one that knows of none, because it is no chain's, a sphere's."""
+    """Return the fit's disc; if the fit does not carry one, that of a sphere with its nadir and
+    rho.
+    """
     sphere = MeanSphere(Planet(), VERTICALS[0])
     return fit.disc or Disc(sphere, fit.nadir_base, fit.rho_rad)
 

@@ -11,9 +11,9 @@ import numpy as np
 def linear_light(gray: np.ndarray, gamma: float) -> np.ndarray:
     """Undo an encoding ``value = light ** (1 / gamma)``.
 
+    Use before limb detection: gamma encoding shifts an edge outwards by about 0.5 px.
     gray : (H, W) uint8 or uint16. Returns it as it is for a gamma of one, else (H, W) uint16, with
-    the same white level over 65535. An encoded edge lies outside the true one by half a pixel.
-    Raises ValueError for a gamma that is not positive.
+    the same white level over 65535. Raises ValueError for a gamma that is not positive.
     """
     if not gamma > 0.0:
         raise ValueError(f"gamma must be positive, got {gamma}")

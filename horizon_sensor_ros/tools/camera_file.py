@@ -1,4 +1,4 @@
-"""The camera and extrinsics file of `horizon_applicability`.
+"""The camera and extrinsics file of `horizon_applicability` and `horizon_bag_from_images`.
 
 `config/applicability_example.yaml` shows it.
 """

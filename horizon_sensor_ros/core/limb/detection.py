@@ -28,13 +28,13 @@ class Detection:
     """The limb in each frame, and where the last pass of refinement looked for it.
 
     observations : one per frame, in order. nadir_base, rho_rad : the cone whose limb the last pass
-    refined; NaN where there is none. candidates : step one's, for drawing. consensus : step two's.
-    looks : one per frame, what the limb's edge looks like; none where no model fits it. factors :
-    one per frame, by which it was reduced for the last pass. layer_rad : how far above the limb a
-    layer of airglow lies, 0 without one. smears : one per frame, motion's in it, None where there
-    is hardly any. steepness : one per frame, that of the limb when it was last asked whether motion
-    smears it. agreed : the search's edges that the consensus is of; None where they are a
-    layer's, or nothing was searched.
+    refined; NaN where there is none. candidates : the search's, with the working image that
+    `sky_evidence` looks at. consensus : theirs. looks : one per frame, what the limb's edge looks
+    like; none where no model fits it. factors : one per frame, by which it was reduced for the last
+    pass. layer_rad : how far above the limb a layer of airglow lies, 0 without one. smears : one
+    per frame, motion's in it, None where there is hardly any. steepness : one per frame, that of
+    the limb when it was last asked whether motion smears it. agreed : the search's edges that the
+    consensus is of; None where they are a layer's, or nothing was searched.
     """
 
     observations: tuple[LimbObservation, ...]

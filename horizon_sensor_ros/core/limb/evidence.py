@@ -71,9 +71,10 @@ def sky_evidence(
 ) -> SkyEvidence:
     """Look at both sides of a fitted limb in a reduced image.
 
-    small : (h, w) float32, reduced by `factor`. space_level, noise : of that image. predicted : the
-    limb as it was drawn before it was fitted; it will do where it lies near enough. layer_rad : how
-    far above the limb a layer of airglow lies; the sky begins beyond it.
+    small : the image reduced by `factor`: (h, w), float32 means, or single pixels of the frame's
+    type where the limb is followed. space_level, noise : of that image. predicted : the limb as it
+    was drawn before it was fitted; it will do where it lies near enough. layer_rad : how far above
+    the limb a layer of airglow lies; the sky begins beyond it.
     """
     curve = _limb(view, nadir_base, rho_rad, factor, predicted)
     px, normal_px = curve.px, curve.normal_px

@@ -23,7 +23,9 @@ _HEIGHT_PX = 0.7
 
 
 def by_night(found: Detection) -> Detection:
-    """The same limbs with the errors that their points really share."""
+    """Return the detection with shared errors enlarged for night scenes, by factors measured on
+    simulated limbs.
+    """
     beside_dark = _beside_dark_limb(found)
     below_layer = found.layer_rad > 0.0
 

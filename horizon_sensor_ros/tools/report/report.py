@@ -46,7 +46,7 @@ def write_report(bags: Sequence[Path], path: Path, **options: Any) -> None:
     """Write the page about what is in one or more bags.
 
     Where two bags have the same topic the first one's counts. options : params, namespace,
-    remappings, imu_topic, title, stopped; see `report_page.write_page`. Raises BagError, saying
+    remappings, imu_topic, title, stopped; see `report.page.write_page`. Raises BagError, saying
     why there is no page.
     """
     from horizon_sensor_ros.tools.report.page import write_page  # noqa: PLC0415

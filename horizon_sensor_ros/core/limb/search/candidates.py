@@ -41,9 +41,10 @@ class LimbCandidates:
     dark side. contrast : (N,) gray-level step across the edge. pitch_px : spacing of the
     candidates' grid, full-image pixels. space_level, noise : gray level of empty space and its
     one-sigma noise, as seen in the working image. outermost : (N,) False where another candidate
-    lies farther out along the normal; None where that was not looked at. reduced : (h, w) float32,
-    the working image, ``pitch_px`` times smaller; empty where there is none. beyond_px : (N,) how
-    far outside px the image falls most steeply; empty where that was not looked at.
+    lies farther out along the normal; None where that was not looked at. reduced : the working
+    image, ``pitch_px`` times smaller: (h, w), float32 means, or single pixels of the frame's type
+    where the limb is followed; empty where there is none. beyond_px : (N,) how far
+    outside px the image falls most steeply; empty where that was not looked at.
     """
 
     px: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
