@@ -99,7 +99,11 @@ def run(names: Sequence[str] = ()) -> int:
             executor.spin_once(timeout_sec=_WAKE_UP_S)
     except Exception as error:
         program = names[0] if len(names) == 1 else "horizon_sensor"
-        print(f"{program}: {' '.join(str(error).split())}", file=sys.stderr)
+        words = " ".join(str(error).split())
+        if type(error).__name__ == "UnknownROSArgsError":
+            # rclpy, whose class has no public name, says no more than what it was given.
+            words = f"unknown ROS argument {words.strip('[]')}"
+        print(f"{program}: {words}", file=sys.stderr)
         return 1
     finally:
         for node in nodes:

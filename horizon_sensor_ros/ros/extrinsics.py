@@ -36,6 +36,10 @@ class TfExtrinsics:
         self._listener = tf2_ros.TransformListener(self._buffer, node)
         self._errors = tf2_ros.TransformException
 
+    def close(self) -> None:
+        """Listen no more: the node would keep the subscriptions."""
+        self._listener.unregister()
+
     def __call__(self, camera: str, frame_id: str) -> np.ndarray | Refusal:
         """Rotation (3, 3) of vectors from the images' frame to the base frame."""
         if not frame_id:

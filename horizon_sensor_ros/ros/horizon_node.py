@@ -43,6 +43,7 @@ class HorizonNode(ReportingNode[HorizonSettings]):
     def __init__(self, name: str, feeds: ImageFeeds | None = None, **node_arguments: Any) -> None:
         self._feeds = feeds or ImageFeeds()
         self._feed: ImageFeed | None = None
+        self._tf: TfExtrinsics | None = None
         self._monitor: HorizonMonitor | None = None
         self._working = False
         super().__init__(name, **node_arguments)
@@ -104,6 +105,9 @@ class HorizonNode(ReportingNode[HorizonSettings]):
     def close(self) -> None:
         """Give back pipeline, publishers and timer."""
         self._feed = self._monitor = None
+        if self._tf is not None:
+            self._tf.close()
+        self._tf = None
         super().close()
 
     def apply(self, settings: HorizonSettings) -> None:
@@ -146,8 +150,8 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         if previous is not None:
             pipeline = previous.with_settings(settings.pipeline)
         elif None in settings.pipeline.rotations:
-            extrinsics = TfExtrinsics(self, settings.pipeline.base_frame)
-            pipeline = HorizonPipeline(settings.pipeline, extrinsics)
+            self._tf = TfExtrinsics(self, settings.pipeline.base_frame)
+            pipeline = HorizonPipeline(settings.pipeline, self._tf)
         else:
             pipeline = HorizonPipeline(settings.pipeline)
         return self._feeds.put(key, ImageFeed(pipeline))

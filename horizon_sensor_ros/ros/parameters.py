@@ -758,7 +758,8 @@ def target_settings(values: Mapping[str, Any]) -> TargetSettings:
             **{field: accepted[name] for name, field in _TRACKER_FIELDS.items()},
         )
     except ValueError as error:
-        raise ParameterError(str(error)) from None
+        fields = {**_REGISTRATION_FIELDS, **_TRACKER_FIELDS}
+        raise ParameterError(_with_parameters_names(str(error), fields)) from None
     return TargetSettings(
         pipeline=TargetPipelineSettings(accepted["target_frame"], tracker),
         stale_after_ns=round(accepted["stale_after"] * 1e9),
@@ -793,7 +794,14 @@ def _sensor_config(values: Mapping[str, Any]) -> HorizonConfig:
             **{field: values[name] for name, field in _SENSOR_FIELDS.items()},
         )
     except ValueError as error:
-        raise ParameterError(str(error)) from None
+        fields = {"planet_radius": "radius_m", "limb_height": "limb_height_m", **_SENSOR_FIELDS}
+        raise ParameterError(_with_parameters_names(str(error), fields)) from None
+
+
+def _with_parameters_names(text: str, fields: Mapping[str, str]) -> str:
+    """The core's complaint, about the names that the user gave."""
+    names = {field: name for name, field in fields.items()}
+    return re.sub(r"\w+", lambda word: names.get(word[0], word[0]), text)
 
 
 def _camera_name_problems(cameras: Sequence[str]) -> list[str]:

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import rclpy
+from geometry_msgs.msg import TransformStamped
 from horizon_messages import QUATERNIONS, ROTATIONS
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 
 from horizon_sensor_ros.ros.extrinsics import TfExtrinsics
+from horizon_sensor_ros.ros.horizon_node import AttitudeNode
 from horizon_sensor_ros.ros.messages import Refusal
 from horizon_sensor_ros.ros.parameters import ParameterError
 
@@ -32,9 +39,21 @@ def transforms(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], list[fl
             rotation = SimpleNamespace(**dict(zip("xyzw", known[target, source], strict=True)))
             return SimpleNamespace(transform=SimpleNamespace(rotation=rotation))
 
+    class TransformListener:
+        def __init__(self, buffer: Buffer, node: Any) -> None:
+            self._node = node
+            self._subscriptions = [] if node is None else [self._subscription("/tf")]
+
+        def _subscription(self, topic: str) -> Any:
+            return self._node.create_subscription(TransformStamped, topic, print, QoSProfile(depth=1))
+
+        def unregister(self) -> None:
+            for subscription in self._subscriptions:
+                self._node.destroy_subscription(subscription)
+
     module = ModuleType("tf2_ros")
     module.Buffer = Buffer  # type: ignore[attr-defined]
-    module.TransformListener = lambda buffer, node: (buffer, node)  # type: ignore[attr-defined]
+    module.TransformListener = TransformListener  # type: ignore[attr-defined]
     module.TransformException = TransformException  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "tf2_ros", module)
     return known
@@ -59,3 +78,27 @@ def test_what_is_missing_is_a_refusal_never_identity(transforms: dict, frame_id:
     assert isinstance(answer, Refusal)
     assert answer.cause == "no_extrinsics"
     assert "camera_1" in answer.reason
+
+
+@pytest.fixture
+def node(ros_domain: int, transforms: dict) -> Iterator[AttitudeNode]:
+    """A node, not configured, that has its rotations from TF."""
+    context = Context()
+    rclpy.init(context=context, domain_id=ros_domain)
+    given = {"extrinsics_source": "tf", "autostart": False}
+    overrides = [Parameter(name, value=value) for name, value in given.items()]
+    node = AttitudeNode(context=context, parameter_overrides=overrides)
+    yield node
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def test_a_node_listens_to_tf_only_while_it_is_configured(node: AttitudeNode) -> None:
+    def listeners() -> int:
+        return sum(subscription.topic_name == "/tf" for subscription in node.subscriptions)
+
+    for _ in range(2):
+        node.trigger_configure()
+        assert listeners() == 1
+        node.trigger_cleanup()
+        assert listeners() == 0

@@ -263,6 +263,12 @@ def test_a_node_refuses_to_start_in_one_clear_line(
         assert word in errors
 
 
+def test_an_argument_that_ros_does_not_know_is_said(start: Callable[..., Program]) -> None:
+    code, errors = start("attitude_node", "--bad").wait()
+    assert code == 1
+    assert errors == "attitude_node: unknown ROS argument '--bad'\n"
+
+
 def test_whole_numbers_and_unknown_parameters(
     start: Callable[..., Program], craft: Craft, params: list[str]
 ) -> None:

@@ -73,7 +73,14 @@ def test_defaults_are_the_contracts() -> None:
         ({"level_z": "UP"}, ["level_z must be one of up, down"]),
         ({"method": "magic"}, ["method must be one of", "magic"]),
         ({"extrinsics_source": "guess"}, ["extrinsics_source", "guess"]),
-        ({"altitude_min": 9e5, "altitude_max": 1e5}, ["altitude"]),
+        (
+            {"altitude_min": 9e5, "altitude_max": 1e5},
+            ["altitude_min must be positive and below altitude_max,"],
+        ),
+        (
+            {"altitude_min": 1.0, "altitude_max": 10.0, "limb_height": 1e5},
+            ["altitude_max must be above the limb's height"],
+        ),
         ({"base_frame": ""}, ["base_frame is empty"]),
         ({"base_frame": " "}, ["base_frame is empty"]),
         ({"slop": -0.1}, ["slop", "-0.1"]),
