@@ -8,26 +8,24 @@ relative: with `namespace:=nav` the nodes listen to /nav/camera_1/image_raw and 
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
 
 PACKAGE = "horizon_sensor_ros"
+# No default: without the cameras' rotations no node starts.
+PARAMS_FILE = "ROS parameter file; it must hold camera_N.rotation of every camera that is used"
 
 
 def generate_launch_description() -> LaunchDescription:
     """One process; its nodes bring themselves to active."""
-    default_params = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "params.yaml"])
     use_sim_time = ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)
     return LaunchDescription(
         [
             DeclareLaunchArgument(
                 "namespace", default_value="", description="Namespace of the nodes"
             ),
-            DeclareLaunchArgument(
-                "params_file", default_value=default_params, description="ROS parameter file"
-            ),
+            DeclareLaunchArgument("params_file", description=PARAMS_FILE),
             DeclareLaunchArgument(
                 "use_sim_time", default_value="false", description="Take the time from /clock"
             ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import py_compile
 import re
@@ -190,6 +191,22 @@ def test_launch_files_describe_nodes() -> None:
     pytest.importorskip("launch_ros", reason="the launch system is not on PyPI, only in apt's ROS")
     for path in launch_files():
         assert runpy.run_path(str(path))["generate_launch_description"]().entities
+
+
+def test_launch_files_ask_for_the_parameters() -> None:
+    # Read, not run: with any default of ours the nodes lack their rotations.
+    for path in launch_files():
+        calls = [
+            node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)
+        ]
+        (call,) = [
+            c
+            for c in calls
+            if c.args
+            and ast.unparse(c.args[0]) == "'params_file'"
+            and ast.unparse(c.func) == "DeclareLaunchArgument"
+        ]
+        assert [keyword.arg for keyword in call.keywords] == ["description"]
 
 
 def test_params_file_is_written_from_the_table_of_parameters() -> None:

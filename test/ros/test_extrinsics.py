@@ -45,9 +45,8 @@ def transforms(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], list[fl
             self._subscriptions = [] if node is None else [self._subscription("/tf")]
 
         def _subscription(self, topic: str) -> Any:
-            return self._node.create_subscription(
-                TransformStamped, topic, print, QoSProfile(depth=1)
-            )
+            qos = QoSProfile(depth=1)
+            return self._node.create_subscription(TransformStamped, topic, print, qos)
 
         def unregister(self) -> None:
             for subscription in self._subscriptions:

@@ -20,6 +20,7 @@ from horizon_messages import (
     horizon_gray,
     image_of,
     nadir_of,
+    recording,
     write_bag,
     write_parameters,
 )
@@ -229,7 +230,21 @@ def test_what_is_wrong_is_said(
     assert "exists; choose another" in refused(capsys, out, "--out", page)
     assert page.read_text() == "mine"
     told = refused(capsys, out, "--params", tmp_path / "none.yaml", "--out", tmp_path / "other")
-    assert "cannot read" in told
+    assert "cannot be read" in told
+
+
+def test_as_many_frames_wait_for_the_other_cameras_as_the_parameters_say(tmp_path: Path) -> None:
+    # All of one camera's first, as from bags that were put together.
+    flight = sorted(recording(13), key=lambda each: each[0])
+    source = write_bag(
+        tmp_path / "flight", [(t, START_NS + i, m) for i, (t, _, m) in enumerate(flight)]
+    )
+    params = write_parameters(tmp_path / "params.yaml", queue_size=20)
+    assert replay([str(source), str(tmp_path / "out"), "--params", str(params)]) == 0
+    page = tmp_path / "report.html"
+    arguments = (tmp_path / "out", "--input", source, "--params", params, "--out", page)
+    assert main([str(a) for a in arguments]) == 0
+    assert "13 frame sets, evenly chosen" in Reader(page).text
 
 
 # ---------------------------------------------------------------------------- in a browser

@@ -12,6 +12,7 @@ from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from horizon_messages import (
     ALTITUDE_M,
     CAMERAS,
+    PARAMETERS,
     PERIOD_NS,
     ROTATIONS,
     START_NS,
@@ -25,6 +26,7 @@ from horizon_messages import (
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation, rotation_from_quaternion
 from horizon_sensor_ros.core.target.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.ros.parameters import horizon_settings, read_parameter_file
+from horizon_sensor_ros.tools.calibration.recording import Horizons
 from horizon_sensor_ros.tools.calibration.self_calibration import main
 
 SETS = 16
@@ -125,6 +127,16 @@ def test_a_wrong_rotation_is_found_and_corrected(
     assert read_parameter_file(out, "attitude_node")["level_z"] == "down"
     assert read_parameter_file(out, "attitude_node")["slop"] == 0.01
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_as_many_frames_wait_for_the_other_cameras_as_the_parameters_say() -> None:
+    settings = horizon_settings({**PARAMETERS, "queue_size": 20}).pipeline
+    horizons = Horizons(settings, 0, focal=False)
+    dark = np.zeros((4, 4), np.uint8)
+    for camera in CAMERAS:
+        for index in range(13):
+            horizons.on_image(camera, image_of(dark, START_NS + index * PERIOD_NS, camera))
+    assert len(horizons.sets) == 13
 
 
 def test_known_altitude_and_attitude_tell_the_rest(

@@ -74,7 +74,9 @@ class Horizons:
         self.sphere = Planet(planet.mean_radius_m, planet.limb_height_m)
         # An altitude that is known goes into the calibration, not into each camera's fit.
         unaided = replace(settings.aiding, pose_altitude_sigma_m=0.0, altitude_sigma_m=0.0)
-        self._pairing: Pairing[Any] = Pairing(settings.cameras, settings.slop_ns)
+        self._pairing: Pairing[Any] = Pairing(
+            settings.cameras, settings.slop_ns, settings.queue_size
+        )
         self._alone = {
             camera: HorizonPipeline(
                 replace(

@@ -174,8 +174,11 @@ class _Study:
         self._cameras = cameras if settings is None else settings.cameras
         self._settings = settings
         self._shown, self._compared, self._refused = shown, compared, refused
-        slop = 20_000_000 if settings is None else settings.slop_ns
-        self._pairing: Pairing[Any] = Pairing(self._cameras, slop)
+        self._pairing: Pairing[Any] = (
+            Pairing(self._cameras, 20_000_000)
+            if settings is None
+            else Pairing(self._cameras, settings.slop_ns, settings.queue_size)
+        )
         self._pipeline = None if settings is None else HorizonPipeline(settings)
         self._alone = None if settings is None else Horizons(settings, 0, focal=False)
         self._looks: list[_Look] = []
