@@ -157,7 +157,7 @@ def test_refused_images(fields: dict, cause: str) -> None:
     width=st.integers(0, 2**32 - 1) | st.integers(0, 9),
     height=st.integers(0, 2**32 - 1) | st.integers(0, 9),
     step=st.integers(0, 2**32 - 1) | st.integers(0, 40),
-    encoding=st.sampled_from(ENCODINGS) | st.text(max_size=20),
+    encoding=st.sampled_from(list(ENCODINGS)) | st.text(max_size=20),
     big=st.integers(0, 255),
     data=st.binary(max_size=400),
 )
