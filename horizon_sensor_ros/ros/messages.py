@@ -19,7 +19,6 @@ from geometry_msgs.msg import (
     TwistWithCovarianceStamped,
     Vector3Stamped,
 )
-from sensor_msgs.msg import Image
 
 from horizon_sensor_ros.core.attitude import (
     level_from_base,
@@ -292,16 +291,3 @@ def twist_message(
 
 def _position_first(covariance: np.ndarray) -> np.ndarray:
     return np.roll(covariance, (3, 3), axis=(0, 1)).ravel()
-
-
-def image_message(bgr: np.ndarray, stamp: int, frame_id: str) -> Image:
-    """Image message, bgr8, of (height, width, 3) uint8."""
-    msg = Image()
-    msg.header.stamp = time_from_ns(stamp)
-    msg.header.frame_id = frame_id
-    msg.height, msg.width = bgr.shape[:2]
-    msg.encoding = "bgr8"
-    msg.step = 3 * bgr.shape[1]
-    # Bytes go into the message in one piece; anything else element by element.
-    msg.data.frombytes(np.ascontiguousarray(bgr).tobytes())
-    return msg
