@@ -12,7 +12,6 @@ class Status(str, Enum):
     BAD_IMAGE = "bad_image"
     NO_LIMB = "no_limb"
     TOO_FEW_POINTS = "too_few_points"
-    SHORT_ARC = "short_arc"
     ILL_CONDITIONED = "ill_conditioned"
     NOT_CONVERGED = "not_converged"
     POOR_FIT = "poor_fit"

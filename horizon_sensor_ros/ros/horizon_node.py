@@ -19,7 +19,6 @@ from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResu
 from horizon_sensor_ros.ros.image_feed import ImageFeed, ImageFeeds
 from horizon_sensor_ros.ros.messages import (
     attitude_message,
-    image_message,
     local_vertical_message,
 )
 from horizon_sensor_ros.ros.parameters import (
@@ -29,6 +28,7 @@ from horizon_sensor_ros.ros.parameters import (
     horizon_settings,
 )
 from horizon_sensor_ros.ros.reporting_node import ReportingNode
+from horizon_sensor_ros.ros.sensor_messages import encoded_image
 
 
 class HorizonNode(ReportingNode[HorizonSettings]):
@@ -136,7 +136,7 @@ class HorizonNode(ReportingNode[HorizonSettings]):
             if self._pictures.get_subscription_count():
                 picture = draw_fix(result.frames, result.fix)
                 frame_id = self.settings.pipeline.base_frame
-                self._pictures.publish(image_message(picture, result.stamp, frame_id))
+                self._pictures.publish(encoded_image(picture, result.stamp, frame_id))
         if self._monitor.changed(self.now()):
             self.report()
 

@@ -1,4 +1,5 @@
-"""The one translator between ROS messages and numpy.
+"""Images, calibrations, poses and rates to numpy, and estimates to messages; clouds are in
+`point_cloud`.
 
 Decoding is duck-typed: it takes rclpy's messages and those that `rosbags` reads alike. What cannot
 be used comes back as a `Refusal`, never as an exception: a message is data.
@@ -18,7 +19,6 @@ from geometry_msgs.msg import (
     TwistWithCovarianceStamped,
     Vector3Stamped,
 )
-from sensor_msgs.msg import Image
 
 from horizon_sensor_ros.core.attitude import (
     level_from_base,
@@ -37,7 +37,7 @@ NANOSECONDS = 1_000_000_000
 
 # Encoding: bytes a channel, channels, OpenCV's conversion to gray. OpenCV names a Bayer pattern by
 # its second row's second and third pixel, ROS by the first two of the first row.
-_ENCODINGS: dict[str, tuple[int, int, int | None]] = {
+ENCODINGS: dict[str, tuple[int, int, int | None]] = {
     "mono8": (1, 1, None),
     "mono16": (2, 1, None),
     "rgb8": (1, 3, cv2.COLOR_RGB2GRAY),
@@ -53,7 +53,6 @@ _ENCODINGS: dict[str, tuple[int, int, int | None]] = {
     "bayer_gbrg16": (2, 1, cv2.COLOR_BayerGR2GRAY),
     "bayer_grbg16": (2, 1, cv2.COLOR_BayerGB2GRAY),
 }
-ENCODINGS = tuple(_ENCODINGS)
 
 _FARTHEST_M = 1e12  # of a coarse pose
 _FOCAL_OF_SIZE = (0.02, 1e4)  # over the frame's width and height: from 177 deg across to 20 arcsec
@@ -90,9 +89,9 @@ def gray_from_image(msg: Any) -> np.ndarray | Refusal:
     Colour and Bayer patterns are converted to gray.
     """
     encoding = str(msg.encoding)
-    if encoding not in _ENCODINGS:
+    if encoding not in ENCODINGS:
         return Refusal("unknown_encoding", f"unknown encoding {_shown(encoding)}")
-    item_size, channels, to_gray = _ENCODINGS[encoding]
+    item_size, channels, to_gray = ENCODINGS[encoding]
     width, height, step = int(msg.width), int(msg.height), int(msg.step)
     if width <= 0 or height <= 0:
         return Refusal("zero_size", f"image of {width} x {height} pixels")
@@ -292,16 +291,3 @@ def twist_message(
 
 def _position_first(covariance: np.ndarray) -> np.ndarray:
     return np.roll(covariance, (3, 3), axis=(0, 1)).ravel()
-
-
-def image_message(bgr: np.ndarray, stamp: int, frame_id: str) -> Image:
-    """Image message, bgr8, of (height, width, 3) uint8."""
-    msg = Image()
-    msg.header.stamp = time_from_ns(stamp)
-    msg.header.frame_id = frame_id
-    msg.height, msg.width = bgr.shape[:2]
-    msg.encoding = "bgr8"
-    msg.step = 3 * bgr.shape[1]
-    # Bytes go into the message in one piece; anything else element by element.
-    msg.data.frombytes(np.ascontiguousarray(bgr).tobytes())
-    return msg

@@ -93,10 +93,6 @@ class Pairing(Generic[Item]):
             unpaired += 1
         return Paired(tuple(sets), jumped=jumped, unpaired=unpaired)
 
-    def buffered(self) -> int:
-        """Return how many frames wait for a partner."""
-        return sum(len(stream.entries) for stream in self._streams.values())
-
     def _start_new_timeline(self, stream: _Stream[Item]) -> int:
         """Forget the camera's past, and what cameras that have not jumped yet had buffered."""
         dropped = len(stream.entries)

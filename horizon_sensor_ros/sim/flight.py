@@ -16,7 +16,6 @@ FloatArray = NDArray[np.float64]
 
 _GRAVITY_EARTH = 3.986004418e14  # m^3 / s^2
 _EARTH_RATE = 7.292115e-5  # rad / s
-_RATE_STEP_S = 1e-3
 
 
 @dataclass(frozen=True)
@@ -75,22 +74,11 @@ class Flight:
         base = ROT_BASE_FROM_BODY[self.base_axes]
         return earth_from_inertial @ level @ body @ base.T, earth_from_inertial @ position
 
-    def angular_rate_base(self, time_s: float) -> FloatArray:
-        """Angular rate (3,) against inertial space in rad/s, in the base frame: a gyro's."""
-        before = self._rot_inertial_from_base(time_s - _RATE_STEP_S)
-        after = self._rot_inertial_from_base(time_s + _RATE_STEP_S)
-        turn = before.T @ after
-        skew = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-        return skew / (4.0 * _RATE_STEP_S)
-
     def frames(self, time_s: float) -> tuple[SimFrame, ...]:
         """Draw the frames of both cameras; the noise depends on the time and the seed only."""
         rng = np.random.default_rng([self.seed, round(time_s * 1e6)])
         rot, position = self.pose(time_s)
         return render_views(self.views, rot, position, self.scene, rng, imaging=self.imaging)
-
-    def _rot_inertial_from_base(self, time_s: float) -> FloatArray:
-        return _about_z(_EARTH_RATE * time_s) @ self.pose(time_s)[0]
 
     def _orbit(self, time_s: float) -> tuple[FloatArray, FloatArray]:
         """Position (m) and velocity (m/s) in the inertial frame that is the world's at time 0."""

@@ -101,7 +101,7 @@ def hard_scene(kind: str, i: int, seed: int = 0) -> HardScene:
     rng = np.random.default_rng([seed, i, 0x4A8D])
     draft = KINDS[kind](_plain(rng), rng)
     planet = draft.scene.planet
-    nadir_body = _nadir_body(rng, draft, planet)
+    nadir_body = _nadir_body(draft, planet)
     rot_world_from_body, position = _place(rng, nadir_body, draft.altitude_m, planet)
     scene = _light(rng, draft, rot_world_from_body, position)
     views = side_views(draft.camera)
@@ -137,7 +137,7 @@ def _plain(rng: np.random.Generator) -> _Draft:
     )
 
 
-def _nadir_body(rng: np.random.Generator, draft: _Draft, planet: Planet) -> FloatArray:
+def _nadir_body(draft: _Draft, planet: Planet) -> FloatArray:
     """Nadir in the body frame, so that the cameras look `aim_rad` above the limb where possible."""
     rho = planet.rho_from_altitude(draft.altitude_m)
     x, y = (np.cos(rho + aim) for aim in draft.aim_rad)

@@ -43,19 +43,6 @@ def camera_from_fov(width: int, height: int, fov_rad: float) -> Camera:
     return Camera(width, height, focal, focal, (width - 1) / 2.0, (height - 1) / 2.0)
 
 
-def camera_from_lens(
-    width: int, height: int, focal_length_m: float, pixel_pitch_m: float
-) -> Camera:
-    """Pinhole camera with a focal length and square pixels of a pitch, both in metres."""
-    if not (focal_length_m > 0.0 and pixel_pitch_m > 0.0):
-        raise ValueError(
-            f"focal_length_m and pixel_pitch_m must be positive, got {focal_length_m}, "
-            f"{pixel_pitch_m}"
-        )
-    focal = focal_length_m / pixel_pitch_m
-    return Camera(width, height, focal, focal, (width - 1) / 2.0, (height - 1) / 2.0)
-
-
 def rot_level_from_body(roll_rad: float, pitch_rad: float, yaw_rad: float = 0.0) -> FloatArray:
     """Rotation (3, 3), Rz(yaw) Ry(pitch) Rx(roll), into a level frame whose z points down."""
     cr, sr = np.cos(roll_rad), np.sin(roll_rad)

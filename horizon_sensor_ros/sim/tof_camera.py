@@ -36,12 +36,10 @@ class ToFScan:
     """One exposure.
 
     points : (H, W, 3) float32, metres, optical frame (x right, y down, z forward); NaN: no return.
-    range_true_m : (H, W) exact ranges of the surface along the pixel rays, NaN where there is none.
     pose_cam_from_target : (4, 4), the truth.
     """
 
     points: np.ndarray
-    range_true_m: np.ndarray
     pose_cam_from_target: np.ndarray
 
     def plain(self) -> np.ndarray:
@@ -114,15 +112,15 @@ class ToFCamera:
         extra = ToFDisturbances() if disturbances is None else disturbances
         if rng is None and (extra.outlier_fraction or extra.occluded_fraction):
             raise ValueError("outliers and occlusion need rng")
-        truth = self.ranges(mesh, pose_cam_from_target)
-        measured = self._mixed(mesh, pose_cam_from_target) if extra.mixed_pixels else truth.copy()
+        see = self._mixed if extra.mixed_pixels else self.ranges
+        measured = see(mesh, pose_cam_from_target)
         if rng is not None:
             _occlude(measured, extra.occluded_fraction, rng)
             measured += rng.normal(0.0, self.range_noise_m, measured.shape)
             _add_outliers(measured, extra.outlier_fraction, rng)
         measured[~((measured >= self.range_min_m) & (measured <= self.range_max_m))] = np.nan
         points = (measured[..., None] * self.rays()).astype(np.float32)
-        return ToFScan(points, truth, _checked_pose(pose_cam_from_target))
+        return ToFScan(points, _checked_pose(pose_cam_from_target))
 
     def _mixed(self, mesh: TriangleMesh, pose: np.ndarray) -> np.ndarray:
         k = 3

@@ -80,10 +80,10 @@ def test_one_camera_blind_is_named() -> None:
 
 def test_no_fix_says_why() -> None:
     monitor = monitor_of()
-    deliver(monitor, S, fix_of(Status.SHORT_ARC, ()))
+    deliver(monitor, S, fix_of(Status.UNCERTAIN, ()))
     health = monitor.health(S)
     assert (health.level, health.state) == (DiagnosticStatus.WARN, "no_fix")
-    assert health.reason == "short_arc: because"
+    assert health.reason == "uncertain: because"
 
 
 def test_a_refusal_lasts_until_the_cameras_next_good_frame() -> None:

@@ -30,13 +30,13 @@ from horizon_sensor_ros.ros.messages import (
     camera_from_info,
     camera_info_key,
     gray_from_image,
-    image_message,
     local_vertical_message,
     pose_message,
     stamp_ns,
     time_from_ns,
     twist_message,
 )
+from horizon_sensor_ros.ros.sensor_messages import encoded_image
 
 RGB_WEIGHTS = (0.299, 0.587, 0.114)
 
@@ -157,7 +157,7 @@ def test_refused_images(fields: dict, cause: str) -> None:
     width=st.integers(0, 2**32 - 1) | st.integers(0, 9),
     height=st.integers(0, 2**32 - 1) | st.integers(0, 9),
     step=st.integers(0, 2**32 - 1) | st.integers(0, 40),
-    encoding=st.sampled_from(ENCODINGS) | st.text(max_size=20),
+    encoding=st.sampled_from(list(ENCODINGS)) | st.text(max_size=20),
     big=st.integers(0, 255),
     data=st.binary(max_size=400),
 )
@@ -278,7 +278,7 @@ def test_local_vertical_points_to_the_planet() -> None:
 
 def test_pictures_go_into_messages() -> None:
     bgr = np.random.default_rng(3).integers(0, 255, (5, 7, 3), dtype=np.uint8)
-    msg = image_message(bgr, 9, "base_link")
+    msg = encoded_image(bgr, 9, "base_link")
     assert (msg.width, msg.height, msg.step, msg.encoding) == (7, 5, 21, "bgr8")
     np.testing.assert_array_equal(np.frombuffer(msg.data, np.uint8).reshape(bgr.shape), bgr)
 

@@ -61,7 +61,6 @@ def test_frames_without_partner_are_counted_and_bounded() -> None:
     pairing = pairing_of(depth=4)
     steps = [pairing.push("a", i * 100 * MS, None) for i in range(10)]
     assert sum(step.unpaired for step in steps) == 6
-    assert pairing.buffered() == 4
     late = pairing.push("b", 900 * MS, None)
     assert len(late.sets) == 1
     assert late.unpaired == 3

@@ -34,19 +34,6 @@ def test_orbit_has_its_period_and_inclination() -> None:
     assert np.arcsin(highest / 6771e3) == pytest.approx(np.radians(51.6), abs=1e-3)
 
 
-def test_gyro_integrates_to_the_attitude() -> None:
-    flight = Flight()
-    earth_rate = np.array([0.0, 0.0, 7.292115e-5])
-    step = 0.01
-    rot = flight.pose(0.0)[0]
-    for k in range(500):
-        rate = flight.angular_rate_base((k + 0.5) * step) - rot.T @ earth_rate
-        x, y, z = rate * step
-        skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        rot = rot @ (np.eye(3) + skew + 0.5 * skew @ skew)
-    np.testing.assert_allclose(rot, flight.pose(5.0)[0], atol=1e-5)
-
-
 def test_frames_depend_on_time_and_seed_only() -> None:
     flight = Flight()
     first = flight.frames(3.0)

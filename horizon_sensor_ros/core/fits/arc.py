@@ -83,7 +83,7 @@ def fit_arc(
     refused_here = too_uncertain(cov, rho)
     if refused_here:
         return refuse(*refused_here)
-    bias = difference_from_circle(nadir, rho, basis, robust_circle_on_sphere(rays))
+    bias = difference_from_circle(rho, basis, robust_circle_on_sphere(rays))
     cov += np.outer(bias, bias)
     residual = rays.residuals_px(nadir, rho)
     inlying = inliers(residual)

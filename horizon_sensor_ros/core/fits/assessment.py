@@ -163,7 +163,7 @@ def assess_least_squares(
     chi = (residual / rays.sigma_px)[order]
     chi2 = float(chi @ chi) / max(len(chi) - 3, 1)
     factor = max(1.0, chi2 * correlation_factor(chi, rays.camera[order]))
-    bias = difference_from_circle(nadir_base, rho_rad, basis, circle_on_sphere(rays))
+    bias = difference_from_circle(rho_rad, basis, circle_on_sphere(rays))
     cov = influence @ influence.T * factor + np.outer(bias, bias)
     refused = too_uncertain(cov, rho_rad)
     if refused:
@@ -185,7 +185,7 @@ def assess_least_squares(
 
 
 def difference_from_circle(
-    nadir_base: np.ndarray, rho_rad: float, basis: np.ndarray, circle: tuple[np.ndarray, float]
+    rho_rad: float, basis: np.ndarray, circle: tuple[np.ndarray, float]
 ) -> np.ndarray:
     """Difference (3,) in (tangent components, rho) from a nearly unbiased circle (nadir, rho).
 

@@ -113,7 +113,7 @@ def _fit(
     if refused_here:
         return refuse(*refused_here)
     if not exact:
-        bias = difference_from_circle(nadir, rho, basis, circle)
+        bias = difference_from_circle(rho, basis, circle)
         cov += np.outer(bias, bias)
     return HorizonFit(
         Status.OK,

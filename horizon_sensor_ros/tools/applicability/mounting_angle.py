@@ -34,11 +34,6 @@ class Mountings:
     sigma_rad: np.ndarray
 
     @property
-    def worst_rad(self) -> np.ndarray:
-        """(D,) worst sigma over the altitudes."""
-        return self.sigma_rad.max(axis=1)
-
-    @property
     def good(self) -> slice:
         """Stretch of angles that work at most altitudes, and there nearly as well as the best."""
         works = np.isfinite(self.sigma_rad).sum(axis=1)
