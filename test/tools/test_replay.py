@@ -297,6 +297,29 @@ def test_parameters_that_cannot_be(
     assert not out.exists()
 
 
+@pytest.mark.parametrize(
+    ("rule", "words"),
+    [
+        ("attitude_node:camera_1/image_raw:=/left", "leave out what names a node (NODE:, ~ or __)"),
+        ("~/debug_image:=/picture", "leave out what names a node"),
+        ("imu:=~/imu", "leave out what names a node"),
+        ("__ns:=/flight", "leave out what names a node"),
+        ("camera_1/image_raw:=/left image", "'/left image' is no name of a topic"),
+        ("camera_1//image_raw:=/left", "'camera_1//image_raw' is no name of a topic"),
+        ("imu:=/2nd/imu", "'/2nd/imu' is no name of a topic"),
+        ("imu:=imu/", "'imu/' is no name of a topic"),
+        ("imu:=/", "'/' is no name of a topic"),
+    ],
+)
+def test_remappings_that_cannot_be(
+    tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str], rule: str, words: str
+) -> None:
+    told = refused(capsys, flight, tmp_path / "out", "--remap", rule)
+    assert told.startswith(f"horizon_replay: --remap {rule}: ")
+    assert words in told
+    assert told.count("\n") == 1
+
+
 def test_unknown_parameters_are_said(
     tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
