@@ -75,6 +75,13 @@ class TopicNames:
         full = self._full(name)
         return self._remapped.get(full, full)
 
+    def before(self, topic: str) -> str | None:
+        """Return what a topic's full name was before remapping; None when nobody means it."""
+        for source, target in self._remapped.items():
+            if target == topic:
+                return source
+        return None if topic in self._remapped else topic
+
     def _full(self, name: str) -> str:
         return name if name.startswith("/") else f"{self._namespace.rstrip('/')}/{name}"
 
