@@ -297,6 +297,24 @@ def test_parameters_that_cannot_be(
     assert not out.exists()
 
 
+def test_a_node_that_cannot_be_is_said_and_left_out(
+    tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    params = tmp_path / "params.yaml"
+    one = f"    cameras: [camera_1]\n    camera_1.rotation: {QUATERNIONS['camera_1']}\n"
+    params.write_text(f"attitude_node:\n  ros__parameters:\n{one}")
+    assert run(flight, tmp_path / "out", "--params", params) == 0
+    assert set(read(tmp_path / "out")) == {"/attitude", "/diagnostics"}
+    said = capsys.readouterr().err.splitlines()
+    assert sum("left out, local_vertical_node: camera_1.rotation is not" in s for s in said) == 1
+    # Cameras that cannot be are known before the bag is looked into.
+    nameless = "local_vertical_node:\n  ros__parameters:\n    cameras: ['']\n"
+    params.write_text(f"attitude_node:\n  ros__parameters:\n{one}{nameless}")
+    assert run(flight, tmp_path / "again", "--params", params) == 0
+    assert "left out, local_vertical_node: cameras has ''" in capsys.readouterr().err
+    assert (tmp_path / "again").is_dir()
+
+
 @pytest.mark.parametrize(
     ("rule", "words"),
     [
