@@ -30,6 +30,8 @@ from target_messages import scan
 from horizon_sensor_ros.ros.messages import gray_from_image
 from horizon_sensor_ros.ros.point_cloud import points_from_cloud
 from horizon_sensor_ros.tools.bags import bag_from_images, bag_to_csv, replay
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.output_bag import OutputBag
 
 PAIRS = 3
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
@@ -350,3 +352,17 @@ def test_nothing_is_overwritten_but_by_force(
     assert "other.params.yaml exists" in refused(tmp_path / "other", *given)
     # Never the input.
     assert "only another bag" in refused(folders, *given, "--force")
+
+
+def test_without_a_bag_there_are_no_other_parameters(
+    tmp_path: Path, folders: Path, refused: Refused, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_: OutputBag) -> None:
+        raise BagError("the disk is full")
+
+    monkeypatch.setattr(OutputBag, "finish", fail)
+    given = arguments(folders, "camera_1")
+    assert "disk is full" in refused(tmp_path / "bag", *given)
+    (tmp_path / "bag.params.yaml").write_text("mine")
+    assert "disk is full" in refused(tmp_path / "bag", *given, "--force")
+    assert (tmp_path / "bag.params.yaml").read_text() == "mine"

@@ -297,6 +297,47 @@ def test_parameters_that_cannot_be(
     assert not out.exists()
 
 
+def test_a_node_that_cannot_be_is_said_and_left_out(
+    tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    params = tmp_path / "params.yaml"
+    one = f"    cameras: [camera_1]\n    camera_1.rotation: {QUATERNIONS['camera_1']}\n"
+    params.write_text(f"attitude_node:\n  ros__parameters:\n{one}")
+    assert run(flight, tmp_path / "out", "--params", params) == 0
+    assert set(read(tmp_path / "out")) == {"/attitude", "/diagnostics"}
+    said = capsys.readouterr().err.splitlines()
+    assert sum("left out, local_vertical_node: camera_1.rotation is not" in s for s in said) == 1
+    # Cameras that cannot be are known before the bag is looked into.
+    nameless = "local_vertical_node:\n  ros__parameters:\n    cameras: ['']\n"
+    params.write_text(f"attitude_node:\n  ros__parameters:\n{one}{nameless}")
+    assert run(flight, tmp_path / "again", "--params", params) == 0
+    assert "left out, local_vertical_node: cameras has ''" in capsys.readouterr().err
+    assert (tmp_path / "again").is_dir()
+
+
+@pytest.mark.parametrize(
+    ("rule", "words"),
+    [
+        ("attitude_node:camera_1/image_raw:=/left", "leave out what names a node (NODE:, ~ or __)"),
+        ("~/debug_image:=/picture", "leave out what names a node"),
+        ("imu:=~/imu", "leave out what names a node"),
+        ("__ns:=/flight", "leave out what names a node"),
+        ("camera_1/image_raw:=/left image", "'/left image' is no name of a topic"),
+        ("camera_1//image_raw:=/left", "'camera_1//image_raw' is no name of a topic"),
+        ("imu:=/2nd/imu", "'/2nd/imu' is no name of a topic"),
+        ("imu:=imu/", "'imu/' is no name of a topic"),
+        ("imu:=/", "'/' is no name of a topic"),
+    ],
+)
+def test_remappings_that_cannot_be(
+    tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str], rule: str, words: str
+) -> None:
+    told = refused(capsys, flight, tmp_path / "out", "--remap", rule)
+    assert told.startswith(f"horizon_replay: --remap {rule}: ")
+    assert words in told
+    assert told.count("\n") == 1
+
+
 def test_unknown_parameters_are_said(
     tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -233,6 +233,24 @@ def test_what_is_wrong_is_said(
     assert "cannot be read" in told
 
 
+def test_remapped_frames_are_the_cameras(tmp_path: Path) -> None:
+    names = {"/camera_1/image_raw": "/left/image", "/camera_2/image_raw": "/right/image_raw"}
+    flight = [(names.get(topic, topic), time, msg) for topic, time, msg in recording(3)]
+    source = write_bag(tmp_path / "flight", flight)
+    params = write_parameters(tmp_path / "params.yaml")
+    remap = [word for rule in names.items() for word in ("--remap", ":=".join(rule))]
+    page = tmp_path / "report.html"
+    given = [source, tmp_path / "out", "--params", params, *remap]
+    assert replay([str(a) for a in given]) == 0
+    for with_params in ([], ["--params", params]):
+        given = [tmp_path / "out", "--input", source, *with_params, *remap]
+        assert main([str(a) for a in (*given, "--out", page, "--force")]) == 0
+        read = Reader(page)
+        assert "3 of 3" in read.text
+        for camera in CAMERAS:
+            assert any(camera in alt for alt in read.alts)
+
+
 def test_as_many_frames_wait_for_the_other_cameras_as_the_parameters_say(tmp_path: Path) -> None:
     # All of one camera's first, as from bags that were put together.
     flight = sorted(recording(13), key=lambda each: each[0])

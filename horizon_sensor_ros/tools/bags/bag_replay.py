@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rosbags.rosbag2 import Reader
 from rosbags.serde import SerdeError
@@ -49,8 +48,11 @@ _IMU = "sensor_msgs/msg/Imu"
 _POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 _TARGET_NODE = "target_pose_node"
 _NODES = (*HORIZON_NODES, _TARGET_NODE)
+# Those of a kind share their sensors.
+_KINDS = (frozenset(HORIZON_NODES), frozenset([_TARGET_NODE]))
 # A topic and its type.
 _Input = tuple[str, str]
+_Made = TypeVar("_Made")
 
 
 @dataclass(frozen=True)
@@ -171,15 +173,13 @@ def _inputs_of(
     values: dict[str, dict[str, Any]], names: TopicNames
 ) -> dict[str, frozenset[_Input]]:
     """What each node listens to."""
-    inputs = {}
-    for node, given in values.items():
+
+    def inputs(node: str, given: dict[str, Any]) -> frozenset[_Input]:
         if node == _TARGET_NODE:
-            inputs[node] = frozenset([_cloud_input(names)])
-            continue
-        with _blamed_on(node):
-            cameras = cameras_of(given)
-        inputs[node] = frozenset(i for camera in cameras for i in _camera_inputs(camera, names))
-    return inputs
+            return frozenset([_cloud_input(names)])
+        return frozenset(i for camera in cameras_of(given) for i in _camera_inputs(camera, names))
+
+    return _of_each(values, inputs)
 
 
 def _taking_part(inputs: dict[str, frozenset[_Input]], reader: Reader) -> list[str]:
@@ -209,28 +209,43 @@ def _read_values(params: Path | None, namespace: str) -> dict[str, dict[str, Any
 
 
 def _plan(values: dict[str, dict[str, Any]]) -> _Plan:
-    horizon = {}
-    target = None
+    settings = _of_each(values, _settings_of)
+    horizon = {n: s for n, s in settings.items() if isinstance(s, HorizonSettings)}
+    target = settings.get(_TARGET_NODE)
+    return _Plan(horizon, target if isinstance(target, TargetSettings) else None)
+
+
+def _settings_of(node: str, given: dict[str, Any]) -> HorizonSettings | TargetSettings:
+    if node == _TARGET_NODE:
+        return target_settings(given)
+    settings = horizon_settings(given)
+    if None in settings.pipeline.rotations:
+        raise ParameterError(
+            "extrinsics_source is tf, and a replay has no TF; set the rotations as parameters"
+        )
+    return settings
+
+
+def _of_each(
+    values: dict[str, dict[str, Any]], make: Callable[[str, dict[str, Any]], _Made]
+) -> dict[str, _Made]:
+    """What is made of each node's parameters; a node that cannot be is said and left out, as live
+    the others run without it. BagError when that leaves none for the cameras, or for the target.
+    """
+    made: dict[str, _Made] = {}
+    problems: dict[str, list[str]] = {}
     for node, given in values.items():
-        with _blamed_on(node):
-            if node == _TARGET_NODE:
-                target = target_settings(given)
-                continue
-            horizon[node] = horizon_settings(given)
-        if None in horizon[node].pipeline.rotations:
-            raise BagError(
-                f"{node}: extrinsics_source is tf, and a replay has no TF; set the rotations as "
-                "parameters"
-            )
-    return _Plan(horizon, target)
-
-
-@contextmanager
-def _blamed_on(node: str) -> Iterator[None]:
-    try:
-        yield
-    except ParameterError as error:
-        raise BagError(f"{node}: {error}") from None
+        try:
+            made[node] = make(node, given)
+        except ParameterError as error:
+            problems.setdefault(str(error), []).append(node)
+    lines = [f"{', '.join(nodes)}: {problem}" for problem, nodes in problems.items()]
+    left_out = values.keys() - made.keys()
+    if any(left_out & kind and not made.keys() & kind for kind in _KINDS):
+        raise BagError("\n".join(lines))
+    for line in lines:
+        print(f"left out, {line}", file=sys.stderr)
+    return made
 
 
 def replay(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) -> str:

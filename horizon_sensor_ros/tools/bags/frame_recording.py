@@ -60,18 +60,24 @@ def record(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) ->
     rig = _read_rig(arguments.camera_file) if arguments.images else None
     sources = _sources(arguments, rig)
     bag = OutputBag(out, STORAGE[arguments.storage])
+    # An older file stays what it is until the bag that the new one belongs to is there.
+    fresh = params.with_name(params.name + ".tmp")
     try:
         _write(bag, sources, stopped)
         if rig is not None:
             used = [source.name for source in sources if source.name != CLOUD_TOPIC]
-            params.write_text(_parameter_file(rig, used, arguments.camera_file), encoding="utf-8")
+            fresh.write_text(_parameter_file(rig, used, arguments.camera_file), encoding="utf-8")
         bag.finish()
+        if rig is not None:
+            fresh.replace(params)
     except OSError as error:
         bag.discard()
         raise BagError(f"cannot write {params}: {error.strerror}") from None
     except BaseException:
         bag.discard()
         raise
+    finally:
+        fresh.unlink(missing_ok=True)
     said = ", ".join(f"{len(source.frames)} frames of {source.name}" for source in sources)
     if rig is None:
         return f"wrote {out}: {said}\nnext: horizon_replay {out} {out}_out"

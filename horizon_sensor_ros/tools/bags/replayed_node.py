@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -43,8 +44,14 @@ HORIZON_NODES = {
 }
 
 
+_TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
+
+
 class TopicNames:
-    """Relative names to full ones, as the nodes' namespace and remappings make them."""
+    """Relative names to full ones, as the nodes' namespace and remappings make them.
+
+    Raises BagError for what is no remapping of a topic.
+    """
 
     def __init__(self, namespace: str, remappings: Sequence[str]) -> None:
         self._namespace = "/" + namespace.strip("/")
@@ -53,12 +60,27 @@ class TopicNames:
             source, found, target = rule.partition(":=")
             if not (found and source and target):
                 raise BagError(f"--remap must be FROM:=TO, got {rule!r}")
+            if ":" in source or "~" in rule or source.startswith("__"):
+                raise BagError(
+                    f"--remap {rule}: rules are for all nodes and for topics alone; leave out what "
+                    "names a node (NODE:, ~ or __)"
+                )
+            for name in (source, target):
+                if not _TOPIC.fullmatch(name):
+                    raise BagError(f"--remap {rule}: {name!r} is no name of a topic")
             self._remapped[self._full(source)] = self._full(target)
 
     def __call__(self, name: str) -> str:
         """Full name of a topic."""
         full = self._full(name)
         return self._remapped.get(full, full)
+
+    def before(self, topic: str) -> str | None:
+        """Return what a topic's full name was before remapping; None when nobody means it."""
+        for source, target in self._remapped.items():
+            if target == topic:
+                return source
+        return None if topic in self._remapped else topic
 
     def _full(self, name: str) -> str:
         return name if name.startswith("/") else f"{self._namespace.rstrip('/')}/{name}"

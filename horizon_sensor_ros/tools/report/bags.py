@@ -131,6 +131,7 @@ class _Wanted:
 
     def __init__(self, found: Recorded, names: TopicNames, imu_topic: str) -> None:
         self.found = found
+        self._names = names
         self._answers = {names(topic): topic for topic in ANSWER_TOPICS}
         self._truths = {names(topic): topic for topic in TRUTH_TOPICS}
         self._cloud, self._imu = names(CLOUD_TOPIC), names(imu_topic)
@@ -149,9 +150,16 @@ class _Wanted:
     def is_big(self, connection: Connection) -> bool:
         """Whether only the stamps of its messages count."""
         topic, kind = connection.topic, connection.msgtype
-        return (kind == _IMAGE and topic.endswith(_IMAGE_SUFFIX)) or (
+        return (kind == _IMAGE and self._camera(topic) is not None) or (
             kind == _CLOUD and topic == self._cloud
         )
+
+    def _camera(self, topic: str) -> str | None:
+        """Name of the camera whose images a topic has; None when it is none's."""
+        name = self._names.before(topic)
+        if name is None or not name.endswith(_IMAGE_SUFFIX):
+            return None
+        return name.removesuffix(_IMAGE_SUFFIX).strip("/").rpartition("/")[2]
 
     def take_stamp(self, connection: Connection, time: int, raw: bytes) -> None:
         """Take note of an image or a cloud."""
@@ -160,7 +168,8 @@ class _Wanted:
             self.found.clouds.append(stamp)
             self.found.clouds_received_ns[stamp] = time
         else:
-            camera = connection.topic.removesuffix(_IMAGE_SUFFIX).strip("/").rpartition("/")[2]
+            camera = self._camera(connection.topic)
+            assert camera is not None
             self.found.frames.setdefault(camera, []).append(stamp)
             self.found.frames_received_ns[stamp] = time
 
