@@ -341,7 +341,11 @@ class Camera:
         """Distorted and undistorted radii of the radial terms: the start of the inverse."""
         steepest = min(np.arctan(self._max_radius), _STEEPEST_RAD)
         radius = np.tan(np.linspace(0.0, steepest, _TABLE_SIZE))
-        return radius * self._radial(radius * radius)[0], radius
+        distorted = radius * self._radial(radius * radius)[0]
+        # At a pole of the model the last one may lie beyond it.
+        rises = np.append(True, np.diff(distorted) > 0.0)
+        end = len(radius) if rises.all() else int(np.argmin(rises))
+        return distorted[:end], radius[:end]
 
     def _normalised(self, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return x/z, y/z and 1/z, NaN behind the camera and outside the one-to-one field."""

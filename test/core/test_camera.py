@@ -295,3 +295,12 @@ def test_view_takes_only_rotations() -> None:
     for bad in (np.diag([1, 1, -1]), 2 * np.eye(3), np.full((3, 3), np.nan), np.eye(2)):
         with pytest.raises(ValueError, match="rot_base_from_cam of 'left'"):
             CameraView("left", make("pinhole"), bad)
+
+
+def test_rays_below_a_pole_of_the_lens_model() -> None:
+    """The table of radii ended beyond the pole, and every search in it began there."""
+    lens = (*(0.0,) * 7, -0.0234375)
+    camera = Camera(640, 480, 100.0, 101.0, 318.3, 241.7, "rational_polynomial", lens)
+    for angle_rad in (0.3, 0.7, 1.0):
+        ray = np.array([[np.sin(angle_rad), 0.0, np.cos(angle_rad)]])
+        np.testing.assert_allclose(camera.rays(camera.pixels(ray)), ray, atol=1e-9)
