@@ -11,6 +11,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
+from horizon_sensor_ros.core.fits.assessment import tangent_rows
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
@@ -70,8 +71,7 @@ class _Apart:
     @classmethod
     def of(cls, one: HorizonFit, other: HorizonFit) -> _Apart:
         """Return what separates two fits."""
-        to_tangent = np.zeros((3, 4))
-        to_tangent[:2, :3], to_tangent[2, 3] = tangent_basis(one.nadir_base).T, 1.0
+        to_tangent = tangent_rows(tangent_basis(one.nadir_base))
         nadir = other.nadir_base - one.nadir_base
         return cls(
             one.cameras + other.cameras,

@@ -221,7 +221,7 @@ class HorizonSensor:
         i, alone = found[0]
         limbs = [LimbPoints.none(Status.NO_LIMB, f"not on one cone: {fix.reason}") for _ in frames]
         limbs[i] = alone.limbs[0]
-        return HorizonFix(Status.OK, "", alone.fit, tuple(limbs), alone.cameras_used)
+        return replace(alone, limbs=tuple(limbs))
 
     def _figure(self, aiding: Aiding) -> Figure:
         planet, vertical = self.config.planet, self.config.vertical

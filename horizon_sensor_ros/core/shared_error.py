@@ -11,7 +11,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.figure import Figure
-from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
+from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude, tangent_rows
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
@@ -80,8 +80,7 @@ def _with_shared(
     if negligible:
         return fit.cov_nadir_altitude
     basis = tangent_basis(fit.nadir_base)
-    to_tangent = np.zeros((3, 4))
-    to_tangent[:2, :3], to_tangent[2, 3] = basis.T, 1.0
+    to_tangent = tangent_rows(basis)
     rows = [camera[1].design_sigmas(fit.nadir_base, basis) for camera in cameras]
     gain = inverse(sum((a.T @ a for a in rows), np.zeros((3, 3))))
     cov, height = np.zeros((3, 3)), np.zeros(3)

@@ -212,7 +212,8 @@ class HorizonMonitor:
                 if self._views:
                     residual_px = self._fix.residual_px(self._views[index], limb)
             elif limb.status is Status.OK:
-                state, reason = "left_out", self._fix.reason
+                # What a fix says are doubts of it, not of a camera that has no part in it.
+                state, reason = "left_out", "" if self._fix.ok else self._fix.reason
             else:
                 state, reason = "left_out", limb.reason or str(limb.status)
         if camera.last_ns is None:

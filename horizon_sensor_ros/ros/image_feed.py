@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from copy import copy
 from functools import partial
 from typing import Any, Protocol
 from weakref import WeakValueDictionary
@@ -11,12 +10,12 @@ from weakref import WeakValueDictionary
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, Image, Imu
 
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
+from horizon_sensor_ros.ros.qos import overridable
 
 # Rates come many to a frame, and wait while it is processed.
 _IMU_QOS = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -87,12 +86,7 @@ class ImageFeed:
     ) -> None:
         assert self._host is not None
         subscription = self._host.node.create_subscription(
-            kind,
-            topic,
-            callback,
-            # Overrides are written into it, and must not reach the other topics.
-            copy(qos),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            kind, topic, callback, **overridable(qos)
         )
         self._subscriptions.append(subscription)
 

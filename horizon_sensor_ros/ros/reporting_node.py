@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from copy import copy
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecyclePublisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.timer import Timer
 
 from horizon_sensor_ros.ros.diagnostics import Health, diagnostic_message
 from horizon_sensor_ros.ros.managed_node import ManagedNode, Settings
+from horizon_sensor_ros.ros.qos import overridable
 
 OUTPUT_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -41,13 +40,7 @@ class ReportingNode(ManagedNode[Settings]):
 
     def make_publisher(self, message: type, topic: str) -> LifecyclePublisher:
         """Return a publisher that goes with the node's state and has its QoS overridable."""
-        publisher = self.create_lifecycle_publisher(
-            message,
-            topic,
-            # Overrides are written into it, and must not reach the other topics.
-            copy(OUTPUT_QOS),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        publisher = self.create_lifecycle_publisher(message, topic, **overridable(OUTPUT_QOS))
         self._publishers_made.append(publisher)
         return publisher
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import copy
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.lifecycle import LifecyclePublisher
 from rclpy.qos import qos_profile_sensor_data
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 
@@ -19,6 +17,7 @@ from horizon_sensor_ros.ros.parameters import (
     target_parameters,
     target_settings,
 )
+from horizon_sensor_ros.ros.qos import overridable
 from horizon_sensor_ros.ros.reporting_node import ReportingNode
 from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS, TargetPipeline
@@ -71,9 +70,7 @@ class TargetPoseNode(ReportingNode[TargetSettings]):
             PointCloud2,
             CLOUD_TOPIC,
             self._on_cloud,
-            # Overrides are written into it, and must not reach other topics.
-            copy(qos_profile_sensor_data),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            **overridable(qos_profile_sensor_data),
         )
         self.report()
 

@@ -258,7 +258,7 @@ def test_a_jump_back_in_time_forgets_the_pose_of_the_end_but_not_of_the_new_begi
         assert (aiding.of_set(start).coarse_pose is not None) == kept
 
 
-def test_a_copy_has_the_pose_and_rates_of_its_own() -> None:
+def test_sources_with_settings_have_the_pose_and_rates_of_their_own() -> None:
     """Two nodes of one process shared one: whoever asked first left the other no rotation."""
     aiding = sources()
     aiding.on_coarse_pose(pose_of())

@@ -65,6 +65,15 @@ def correlation_factor(values: np.ndarray, camera: np.ndarray) -> float:
     return power / count / (window * variance) / (1.0 - 3.0 * window / len(values))
 
 
+def tangent_rows(basis: np.ndarray) -> np.ndarray:
+    """(3, 4) that takes a small change of nadir_base and one more number to its components along a
+    tangent basis (3, 2), and that number.
+    """
+    rows = np.zeros((3, 4))
+    rows[:2, :3], rows[2, 3] = basis.T, 1.0
+    return rows
+
+
 def covariance_nadir_altitude(
     cov: np.ndarray, basis: np.ndarray, rho_rad: float, planet: Planet
 ) -> np.ndarray:

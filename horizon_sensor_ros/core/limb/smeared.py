@@ -82,20 +82,29 @@ def _smears(
     seen = zip(views, images, found.limbs, found.looks, found.factors, strict=True)
     for view, image, limb, looks, factor in seen:
         smear = None
-        soft = factor > 1 or _glows(looks)
-        sharp = looks and looks[0].psf_px < _SHARP_PX and not soft
+        sharp = looks and looks[0].psf_px < _SHARP_PX and not _soft(looks, factor)
         if limb.status is Status.OK and not sharp:
-            smear = _smear_of(image, view, found, soft, factor)
+            smear = _smear_of(image, view, found, looks, factor)
         smears.append(smear)
     return smears
 
 
 def _smear_of(
-    image: np.ndarray, view: CameraView, found: Detection, soft: bool, factor: int
+    image: np.ndarray,
+    view: CameraView,
+    found: Detection,
+    looks: Sequence[EdgeLook],
+    factor: int,
 ) -> Smear | None:
+    """Motion's smear in one frame, None where there is hardly any."""
     smear = smear_of(image, view, found.nadir_base, found.rho_rad)
-    most_px = _GLOWING_PX if soft else _SMEAR_PX
+    most_px = _GLOWING_PX if _soft(looks, factor) else _SMEAR_PX
     return smear if smear.sure_px > most_px * factor else None
+
+
+def _soft(looks: Sequence[EdgeLook], factor: int) -> bool:
+    """Whether a limb is soft without motion: below glow, or in a frame reduced by more than one."""
+    return factor > 1 or _glows(looks)
 
 
 def _glows(looks: Sequence[EdgeLook]) -> bool:
@@ -140,7 +149,7 @@ def still_sharp(
         as_it_was = _as_steep(limb.steepness, before[i]) or (limb.joint and _glows(expected[i]))
         if smears[i] or as_it_was or limb.status is not Status.OK:
             continue
-        if _smear_of(images[i], views[i], found, factor > 1 or _glows(looks), factor):
+        if _smear_of(images[i], views[i], found, looks, factor):
             return None
         steepness[i] = limb.steepness
     return tuple(steepness)
