@@ -175,6 +175,30 @@ def test_a_limb_below_uneven_glow_claims_less(
         assert fix.status is Status.UNCERTAIN
 
 
+@pytest.mark.parametrize(("kind", "index", "seed"), [("moonlit", 281, 9), ("moonlit", 401, 31415)])
+def test_stray_light_of_half_the_limbs_brightness_hides_no_limb(
+    kind: str, index: int, seed: int
+) -> None:
+    """Two cameras by moonlight: no fix, since "only 45% of the sky is at the level of space"."""
+    scene = hard_scene(kind, index, seed)
+    fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
+    assert fix.ok
+    assert nadir_nees(fix.fit, scene.frames[0].truth.nadir_base) < 11.8
+
+
+@pytest.mark.parametrize("index", [22, 334])
+def test_glow_under_flickering_light_is_not_believed_to_the_noise(index: int) -> None:
+    """Two cameras, rolling bands: each alone was off by up to 7 sigma, .4 to 1.1 deg, so that they
+    were said to be mounted wrongly.
+    """
+    scene = hard_scene("banding", index, 31415)
+    frames = as_frames(scene.views, scene.frames)
+    for fix in (HorizonSensor().process(seen) for seen in (frames, *([frame] for frame in frames))):
+        if fix.ok:
+            assert nadir_nees(fix.fit, scene.frames[0].truth.nadir_base) < 11.8
+    assert HorizonSensor().process(frames).reason == ""
+
+
 def test_dark_ground_beyond_a_bank_of_cloud_is_not_taken_for_glowing_air() -> None:
     """One camera, a dim frame: a fix 4.1 deg off that claimed .43, with air of 43 km above it."""
     scene = hard_scene("dim", 90, 77)

@@ -165,8 +165,17 @@ def test_a_little_stray_light_is_no_cloud_in_the_sky(angle_rad: float) -> None:
     assert told.bright_sky < 0.1
 
 
-def test_light_that_no_sun_explains_counts_against_the_sky() -> None:
+def with_light_from_one_side(brightest_dn: float, power: float) -> SkyEvidence:
+    """Evidence where light rises from one side of the frame to the other, evenly with power 1."""
     view, frame = drawn(EarthScene(uniform_dn=90.0))
-    ramp = np.linspace(0.0, 80.0, frame.image.shape[1])
-    lit = np.clip(frame.image + ramp, 0, 255).astype(np.uint8)
-    assert evidence(lit, view).clear_sky < 0.72
+    ramp = brightest_dn * np.linspace(0.0, 1.0, frame.image.shape[1]) ** power
+    return evidence(np.clip(frame.image + ramp, 0, 255).astype(np.uint8), view)
+
+
+def test_light_that_no_sun_explains_counts_against_the_sky() -> None:
+    assert with_light_from_one_side(80.0, 2.0).clear_sky < 0.72
+    assert with_light_from_one_side(160.0, 1.0).clear_sky < 0.72
+
+
+def test_light_that_rises_evenly_is_none_against_the_sky_however_bright() -> None:
+    assert with_light_from_one_side(80.0, 1.0).clear_sky > 0.95

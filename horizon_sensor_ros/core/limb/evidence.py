@@ -30,7 +30,10 @@ _RING_PX = 10.0  # width of the rings about the Sun, working pixels
 # What the Sun floods: so many working pixels at least, within so many of its middle (a star, a lamp
 # or the Moon less), and at most such a share of the sky.
 _LEAST_SUN_PX, _NEAR_SUN_PX, _LARGEST_SUN = 120, 20, 0.15
-_MOST_SLOPE = 0.3  # of the contrast: brighter than that the sky's brighter side is no stray light
+# Of the contrast: brighter than that the sky's brighter side is no stray light; or than the other
+# where nearly all of the sky lies on one plane within its noise, as no ground does.
+_MOST_SLOPE, _MOST_EVEN_SLOPE = 0.3, 0.6
+_EVEN_SIGMAS, _EVEN_SHARE = 3.0, 0.95
 _SLOPE_ROUNDS, _LEAST_SKY = 6, 40
 _MASK_CLEARANCE_PX = 11.0  # nearer to a mask, pixels of the full image, no limb is looked for
 
@@ -96,7 +99,7 @@ def sky_evidence(
     sky_px = _grid(view.camera, *small.shape, factor)[0][sky]
     light = _glare(above, sky_px, told.contrast * noise)
     if light is None:
-        light = _stray_light(above, sky_px, told.contrast * noise)
+        light = _stray_light(above, sky_px, told.contrast * noise, noise)
     return (
         told if light is None else _judged(above - light, 0.0, usable, sides, sky, noise, limb_px)
     )
@@ -232,7 +235,9 @@ def _glare(above: np.ndarray, sky: np.ndarray, contrast: float) -> np.ndarray | 
     return np.interp(distance, np.arange(len(fading)), fading).astype(np.float32)
 
 
-def _stray_light(above: np.ndarray, sky: np.ndarray, contrast: float) -> np.ndarray | None:
+def _stray_light(
+    above: np.ndarray, sky: np.ndarray, contrast: float, noise: float
+) -> np.ndarray | None:
     """Gray levels (h, w) of light that rises evenly across the sky; None where it rises too far.
 
     A planet that is taken for sky is no plane, and brighter.
@@ -249,6 +254,8 @@ def _stray_light(above: np.ndarray, sky: np.ndarray, contrast: float) -> np.ndar
         weight = 1.0 / (1.0 + np.square(off / (2.0 * max(robust_sigma(off), 1e-3))))
     height, width = above.shape
     light = plane[0] * np.arange(width) + plane[1] * np.arange(height)[:, None] + plane[2]
-    if not (place @ plane).max() < _MOST_SLOPE * contrast:
+    even = _share(np.abs(off) < _EVEN_SIGMAS * noise) > _EVEN_SHARE
+    most = (_MOST_EVEN_SLOPE if even else _MOST_SLOPE) * contrast
+    if not (place @ plane).max() < most:
         return None
     return light.astype(np.float32)

@@ -65,6 +65,10 @@ _FINE_PX, _FINER = 2.5, 0.75
 # The faster glow changes along the limb, the less it does so as A says: more of these, in a unit of
 # the slope and bend of its logarithm.
 _UNEVEN = np.array([0.0, 12.0, 25.0])
+# So do they where glow ripples along the limb, as under flickering light, through which rows are
+# exposed one after the other: more of all three for each unit of `GlowStep.ripple` beyond what
+# five of six even limbs show, and the most.
+_RIPPLE, _OF_RIPPLE, _MOST_RIPPLING = 0.4, 2.0, 2.0
 _POINT_SHARE = 0.5  # sigma of a point by itself, over what would explain all of the limb's
 
 
@@ -292,7 +296,8 @@ def _limb(
     rows = sight.rows[keep]
     to_shape = np.linalg.pinv(powers(sight.along)[keep]) @ rows
     misjudged = _MISJUDGED * max(1.0, length_px / _FINE_PX) ** _FINER
-    misjudged = misjudged * (1.0 + _UNEVEN * np.abs(air.log_glow))
+    ripple = min(_OF_RIPPLE * max(found.ripple - _RIPPLE, 0.0), _MOST_RIPPLING)
+    misjudged = misjudged * (1.0 + np.hypot(_UNEVEN * air.log_glow, ripple))
     more = np.linalg.inv(to_shape) @ (misjudged[:, None] * to_shape)
     cov = more @ found.cov @ more.T
     shape = np.sqrt(np.diag(to_shape @ cov @ to_shape.T))

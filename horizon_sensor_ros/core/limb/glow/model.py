@@ -53,19 +53,21 @@ def powers(along: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True)
 class GlowStep:
     """Change (13,) of the unknowns and covariance (3, 3) of the limb's. cost : (M,) of the
-    stretches, over the degrees of freedom; infinite of those left out.
+    stretches, over the degrees of freedom; infinite of those left out. ripple : how far the glow of
+    neighbouring stretches is off the model alike; about 0, one sigma 1, where each is by itself.
     """
 
     change: np.ndarray
     cov: np.ndarray
     cost: np.ndarray
+    ripple: float
 
 
 class _Lit:
     """What the air makes of the profiles of kept stretches (K), and what is left of them.
 
-    rest (K, J) : without the air. design (K, J, 13) : derivatives by the unknowns. variance, doubt
-    (K, J) : of noise and model, and of blind samples.
+    glow (K, J) : of the air beyond the limb. rest (K, J) : without the air. design (K, J, 13) :
+    derivatives by the unknowns. variance, doubt (K, J) : of noise and model, and of blind samples.
     """
 
     def __init__(self, sight: GlowSight, air: Air, keep: np.ndarray) -> None:
@@ -74,7 +76,7 @@ class _Lit:
         power = powers(sight.along)[keep]
         glow = np.exp(power @ air.log_glow - air.fading * sight.cornered[keep])[:, None]
         above = glow_outside(sight.distance[keep], psf_px, length_px)
-        bright = glow * above.bright
+        self.glow = bright = glow * above.bright
         inside = glow * air_inside(d_px, psf_px, median(length_px))
         stray = np.empty((*bright.shape, 2))
         stray[..., 0] = sight.along[keep, None]
@@ -187,9 +189,20 @@ def step_towards(sight: GlowSight, air: Air, keep: np.ndarray) -> GlowStep:
     left = lit.rest - lit.design @ change
     cost = np.full(len(sight), np.inf)
     cost[keep] = ground.cost(left[:, :num], strength)
-    cost[keep] += (np.square(left) / (lit.variance + lit.doubt))[:, num:].sum(axis=1)
+    far, weight = left[:, num:], 1.0 / (lit.variance + lit.doubt)[:, num:]
+    cost[keep] += (weight * far * far).sum(axis=1)
     cost /= left.shape[1] - 2.0
-    return GlowStep(change, cov[LIMB, LIMB], cost)
+    return GlowStep(change, cov[LIMB, LIMB], cost, _ripple(far, weight, lit.glow[:, num:]))
+
+
+def _ripple(left: np.ndarray, weight: np.ndarray, glow: np.ndarray) -> float:
+    """`GlowStep.ripple` of what is left (K, J) where there is nothing but glow; with the weights of
+    the samples, and their glow.
+    """
+    of_glow = weight * glow
+    off = (of_glow * left).sum(axis=1)
+    off /= np.sqrt((of_glow * glow).sum(axis=1)) + np.finfo(float).tiny
+    return float(off[1:] @ off[:-1]) / math.sqrt(len(off))
 
 
 def _known(lit: _Lit, air: Air, ground: Ground, num: int) -> tuple[np.ndarray, np.ndarray]:
