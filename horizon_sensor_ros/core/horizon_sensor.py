@@ -151,10 +151,11 @@ class HorizonSensor:
             detection, figure = self._detect(seen, aiding)
             fix, doubtful = self._judge(seen, detection, figure, aiding)
             if not doubtful:
+                reason = fix.reason if fix.ok else _also_without(frames, limbs, fix.reason)
                 for i, limb in zip(rest, fix.limbs, strict=True):
                     limbs[i] = limb
                 fix = HorizonFix(
-                    fix.status, fix.reason, fix.fit, tuple(_filled(limbs)), fix.cameras_used
+                    fix.status, reason, fix.fit, tuple(_filled(limbs)), fix.cameras_used
                 )
                 other = self._contradicted(frames, fix, aiding) or self._single(frames, fix, aiding)
                 return other or fix, detection if everything and not other else None
@@ -407,6 +408,19 @@ def _no_fix(frames: Sequence[Frame], limbs: Sequence[LimbPoints | None]) -> Hori
     reason = _reasons([frame.view for frame in frames], filled)
     fit = HorizonFit.none(filled[0].status, reason, "")
     return HorizonFix(filled[0].status, reason, fit, tuple(filled), ())
+
+
+def _also_without(frames: Sequence[Frame], limbs: Sequence[LimbPoints | None], reason: str) -> str:
+    """Why there is no fix, and before that why cameras were left out of it, if any were.
+
+    limbs : None where a camera took part.
+    """
+    names = [frame.view.name for frame in frames]
+    out = [f"{name}: {limb.reason}" for name, limb in zip(names, limbs, strict=True) if limb]
+    if not out:
+        return reason
+    rest = [name for name, limb in zip(names, limbs, strict=True) if limb is None]
+    return "; ".join([*out, f"{rest[0]}: {reason}" if len(rest) == 1 else reason])
 
 
 def _filled(limbs: Sequence[LimbPoints | None]) -> list[LimbPoints]:

@@ -38,7 +38,7 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging, Occluder
-from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scenes
+from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scene, hard_scenes
 from horizon_sensor_ros.sim.poses import (
     camera_from_fov,
     random_direction,
@@ -389,6 +389,23 @@ def test_the_refusal_names_the_cameras_that_disagree() -> None:
     assert "camera_1" in fix.reason
     assert "camera_2" in fix.reason
     assert "3.0 deg" in fix.reason
+
+
+def test_the_refusal_tells_of_every_camera() -> None:
+    """One limb is doubted, and then the other camera has none."""
+    scene = hard_scene("sun", 317, 2718)
+    fix = SENSOR.process(as_frames(scene.views, scene.frames))
+    assert_refused(fix, 2)
+    assert "camera_1: an edge along" in fix.reason
+    assert "camera_2: 0 candidates" in fix.reason
+
+
+def test_a_limb_below_the_suns_streak() -> None:
+    """One camera's; the other one's is hardly lit. The streak was followed in its place."""
+    scene = hard_scene("sun", 413, 555)
+    fix = SENSOR.process(as_frames(scene.views, scene.frames))
+    assert fix.cameras_used == ("camera_1",)
+    assert nees(fix, scene.frames[0].truth.nadir_base) < 11.8
 
 
 def test_two_cameras_outvote_a_third() -> None:

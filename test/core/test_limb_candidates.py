@@ -26,7 +26,7 @@ from horizon_sensor_ros.core.limb.search.candidates import (
 )
 from horizon_sensor_ros.sim.earth_camera import SimFrame
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging, Occluder
-from horizon_sensor_ros.sim.hard_scenes import hard_scenes
+from horizon_sensor_ros.sim.hard_scenes import hard_scene, hard_scenes
 
 NEAR_PX = 4.0  # two grid steps of a 640 pixel image
 
@@ -255,3 +255,13 @@ def test_a_streak_is_no_limb(width_px: float) -> None:
         -0.5 * np.square(y / width_px)
     )
     assert len(space_boundary_candidates(np.clip(image, 0, 255).astype(np.uint8))) < 60
+
+
+@pytest.mark.parametrize(("index", "seed"), [(77, 9), (317, 2718), (413, 555)])
+def test_the_suns_streak_is_no_limb_within_its_glare_either(index: int, seed: int) -> None:
+    """Beside the streak it is as bright there as inside a limb."""
+    image = hard_scene("sun", index, seed).frames[0].image
+    row = np.median(np.nonzero(image == image.max())[0])
+    found = space_boundary_candidates(image)
+    assert len(found) > 40
+    assert np.abs(found.px[:, 1] - row).min() > 12.0

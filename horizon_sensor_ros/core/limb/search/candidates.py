@@ -26,6 +26,10 @@ _FIRST_LOOK = 3  # outward steps that most edges inside the planet fail already
 _FARTHER_PX = np.arange(4.0, 25.0, 2.0, dtype=np.float32)
 _INWARD_STEPS_PX = np.array([-2.0, -6.0], dtype=np.float32)
 _RIDGE_SHARE = 0.15  # of the step, left so far inside: less is a streak, or a layer of air
+# A streak of the Sun's ends as it began, but for so much of its step; and its edges run past the
+# Sun's middle by no more than this, working pixels.
+_STREAK_SHARE, _PAST_SUN_PX = 0.25, 8.0
+_LEAST_SUN_PX, _NEAR_SUN_PX, _SUN_SHARE = 60, 20.0, 0.8  # the Sun, and what of it is nearby
 _ACROSS_PX = np.arange(-2.0, 3.0, dtype=np.float32)[:, None]
 # Types of images, and those that hold sums of them.
 _SUMS: dict[type, type] = {np.uint8: np.uint16, np.uint16: np.uint32, np.float32: np.float32}
@@ -176,6 +180,7 @@ def space_boundary_candidates(
     step, deep = found.along(beside, _INWARD_STEPS_PX)
     keep = (step > step_min) & ~(deep <= np.maximum(0.5 * step_min, _RIDGE_SHARE * step))
     found, step = found.take(keep), step[keep]
+    deep = deep[keep]
     # Outside is space along the whole way, but for one place; beyond the frame nothing is known.
     for look in (slice(_FIRST_LOOK), slice(None)):
         outside = found.along(beside, _OUTWARD_STEPS_PX[look])
@@ -185,7 +190,12 @@ def space_boundary_candidates(
         if look.stop is None:
             seen = np.isfinite(outside).sum(axis=0)
             keep = (seen >= 3) & (num_bright <= 0.2 * seen)
-        found, step = found.take(keep), step[keep]
+            far = outside[_FIRST_LOOK - 1]
+            ridge = keep & (deep - far < _STREAK_SHARE * (step - far))
+            if ridge.any():
+                sun = _sun(smooth, level)
+                keep &= ~(ridge & found.runs_past(sun, _PAST_SUN_PX)) if sun else True
+        found, step, deep = found.take(keep), step[keep], deep[keep]
     if mask is not None:
         centre = (np.stack([found.u, found.v], axis=1) + 0.5) * factor - 0.5
         keep = mask.clear(centre, _MASK_CLEARANCE_PX * factor)
@@ -233,6 +243,11 @@ class _Edges:
         y += x
         return bordered.ravel().take(y)
 
+    def runs_past(self, place: tuple[float, float], within_px: float) -> np.ndarray:
+        """Edges (N,) whose lines pass a place, x and y, within so many pixels."""
+        across = (self.u - place[0]) * self.out_x + (self.v - place[1]) * self.out_y
+        return np.asarray(np.abs(across) < within_px)
+
     def beyond_px(self, smooth: np.ndarray) -> np.ndarray:
         """How far (N,) outside these pixels a smoothed image falls most steeply."""
         x, y = (
@@ -243,6 +258,16 @@ class _Edges:
         before, here, after = levels[:-2] - levels[2:]
         bend = np.minimum(before - 2.0 * here + after, np.float32(-1e-6))
         return np.minimum(np.maximum(0.5 * (before - after) / bend, -1.0), 1.0)
+
+
+def _sun(smooth: np.ndarray, level: float) -> tuple[float, float] | None:
+    """Middle of what is brightest in a smoothed image, x and y, if that is one compact spot."""
+    v, u = np.nonzero(smooth > level + 0.9 * (float(smooth.max()) - level))
+    if len(u) < _LEAST_SUN_PX:
+        return None
+    x, y = float(np.median(u)), float(np.median(v))
+    near = np.count_nonzero(np.hypot(u - x, v - y) < _NEAR_SUN_PX)
+    return (x, y) if near > _SUN_SHARE * len(u) else None
 
 
 def _with_border(image: np.ndarray, value: float) -> np.ndarray:
