@@ -139,8 +139,9 @@ def space_boundary_candidates(
     gray : (H, W) uint8 or uint16. An edge point is kept when the image falls across it, and stays
     at the level of space along its outward normal for as far as the frame reaches (40 working
     pixels at most; one sample in five may be a star, the Moon or a streak, and air glow may fade
-    over the first few). No such edge: an empty result. At most `max_candidates`, evenly thinned.
-    What is masked is unknown, like what lies beyond the frame.
+    over the first few). Nor is a streak's edge that runs past the Sun kept. No such edge: an empty
+    result. At most `max_candidates`, evenly thinned. What is masked is unknown, like what lies
+    beyond the frame.
     """
     small, factor = reduce_image(gray)
     usable = None if mask is None else mask.reduced(factor)
@@ -192,9 +193,9 @@ def space_boundary_candidates(
             keep = (seen >= 3) & (num_bright <= 0.2 * seen)
             far = outside[_FIRST_LOOK - 1]
             ridge = keep & (deep - far < _STREAK_SHARE * (step - far))
-            if ridge.any():
-                sun = _sun(smooth, level)
-                keep &= ~(ridge & found.runs_past(sun, _PAST_SUN_PX)) if sun else True
+            sun = _sun(smooth, level) if ridge.any() else None
+            if sun is not None:
+                keep &= ~(ridge & found.runs_past(sun, _PAST_SUN_PX))
         found, step, deep = found.take(keep), step[keep], deep[keep]
     if mask is not None:
         centre = (np.stack([found.u, found.v], axis=1) + 0.5) * factor - 0.5
