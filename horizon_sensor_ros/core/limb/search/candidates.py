@@ -29,7 +29,9 @@ _RIDGE_SHARE = 0.15  # of the step, left so far inside: less is a streak, or a l
 # A streak of the Sun's ends as it began, but for so much of its step; and its edges run past the
 # Sun's middle by no more than this, working pixels.
 _STREAK_SHARE, _PAST_SUN_PX = 0.25, 8.0
-_LEAST_SUN_PX, _NEAR_SUN_PX, _SUN_SHARE = 60, 20.0, 0.8  # the Sun, and what of it is nearby
+_SUN_PX = 60, 1500  # that the Sun covers, working pixels
+_NEAR_SUN_PX, _SUN_SHARE = 20.0, 0.8  # from its middle, and how many of them lie so near
+_LEAST_STREAK = 8  # edges
 _ACROSS_PX = np.arange(-2.0, 3.0, dtype=np.float32)[:, None]
 # Types of images, and those that hold sums of them.
 _SUMS: dict[type, type] = {np.uint8: np.uint16, np.uint16: np.uint32, np.float32: np.float32}
@@ -193,7 +195,7 @@ def space_boundary_candidates(
             keep = (seen >= 3) & (num_bright <= 0.2 * seen)
             far = outside[_FIRST_LOOK - 1]
             ridge = keep & (deep - far < _STREAK_SHARE * (step - far))
-            sun = _sun(smooth, level) if ridge.any() else None
+            sun = _sun(smooth, level) if np.count_nonzero(ridge) >= _LEAST_STREAK else None
             if sun is not None:
                 keep &= ~(ridge & found.runs_past(sun, _PAST_SUN_PX))
         found, step, deep = found.take(keep), step[keep], deep[keep]
@@ -263,11 +265,13 @@ class _Edges:
 
 def _sun(smooth: np.ndarray, level: float) -> tuple[float, float] | None:
     """Middle of what is brightest in a smoothed image, x and y, if that is one compact spot."""
-    v, u = np.nonzero(smooth > level + 0.9 * (float(smooth.max()) - level))
-    if len(u) < _LEAST_SUN_PX:
+    thin = smooth[::2, ::2]
+    bright = thin > level + 0.9 * (float(thin.max()) - level)
+    if not _SUN_PX[0] <= 4 * np.count_nonzero(bright) <= _SUN_PX[1]:
         return None
-    x, y = float(np.median(u)), float(np.median(v))
-    near = np.count_nonzero(np.hypot(u - x, v - y) < _NEAR_SUN_PX)
+    v, u = np.nonzero(bright)
+    x, y = 2.0 * float(np.median(u)), 2.0 * float(np.median(v))
+    near = np.count_nonzero(np.hypot(2.0 * u - x, 2.0 * v - y) < _NEAR_SUN_PX)
     return (x, y) if near > _SUN_SHARE * len(u) else None
 
 
