@@ -4,6 +4,7 @@ reason why not.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -29,6 +30,7 @@ from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD as MAXIMUM_LI
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.hidden_air import hidden_air_sigma_m
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.judgement import disagreement_rad, doubt, full_scale, refusal
 from horizon_sensor_ros.core.limb.canny_limbs import canny_limbs
@@ -327,13 +329,14 @@ class HorizonSensor:
         self, fit: HorizonFit, observations: Sequence[LimbObservation], figure: Figure
     ) -> HorizonFit:
         """Return the fit with all that may be wrong with observations in its covariance."""
+        hidden_m = hidden_air_sigma_m(fit, observations, self._sphere)
         return with_calibration_error(
             with_shared_error(fit, observations, figure),
             observations,
             self._sphere,
             mounting_sigma_rad=self.config.mounting_sigma_rad,
             lens_sigma_px=self.config.lens_sigma_px,
-            limb_height_sigma_m=self.config.limb_height_sigma_m,
+            limb_height_sigma_m=math.hypot(self.config.limb_height_sigma_m, hidden_m),
         )
 
     def _fit(self, observations: Sequence[LimbObservation], detection: Detection) -> HorizonFit:

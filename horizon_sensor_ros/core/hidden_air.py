@@ -1,0 +1,30 @@
+"""Air above the limb that no frame would show, for the covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.limb.glow.air import USUAL_HEIGHT
+from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
+from horizon_sensor_ros.core.planet import Planet
+
+# Pixels over which air must fade to be seen above a limb; and by how much air that is not seen lets
+# the limb seem higher, over its scale height: 0.2 to 1.5 of it in simulated frames, from 40 to 130
+# gray levels of air above even ground and clouds, 6500 to 60 000 km up.
+_SEEN_PX = 0.5
+_HIGHER = 0.8
+
+
+def hidden_air_sigma_m(
+    fit: HorizonFit, observations: Sequence[LimbObservation], sphere: Planet
+) -> float:
+    """One sigma of the limb's height by air that may be there unseen, as if it were the Earth's.
+
+    Zero where a camera that was used is near enough, or its pixels are small enough, to show it: it
+    is in the limb's own errors there.
+    """
+    seen = (each.view for each in observations if each.view.name in fit.cameras)
+    finest_px = max((usual_length_px(view, fit.rho_rad) for view in seen), default=0.0)
+    return _HIGHER * USUAL_HEIGHT * sphere.radius_m if finest_px < _SEEN_PX else 0.0

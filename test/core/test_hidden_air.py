@@ -1,0 +1,59 @@
+"""Air that is too thin to be seen above the limb: in altitude's sigma, not in nadir's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from limb_frames import PLANET, as_frames, draw, limb_views
+
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.hidden_air import hidden_air_sigma_m
+from horizon_sensor_ros.core.horizon_sensor import HorizonFix, HorizonSensor
+from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
+from horizon_sensor_ros.sim.poses import camera_from_fov
+
+
+def fixed(views: tuple[CameraView, ...], altitude_m: float, scene: EarthScene) -> HorizonFix:
+    return HorizonSensor().process(as_frames(views, draw(views, altitude_m, scene, Imaging(), 1)))
+
+
+@pytest.mark.parametrize(
+    ("air_dn", "texture"), [(40.0, "uniform"), (130.0, "uniform"), (90.0, "clouds")]
+)
+@pytest.mark.parametrize("altitude_m", [10e6, 36e6, 60e6])
+def test_altitude_from_far_away_is_known_as_far_as_air_lets_it(
+    altitude_m: float, air_dn: float, texture: str
+) -> None:
+    """It was off by 4 to 45 sigma."""
+    scene = EarthScene(texture=texture, texture_seed=3, air_dn=air_dn, air_scale_height_m=8.5e3)
+    fix = fixed(limb_views(altitude_m), altitude_m, scene)
+    assert fix.ok
+    sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
+    assert abs(fix.fit.altitude_m - altitude_m) < 3.0 * sigma_m
+    assert sigma_m < 0.004 * altitude_m
+
+
+def test_air_that_would_be_seen_is_not_hidden() -> None:
+    """The same limb in coarser pixels, until half of one is more than air fades over."""
+    altitude_m = 8e6
+    sigmas_m = []
+    for width in (1600, 640):
+        views = limb_views(altitude_m, camera_from_fov(width, width, np.radians(60.0)))
+        fix = fixed(views, altitude_m, EarthScene())
+        assert fix.ok
+        seen = [LimbObservation(view, limb) for view, limb in zip(views, fix.limbs, strict=True)]
+        sigmas_m.append(hidden_air_sigma_m(fix.fit, seen, PLANET))
+    assert sigmas_m[0] == 0.0
+    assert sigmas_m[1] == pytest.approx(0.8 * 8.5e3)
+
+
+def test_the_finest_camera_decides() -> None:
+    altitude_m = 8e6
+    fine, coarse = (
+        limb_views(altitude_m, camera_from_fov(width, width, np.radians(60.0)))[0]
+        for width in (1600, 640)
+    )
+    fix = fixed((fine,), altitude_m, EarthScene())
+    both = [LimbObservation(view, fix.limbs[0]) for view in (coarse, fine)]
+    assert hidden_air_sigma_m(fix.fit, both, PLANET) == 0.0
