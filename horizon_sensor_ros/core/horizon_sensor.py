@@ -153,7 +153,7 @@ class HorizonSensor:
             detection, figure = self._detect(seen, aiding)
             fix, doubtful = self._judge(seen, detection, figure, aiding)
             if not doubtful:
-                reason = fix.reason if fix.ok else _also_without(frames, limbs, fix.reason)
+                reason = fix.reason if fix.ok else _reason_and_left_out(frames, limbs, fix.reason)
                 for i, limb in zip(rest, fix.limbs, strict=True):
                     limbs[i] = limb
                 fix = HorizonFix(
@@ -413,7 +413,9 @@ def _no_fix(frames: Sequence[Frame], limbs: Sequence[LimbPoints | None]) -> Hori
     return HorizonFix(filled[0].status, reason, fit, tuple(filled), ())
 
 
-def _also_without(frames: Sequence[Frame], limbs: Sequence[LimbPoints | None], reason: str) -> str:
+def _reason_and_left_out(
+    frames: Sequence[Frame], limbs: Sequence[LimbPoints | None], reason: str
+) -> str:
     """Why there is no fix, and before that why cameras were left out of it, if any were.
 
     limbs : None where a camera took part.

@@ -177,5 +177,5 @@ def test_light_that_no_sun_explains_counts_against_the_sky() -> None:
     assert with_light_from_one_side(160.0, 1.0).clear_sky < 0.72
 
 
-def test_light_that_rises_evenly_is_none_against_the_sky_however_bright() -> None:
+def test_light_that_rises_evenly_to_half_of_the_limbs_is_none_against_the_sky() -> None:
     assert with_light_from_one_side(80.0, 1.0).clear_sky > 0.95

@@ -30,8 +30,8 @@ _RING_PX = 10.0  # width of the rings about the Sun, working pixels
 # What the Sun floods: so many working pixels at least, within so many of its middle (a star, a lamp
 # or the Moon less), and at most such a share of the sky.
 _LEAST_SUN_PX, _NEAR_SUN_PX, _LARGEST_SUN = 120, 20, 0.15
-# Of the contrast: brighter than that the sky's brighter side is no stray light; or than the other
-# where nearly all of the sky lies on one plane within its noise, as no ground does.
+# Of the contrast, from which on the sky's brighter side is no stray light: as a rule, and where
+# nearly all of the sky lies on one plane within its noise, as no ground does.
 _MOST_SLOPE, _MOST_EVEN_SLOPE = 0.3, 0.6
 _EVEN_SIGMAS, _EVEN_SHARE = 3.0, 0.95
 _SLOPE_ROUNDS, _LEAST_SKY = 6, 40

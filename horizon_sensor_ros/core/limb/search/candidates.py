@@ -182,8 +182,7 @@ def space_boundary_candidates(
     beside = _with_border(known - np.float32(level), np.nan)
     step, deep = found.along(beside, _INWARD_STEPS_PX)
     keep = (step > step_min) & ~(deep <= np.maximum(0.5 * step_min, _RIDGE_SHARE * step))
-    found, step = found.take(keep), step[keep]
-    deep = deep[keep]
+    found, step, deep = found.take(keep), step[keep], deep[keep]
     # Outside is space along the whole way, but for one place; beyond the frame nothing is known.
     for look in (slice(_FIRST_LOOK), slice(None)):
         outside = found.along(beside, _OUTWARD_STEPS_PX[look])
