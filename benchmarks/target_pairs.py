@@ -63,12 +63,20 @@ def random_pair(
     turn_deg: tuple[float, float] = (0.5, 30.0),
     shift_m: float = 0.2,
 ) -> Pair:
-    """A target in random attitude some 5.3 m away that turns about its origin and shifts."""
+    """A target in random attitude that turns about its origin and shifts."""
+    before, after = random_poses(rng, turn_deg, shift_m)
+    return scan_pair(target, before, after, rng, camera, disturbances)
+
+
+def random_poses(
+    rng: np.random.Generator, turn_deg: tuple[float, float] = (0.5, 30.0), shift_m: float = 0.2
+) -> tuple[np.ndarray, np.ndarray]:
+    """(4, 4) before and after, some 5.3 m away."""
     place = [rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), rng.uniform(5.0, 5.6)]
     before = pose_matrix(random_rotation(rng), place)
     turn = rotation_from_vector(unit(rng) * np.radians(rng.uniform(*turn_deg)))
     after = pose_matrix(turn @ before[:3, :3], before[:3, 3] + unit(rng) * rng.uniform(0, shift_m))
-    return scan_pair(target, before, after, rng, camera, disturbances)
+    return before, after
 
 
 def scan_pair(

@@ -67,6 +67,38 @@ def _one_way(
     slack_px: float,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     points, normals = a.sample(samples)
+    seen = against(a, b, points, normals, rotations, translations, slack_px)
+    through = seen.before | seen.beside
+    return seen.confirmed.sum(axis=1), through.sum(axis=1), len(points)
+
+
+@dataclass(frozen=True, eq=False)
+class Against:
+    """What view b says of N points of view a moved by each of C motions; (C, N) each.
+
+    index : flat pixel of b.  off_m : distance from b's surface there, towards the sensor; where
+        there is no plane, of half the depth, as there is room for a slope.
+    confirmed : on b's surface, within noise.  before : b looks through the point, and sees farther.
+    beside : b sees nothing there, nor in the pixels around.
+    """
+
+    index: np.ndarray
+    off_m: np.ndarray
+    confirmed: np.ndarray
+    before: np.ndarray
+    beside: np.ndarray
+
+
+def against(
+    a: SurfaceView,
+    b: SurfaceView,
+    points: np.ndarray,
+    normals: np.ndarray,
+    rotations: np.ndarray,
+    translations: np.ndarray,
+    slack_px: float,
+) -> Against:
+    """Hold points (N, 3) of view a and their normals, 0 where there is none, against view b."""
     r, t = rotations.astype(np.float32), translations.astype(np.float32)
     moved = np.matmul(r, points.T) + t[:, :, None]
     x, y, z = moved[:, 0], moved[:, 1], moved[:, 2]
@@ -77,10 +109,9 @@ def _one_way(
     q, n = b.point_map[index], b.normal_map[index]
     off = (x - q[..., 0]) * n[..., 0] + (y - q[..., 1]) * n[..., 1] + (z - q[..., 2]) * n[..., 2]
     rough = ~b.plane[index]
-    # Where there is no plane, depth itself, with room for a slope.
     off = np.where(rough, (seen - z) * np.float32(0.5), off)
     returned = seen > 0
     confirmed = returned & (np.abs(off) < tolerance) & facing
-    before = returned & (off >= tolerance) & (z < seen - tolerance)
-    through = before | (b.gap_px[index] > _EDGE_TOLERANCE_PX)
-    return confirmed.sum(axis=1), (through & facing).sum(axis=1), len(points)
+    before = returned & (off >= tolerance) & (z < seen - tolerance) & facing
+    beside = (b.gap_px[index] > _EDGE_TOLERANCE_PX) & facing
+    return Against(index, off, confirmed, before, beside)

@@ -17,6 +17,7 @@ from horizon_sensor_ros.core.target.attempts import (
 )
 from horizon_sensor_ros.core.target.config import RegistrationConfig
 from horizon_sensor_ros.core.target.judgement import weak_directions
+from horizon_sensor_ros.core.target.one_body import part_off_m
 from horizon_sensor_ros.core.target.range_image import RangeImage, range_image
 from horizon_sensor_ros.core.target.rigid import pose_matrix, skew, vector_from_rotation
 from horizon_sensor_ros.core.target.surfels import SurfaceView, surface_view
@@ -144,6 +145,13 @@ def _judge(found: Found, a: TargetView, b: TargetView, config: RegistrationConfi
     if not refined.converged:
         reason = f"still moving after {refined.iterations} iterations"
         return replace(known, status=Status.NOT_CONVERGED, reason=reason)
+    off_m = part_off_m(a.surface, b.surface, refined.rotation, refined.translation_m)
+    if off_m is not None:
+        reason = (
+            f"a part of the cloud is off by {1e3 * off_m:.0f} mm: it moves otherwise, or ranges are"
+            " biased; is there more than the target in the cloud?"
+        )
+        return replace(known, status=Status.POOR_FIT, reason=reason)
     doubt = "" if found.expected else _doubt(found, a.surface, b.surface, config)
     if doubt:
         return replace(known, status=Status.POOR_FIT, reason=doubt)

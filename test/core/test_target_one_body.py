@@ -1,0 +1,110 @@
+"""A cloud of more than the target: its wall, floor or second body must not lend it their motion."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target.one_body import part_off_m
+from horizon_sensor_ros.core.target.registration import Registration, register, target_view
+from horizon_sensor_ros.core.target.rigid import inverse_pose, pose_matrix, vector_from_rotation
+from horizon_sensor_ros.sim.shapes import TARGETS, TriangleMesh, assembly, box
+from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFDisturbances
+
+MESHES = {name: TARGETS[name]() for name in ("n5", "n1", "winged_cylinder", "l_truss")}
+BESIDE = {
+    "wall": box((6, 6, 0.02), (0, 0, 6.5)),
+    "floor": box((6, 0.02, 6), (0, 1.1, 5.3)),
+    "second body": box((0.8, 0.8, 0.8), (1.3, 0.2, 5.2)),
+}
+
+
+def motion(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Two poses of a target, 3 to 20 deg and some cm apart."""
+    rng = np.random.default_rng(seed)
+    before = pose_matrix(Rotation.random(random_state=seed).as_matrix(), np.array([0.1, -0.1, 5.3]))
+    axis = rng.normal(size=3)
+    axis *= np.radians(rng.uniform(3, 20)) / np.linalg.norm(axis)
+    turn = Rotation.from_rotvec(axis).as_matrix()
+    shift = rng.uniform(-0.1, 0.1, 3)
+    return before, pose_matrix(turn @ before[:3, :3], before[:3, 3] + shift)
+
+
+def clouds(
+    name: str, seed: int, other: TriangleMesh | None = None, extra: ToFDisturbances | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Two organised clouds of a target that moves, of what else stands still, and the motion."""
+    rng = np.random.default_rng(seed + 1000)
+    before, after = motion(seed)
+    camera = ToFCamera()
+    a, b = (
+        camera.scan(
+            assembly([MESHES[name].moved(p[:3, :3], p[:3, 3]), *([other] if other else [])]),
+            np.eye(4), rng, extra,
+        ).points
+        for p in (before, after)
+    )  # fmt: skip
+    return a, b, after @ inverse_pose(before)
+
+
+def solved(a: np.ndarray, b: np.ndarray, prior: np.ndarray | None = None) -> Registration:
+    """The motion between two clouds."""
+    return register(target_view(a), target_view(b), None, prior)
+
+
+def wrong(found: Registration, truth: np.ndarray) -> bool:
+    """Whether an answer is given that is more than 1 deg or 2 cm off at the target."""
+    if found.status is not Status.OK:
+        return False
+    off = truth @ inverse_pose(found.pose_b_from_a)
+    shift = (off @ [0.1, -0.1, 5.3, 1])[:3] - [0.1, -0.1, 5.3]
+    turn = np.linalg.norm(vector_from_rotation(off[:3, :3]))
+    return bool(turn > np.radians(1) or np.linalg.norm(shift) > 0.02)
+
+
+@pytest.mark.parametrize("beside", BESIDE)
+@pytest.mark.parametrize("name", ["n5", "n1"])
+def test_what_stands_still_lends_the_target_no_motion(name: str, beside: str) -> None:
+    refused = 0
+    for seed in range(6):
+        a, b, truth = clouds(name, seed, BESIDE[beside])
+        for prior in (None, truth):
+            found = solved(a, b, prior)
+            assert not wrong(found, truth)
+            refused += found.status is not Status.OK
+    assert refused
+
+
+def test_the_refusal_tells_by_how_much_a_part_is_off() -> None:
+    a, b, truth = clouds("n5", 3, BESIDE["wall"])
+    found = solved(a, b, truth)
+    assert found.status is Status.POOR_FIT
+    assert "a part of the cloud is off by" in found.reason
+
+
+@pytest.mark.parametrize(
+    "extra", [None, ToFDisturbances(0.1, 0.1), ToFDisturbances(mixed_pixels=True)]
+)
+@pytest.mark.parametrize("name", MESHES)
+def test_one_body_moves_as_one(name: str, extra: ToFDisturbances | None) -> None:
+    for seed in range(4):
+        a, b, truth = clouds(name, 50 + seed, extra=extra)
+        first, second = target_view(a).surface, target_view(b).surface
+        assert first is not None
+        assert second is not None
+        assert part_off_m(first, second, truth[:3, :3], truth[:3, 3]) is None
+
+
+def test_a_part_that_moved_along_the_sight_is_off_by_as_much() -> None:
+    camera = ToFCamera(range_noise_m=0.002)
+    rng = np.random.default_rng(1)
+    stays = box((0.8, 0.8, 0.3), (-0.5, 0, 5.0))
+    a, b = (
+        camera.scan(assembly([stays, box((0.6, 0.6, 0.3), (0.6, 0, z))]), np.eye(4), rng).points
+        for z in (5.0, 5.006)
+    )
+    first, second = target_view(a).surface, target_view(b).surface
+    assert first is not None
+    assert second is not None
+    off_m = part_off_m(first, second, np.eye(3), np.zeros(3))
+    assert off_m == pytest.approx(0.006, abs=0.001)
