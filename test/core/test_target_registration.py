@@ -7,7 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target.alternatives import face_axes, right_turns
+from horizon_sensor_ros.core.target.alternatives import (
+    alike_prism_turns,
+    face_axes,
+    right_turns,
+)
 from horizon_sensor_ros.core.target.config import RegistrationConfig
 from horizon_sensor_ros.core.target.consistency import view_consistency
 from horizon_sensor_ros.core.target.parts import Parts
@@ -24,7 +28,7 @@ from horizon_sensor_ros.core.target.rigid import (
     vector_from_rotation,
 )
 from horizon_sensor_ros.core.target.search import rotation_starts
-from horizon_sensor_ros.sim.shapes import TARGETS, assembly, box, revolved
+from horizon_sensor_ros.sim.shapes import TARGETS, assembly, box, cylinder, revolved
 from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFDisturbances
 
 MESHES = {name: build() for name, build in TARGETS.items()}
@@ -389,6 +393,43 @@ def test_a_prior_vouches_only_for_what_lies_near_it(seed: int) -> None:
     found = register(target_view(a), target_view(b), None, prior)
     if found.status is Status.OK:
         assert errors(found, truth, centroid(a))[0] < 1
+
+
+@pytest.mark.parametrize("sides", [6, 8])
+def test_a_turn_that_a_prism_hides_is_refused_not_mistaken(sides: int) -> None:
+    # By a side (60, 45 deg) less it looks the same, and is as likely where both are searched.
+    camera, mesh = ToFCamera(), cylinder(0.55, 1.0, sides)
+    refused = 0
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        before = pose_matrix(Rotation.random(random_state=seed).as_matrix(), np.array([0, 0, 5.3]))
+        for turn_deg in (29.0, 31.5):
+            spin = rotation_from_vector(np.array([0, 0, np.radians(turn_deg)]))
+            after = before @ pose_matrix(spin, np.array([0.03, -0.02, 0.04]))
+            truth = after @ inverse_pose(before)
+            a, b = (target_view(camera.scan(mesh, pose, rng).points) for pose in (before, after))
+            blind, led = register(a, b), register(a, b, prior_b_from_a=truth)
+            assert led.status is Status.OK
+            assert errors(led, truth, np.zeros(3))[0] < 0.5
+            if blind.status is Status.OK:
+                assert errors(blind, truth, np.zeros(3))[0] < 0.5
+            else:
+                assert "turned by" in blind.reason
+                refused += 1
+    assert refused > 6
+
+
+def test_turns_alike_are_those_of_the_prism() -> None:
+    turn = Rotation.from_euler("XYZ", (35, 25, 15), degrees=True).as_matrix()
+    cloud = ToFCamera(range_noise_m=0.003).scan(
+        cylinder(0.55, 1.0, 8), pose_matrix(turn, np.array([0, 0, 4.0])), np.random.default_rng(0)
+    )
+    surface = target_view(cloud.points).surface
+    assert surface is not None
+    turns = Rotation.from_matrix(alike_prism_turns(surface)).as_rotvec()
+    by_side = turns[np.abs(np.linalg.norm(turns, axis=1) - np.radians(45)) < 1e-6]
+    along = np.abs(by_side @ turn[:, 2]) / np.radians(45)
+    assert along.max() > np.cos(np.radians(3))
 
 
 def test_right_turns_are_the_rotations_of_a_cube() -> None:

@@ -1,15 +1,15 @@
 """Motions that would look almost alike: a target whose faces stand at right angles, turned by one
-or two of them."""
+or two of them; a prism of five, six or eight sides, turned by one of those."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import permutations, product
+from itertools import combinations, permutations, product
 
 import numpy as np
 
 from horizon_sensor_ros.core.target.consistency import view_consistency
-from horizon_sensor_ros.core.target.rigid import vector_from_rotation
+from horizon_sensor_ros.core.target.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.core.target.search import align_batch
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 
@@ -22,6 +22,12 @@ _KEPT = 8
 _APART_RAD = np.radians(20.0)
 # And one that leaves much less in common says little.
 _LEAST_OVERLAP = 0.45
+# The middle of the target lies so far behind that of the surface seen, in rms radii of it.
+_DEPTHS = np.array([0.0, 0.6, 1.2])
+# From side to side of prisms; those of four are right turns.
+_SIDES_RAD = np.radians([-72.0, -60.0, -45.0, 45.0, 60.0, 72.0])
+# So many faces, of at least such a share of the surface, give a prism's axis.
+_FACES, _LEAST_FACE = 4, 0.03
 
 
 @dataclass(frozen=True)
@@ -74,13 +80,57 @@ def face_axes(view: SurfaceView) -> np.ndarray:
     return np.column_stack([first, second, np.cross(first, second)])
 
 
+def alike_right_turns(view: SurfaceView) -> np.ndarray:
+    """(23, 3, 3) right turns of a target seen in ``view`` about its own axes."""
+    axes = face_axes(view)
+    turned: np.ndarray = axes @ right_turns() @ axes.T
+    return turned
+
+
+def alike_prism_turns(view: SurfaceView) -> np.ndarray:
+    """(K, 3, 3) turns from side to side, were the target a prism.
+
+    Its axis is square to two faces that are seen, or the normal of one.
+    """
+    normals = view.sample(300)[1]
+    left = normals[normals.any(axis=1)].astype(float)
+    least = _LEAST_FACE * len(left)
+    faces: list[np.ndarray] = []
+    while len(faces) < _FACES and len(left):
+        near = left @ left.T > _SAME_FACE
+        largest = near[near.sum(axis=1).argmax()]
+        if largest.sum() < least:
+            break
+        face = left[largest].mean(axis=0)
+        faces.append(face / np.linalg.norm(face))
+        left = left[~largest]
+    axes = list(faces)
+    for one, other in combinations(faces, 2):
+        across = np.cross(one, other)
+        length = np.linalg.norm(across)
+        if length > 0.3 and all(abs(across @ axis) < _SAME_FACE * length for axis in axes):
+            axes.append(across / length)
+    turns = [axis * angle for axis in axes for angle in _SIDES_RAD]
+    return rotation_from_vector(np.array(turns).reshape(-1, 3))
+
+
 def rivals(
-    a: SurfaceView, b: SurfaceView, rotation: np.ndarray, translation_m: np.ndarray
+    a: SurfaceView,
+    b: SurfaceView,
+    rotation: np.ndarray,
+    translation_m: np.ndarray,
+    turns: np.ndarray,
 ) -> list[Rival]:
-    """The most consistent motions near right turns of the given one, (3, 3) and (3,)."""
-    axes = face_axes(b)
-    rotations = axes @ right_turns() @ axes.T @ rotation
-    translations = b.image.centroid_m - rotations @ a.image.centroid_m
+    """The most consistent motions near the given one, (3, 3) and (3,), and one of ``turns`` (K, 3,
+    3) in b's frame after it, about some middle of the target."""
+    if not len(turns):
+        return []
+    front = b.image.centroid_m
+    behind = b.size_m * front / np.linalg.norm(front)
+    middles = front + np.outer(_DEPTHS, behind)
+    rotations = np.repeat(turns @ rotation, len(middles), axis=0)
+    about = (translation_m - middles) @ turns.transpose(0, 2, 1) + middles
+    translations = about.reshape(-1, 3)
     rotations, translations = align_batch(a, b, rotations, translations, b.size_m * _GATES, 100)
     seen = view_consistency(a, b, rotations, translations, 150, 2.0)
     kept = np.argsort(-seen.score * np.sqrt(seen.overlap), kind="stable")[:_KEPT]

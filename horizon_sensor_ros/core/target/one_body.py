@@ -15,8 +15,8 @@ _STEP = 2
 # Distances are averaged over a square of so many of these, of which so many must be known.
 _SIDE, _LEAST = 5, 12
 # Such a mean may be off by this, in range noise of both views and in pixels' widths: of single
-# bodies 0.45 and 0.05 were the most (noise of 0.5 to 30 mm, pixels' widths of 7 to 30).
-_NOISE, _WIDTH = 0.6, 0.06
+# bodies 0.6 and 0.06 were the most (noise of 0.5 to 10 mm, pixels' widths of 7 to 30).
+_NOISE, _WIDTH = 0.8, 0.06
 # Stray returns fill no square of so many.
 _PATCH = 3
 _SLACK_PX = 0.5

@@ -7,7 +7,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target.alternatives import rivals
+from horizon_sensor_ros.core.target.alternatives import (
+    Rival,
+    alike_prism_turns,
+    alike_right_turns,
+    rivals,
+)
 from horizon_sensor_ros.core.target.attempts import (
     BEYOND_DOUBT,
     SCORE_LOST,
@@ -165,33 +170,49 @@ def _doubt(found: Found, a: SurfaceView, b: SurfaceView, config: RegistrationCon
     """Why a motion nobody expected may be another one on a target that is nearly symmetric; ""
     where it is not.
 
-    A rival must be the better one, by more where it is turned beyond what is likely; where the
+    Of a prism's turns, rivals are those that are searched, and need only be as good. One by right
+    angles must be the better one, by more where it is turned beyond what is likely; where the
     motion itself is beyond the turns that are searched, it is enough to be as good, or better at
     all.
     """
-    turn = float(np.linalg.norm(vector_from_rotation(found.refined.rotation)))
+    rotation, translation = found.refined.rotation, found.refined.translation_m
+    turn = float(np.linalg.norm(vector_from_rotation(rotation)))
     far = turn > config.search_rad
     odd = odd_share(a, b)
     clear = found.score > BEYOND_DOUBT - SCORE_LOST * odd
-    if clear and not far:
-        return ""
+    noise = _SCORE_NOISE * odd
+    if not far:
+        # Only turns as likely as its own can speak against it, and then need be hardly worse.
+        turns = alike_prism_turns(b)
+        trace = np.einsum("kij,ji->k", turns, rotation)
+        likely_turns = turns[trace > 1 + 2 * np.cos(config.search_rad)]
+        for rival in rivals(a, b, rotation, translation, likely_turns):
+            if rival.turn_rad < config.search_rad and rival.lead > -_OTHER_SCORE - noise:
+                return _tell_rival(rival, found)
+        if clear:
+            return ""
     if far and not clear:
         return (
             f"a turn by {np.degrees(turn):.0f} deg, beyond the search, with which the views agree"
             f" to {found.score:.3f} only"
         )
-    for rival in rivals(a, b, found.refined.rotation, found.refined.translation_m):
+    for rival in rivals(a, b, rotation, translation, alike_right_turns(b)):
         likely = rival.turn_rad < 2 * config.search_rad
-        margin = (_SAME_SCORE if likely else _OTHER_SCORE) + _SCORE_NOISE * odd
+        margin = (_SAME_SCORE if likely else _OTHER_SCORE) + noise
         if far:
             margin = -margin if likely else 0.0
         if rival.lead > margin:
-            return (
-                f"views agree to {found.score:.3f} over {found.overlap:.2f} of the points, and"
-                f" turned by {np.degrees(rival.apart_rad):.0f} deg to {rival.score:.3f} over"
-                f" {rival.overlap:.2f}"
-            )
+            return _tell_rival(rival, found)
     return ""
+
+
+def _tell_rival(rival: Rival, found: Found) -> str:
+    """The other motion in words."""
+    return (
+        f"views agree to {found.score:.3f} over {found.overlap:.2f} of the points, and"
+        f" turned by {np.degrees(rival.apart_rad):.0f} deg to {rival.score:.3f} over"
+        f" {rival.overlap:.2f}"
+    )
 
 
 def _tell(weak: np.ndarray, covariance: np.ndarray) -> str:
