@@ -8,6 +8,7 @@ from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.one_body import part_off_m
 from horizon_sensor_ros.core.target.registration import Registration, register, target_view
 from horizon_sensor_ros.core.target.rigid import inverse_pose, pose_matrix, vector_from_rotation
+from horizon_sensor_ros.core.target.tracker import TargetTracker
 from horizon_sensor_ros.sim.shapes import TARGETS, TriangleMesh, assembly, box
 from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFDisturbances
 
@@ -93,6 +94,30 @@ def test_one_body_moves_as_one(name: str, extra: ToFDisturbances | None) -> None
         assert first is not None
         assert second is not None
         assert part_off_m(first, second, truth[:3, :3], truth[:3, 3]) is None
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_small_steps_do_not_add_up_to_the_motion_of_the_wall(seed: int) -> None:
+    # Of a step of one degree the target's part is hardly off, of three it is.
+    rng = np.random.default_rng(4)
+    before = motion(seed)[0]
+    axis = np.array([0.0, 0.6, 0.8])
+    camera, tracker, given = ToFCamera(), TargetTracker(), 0
+    for k in range(9):
+        turn = Rotation.from_rotvec(axis * np.radians(1.2 * k)).as_matrix()
+        pose = pose_matrix(turn @ before[:3, :3], before[:3, 3])
+        scene = assembly([MESHES["n1"].moved(pose[:3, :3], pose[:3, 3]), BESIDE["wall"]])
+        fix = tracker.process(camera.scan(scene, np.eye(4), rng).points, k * 200_000_000)
+        if fix.status is not Status.OK:
+            continue
+        given += 1
+        if fix.new_frame:
+            first = fix.pose_sensor_from_target, pose
+            continue
+        found = fix.pose_sensor_from_target @ inverse_pose(first[0])
+        off = found @ inverse_pose(pose @ inverse_pose(first[1]))
+        assert np.linalg.norm(vector_from_rotation(off[:3, :3])) < np.radians(1.5)
+    assert given < 6
 
 
 def test_a_part_that_moved_along_the_sight_is_off_by_as_much() -> None:

@@ -57,6 +57,7 @@ class Registration:
     score, overlap : view consistency.  weak : (K, 6) directions worse known than allowed, in the
         order of ``covariance``.
     num_points : pairs used.  searched : whether the search was needed.
+    part_off_m : by which a part of the cloud moved otherwise; NaN where all of it is one body.
     Everything numeric is NaN where there was nothing to tell; pose and covariance are NaN unless
     the status is OK.
     """
@@ -72,6 +73,7 @@ class Registration:
     num_points: int = 0
     weak: np.ndarray = field(default_factory=lambda: np.empty((0, 6)))
     searched: bool = False
+    part_off_m: float = float("nan")
 
     def covariance_at(self, point_m: np.ndarray) -> np.ndarray:
         """(6, 6) covariance with the shift taken at another point of the sensor's frame."""
@@ -156,7 +158,7 @@ def _judge(found: Found, a: TargetView, b: TargetView, config: RegistrationConfi
             f"a part of the cloud is off by {1e3 * off_m:.0f} mm: it moves otherwise, or ranges are"
             " biased; is there more than the target in the cloud?"
         )
-        return replace(known, status=Status.POOR_FIT, reason=reason)
+        return replace(known, status=Status.POOR_FIT, reason=reason, part_off_m=off_m)
     doubt = "" if found.expected else _doubt(found, a.surface, b.surface, config)
     if doubt:
         return replace(known, status=Status.POOR_FIT, reason=doubt)

@@ -193,6 +193,9 @@ class TargetTracker:
                 tried = found
             if found.status is Status.OK:
                 return self._accept(keyframe, found, view, stamp_ns), tried
+            if np.isfinite(found.part_off_m):
+                # From one cloud to the next the part would move too little to tell.
+                break
         return None, tried
 
     def _predict(self, stamp_ns: int) -> np.ndarray | None:
