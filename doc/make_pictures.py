@@ -15,6 +15,7 @@ FIGURES = (
     "architecture",
     "sections",
     "registration",
+    "one_body",
     "drift",
     "mounting",
     "edge",

@@ -3,6 +3,8 @@ own."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
@@ -38,6 +40,38 @@ def part_off_m(
 def _one_way(
     a: SurfaceView, b: SurfaceView, rotation: np.ndarray, translation: np.ndarray
 ) -> float | None:
+    patches = patches_of(a, b, rotation, translation)
+    worst = float(np.nanmax(np.abs(patches.off_m), initial=0.0))
+    if worst > most_off_m(a, b):
+        return worst
+    if cv2.erode(patches.before, np.ones((_PATCH, _PATCH), np.uint8)).any():
+        return patches.before_m
+    return None
+
+
+def most_off_m(a: SurfaceView, b: SurfaceView) -> float:
+    """Distance (m) by which a patch of one rigid body may be off on the mean."""
+    return float(_NOISE * np.hypot(a.sigma_m, b.sigma_m) + _WIDTH * b.footprint_m)
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """What view b says of the patches of view a, in its image of every other row and column.
+
+    off_m : (H, W) float32, mean distance of the patch about a pixel from b's surface, towards the
+        sensor; NaN where too little is known.  before : (H, W) uint8, 1 where b looks through and
+        sees farther.  before_m : by how much, in the median.
+    """
+
+    off_m: np.ndarray
+    before: np.ndarray
+    before_m: float
+
+
+def patches_of(
+    a: SurfaceView, b: SurfaceView, rotation: np.ndarray, translation: np.ndarray
+) -> Patches:
+    """Hold view a, moved by p_b = R p_a + t, against view b."""
     width = a.image.inverse_depth.shape[1]
     some = np.ascontiguousarray(a.image.inverse_depth[::_STEP, ::_STEP])
     place = np.flatnonzero(some)
@@ -50,18 +84,15 @@ def _one_way(
     own = b.plane[index] & (b.tilt_rad[index] == 0)
     own &= a.plane[of_view] & (a.tilt_rad[of_view] == 0)
     used = seen.confirmed[0] & own
-    count, total, patch = np.zeros((3, *some.shape), np.float32)
+    count, total = np.zeros((2, *some.shape), np.float32)
     count.ravel()[place[used]] = 1
     total.ravel()[place[used]] = off[used]
     count, total = (
         cv2.boxFilter(each, -1, (_SIDE, _SIDE), None, (-1, -1), False, cv2.BORDER_CONSTANT)
         for each in (count, total)
     )
-    known = count > _LEAST - 0.5
-    worst = float((np.abs(total[known]) / count[known]).max(initial=0))
-    if worst > _NOISE * np.hypot(a.sigma_m, b.sigma_m) + _WIDTH * b.footprint_m:
-        return worst
+    mean = np.full(some.shape, np.nan, np.float32)
+    np.divide(total, count, out=mean, where=count > _LEAST - 0.5)
+    patch = np.zeros(some.shape, np.uint8)
     patch.ravel()[place[before]] = 1
-    if cv2.erode(patch, np.ones((_PATCH, _PATCH), np.uint8)).any():
-        return median(off[before])
-    return None
+    return Patches(mean, patch, median(off[before]) if before.any() else 0.0)
