@@ -17,7 +17,7 @@ from horizon_sensor_ros.core.aiding import Aiding, CoarsePose
 from horizon_sensor_ros.core.figure import VERTICALS
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.target.rigid import rotation_from_vector
+from horizon_sensor_ros.core.rigid import rotation_from_vector
 from horizon_sensor_ros.sim.frame_truth import FrameTruth
 from horizon_sensor_ros.sim.scene_sets import two_camera_set
 

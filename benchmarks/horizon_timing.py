@@ -16,13 +16,13 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
-from horizon_sensor_ros.core.limb.curve import limb_curve
 from horizon_sensor_ros.core.limb.detector import detect_limb
 from horizon_sensor_ros.core.limb.passes import EXPECTED
 from horizon_sensor_ros.core.limb.refinement import refine_limb
 from horizon_sensor_ros.core.limb.sample import sample_limb
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb.search.selection import limb_consensus, rays_of_candidates
+from horizon_sensor_ros.core.limb_curve import limb_curve
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging

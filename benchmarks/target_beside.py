@@ -13,9 +13,9 @@ from tables import Options, Table
 from target_pairs import MESHES, random_poses, random_rotation, unit
 from tqdm import tqdm
 
+from horizon_sensor_ros.core.rigid import inverse_pose, vector_from_rotation
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.registration import register, target_view
-from horizon_sensor_ros.core.target.rigid import inverse_pose, vector_from_rotation
 from horizon_sensor_ros.sim.shapes import TriangleMesh, assembly, beam, box
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 

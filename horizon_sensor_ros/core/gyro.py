@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 
-from horizon_sensor_ros.core.target.rigid import rotation_from_vector
+from horizon_sensor_ros.core.rigid import rotation_from_vector
 
 _MOST_SAMPLES = 5000
 _NANOSECOND = 1e-9

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.target.rigid import rotation_from_vector
+from horizon_sensor_ros.core.rigid import rotation_from_vector
 
 FloatArray = NDArray[np.float64]
 

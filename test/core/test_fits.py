@@ -22,7 +22,7 @@ from horizon_sensor_ros.core.camera import Camera, CameraView
 from horizon_sensor_ros.core.fits import METHODS, HorizonFit, LimbObservation, fit_horizon
 from horizon_sensor_ros.core.fits.arc import fit_arc, fit_circle
 from horizon_sensor_ros.core.fits.gauss_newton import solve_roll_pitch_rho
-from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 

@@ -7,10 +7,10 @@ import pytest
 from limb_frames import draw, limb_views
 
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
-from horizon_sensor_ros.core.limb.curve import LimbCurve
 from horizon_sensor_ros.core.limb.edge.clipping import clipped, place_clipped_edges, white_level
 from horizon_sensor_ros.core.limb.edge.model import normal_cdf
 from horizon_sensor_ros.core.limb.profiles import sample_profiles
+from horizon_sensor_ros.core.limb_curve import LimbCurve
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 
 D_PX = np.arange(-7.0, 8.0)

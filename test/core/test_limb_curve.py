@@ -11,7 +11,7 @@ from limb_samples import CAMERAS, FISHEYE, PINHOLE, cone_rays, view_at_limb
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.camera import Camera, CameraView
-from horizon_sensor_ros.core.limb.curve import LimbCurve, limb_curve
+from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 
 NADIR = np.array([0.3, -0.5, 0.81]) / np.linalg.norm([0.3, -0.5, 0.81])
 RHOS = [np.radians(5.0), np.radians(42.0), np.radians(67.0), np.radians(84.0)]

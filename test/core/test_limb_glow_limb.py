@@ -22,13 +22,13 @@ from horizon_sensor_ros.core.limb.glow.limb import (
     fit_glow,
     usual_length_px,
 )
-from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 from horizon_sensor_ros.core.limb.texture.ground_texture import (
     along_sight,
     rough_correlation,
     seen_across,
 )
+from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging, unit_vector

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter1d
 from scipy.special import ndtr
 
-from horizon_sensor_ros.core.limb.curve import LimbCurve
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.places import place_edges
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, pixel_phase, sample_profiles
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
 from horizon_sensor_ros.core.limb.texture.kriging import Stretches, krige_edges
+from horizon_sensor_ros.core.limb_curve import LimbCurve
 
 GRID = ProfileGrid(-7.0, 15, 1.0, 0.25)
 PSF_PX, LENGTH_PX, PX_OVER_RADIUS = 0.757, 16.0, 1e-3

@@ -15,7 +15,6 @@ from scipy.special import ndtr
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
-from horizon_sensor_ros.core.limb.curve import LimbCurve
 from horizon_sensor_ros.core.limb.edge import model as edge_model
 from horizon_sensor_ros.core.limb.edge.model import (
     EdgeLook,
@@ -26,7 +25,6 @@ from horizon_sensor_ros.core.limb.edge.model import (
 )
 from horizon_sensor_ros.core.limb.edge.places import place_edges
 from horizon_sensor_ros.core.limb.edge.steepest import steepest_fall
-from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.profiles import (
     Bundles,
     ProfileGrid,
@@ -36,6 +34,8 @@ from horizon_sensor_ros.core.limb.profiles import (
 from horizon_sensor_ros.core.limb.refinement import refine_limb
 from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb.search.candidates import reduce_image
+from horizon_sensor_ros.core.limb_curve import LimbCurve
+from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import SimFrame
 from horizon_sensor_ros.sim.earth_scene import Imaging

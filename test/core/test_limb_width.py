@@ -10,10 +10,10 @@ import pytest
 from limb_frames import as_frames, clouds, draw, limb_views
 
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
-from horizon_sensor_ros.core.limb.curve import limb_curve
 from horizon_sensor_ros.core.limb.edge.width import smear_from_parts, smear_of
-from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
+from horizon_sensor_ros.core.limb_curve import limb_curve
+from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import SimFrame
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.rigid import rotation_from_vector
 from horizon_sensor_ros.core.self_calibration.adjustment import (
     Calibration,
     CalibrationConfig,
@@ -16,7 +17,6 @@ from horizon_sensor_ros.core.self_calibration.adjustment import (
 )
 from horizon_sensor_ros.core.self_calibration.differences import nadir_differences
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target.rigid import rotation_from_vector
 
 MISALIGNMENT_RAD = np.radians(0.3)
 PLANET = Planet()

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from horizon_sensor_ros.core.rigid import inverse_pose, pose_matrix, vector_from_rotation
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.one_body import part_off_m
 from horizon_sensor_ros.core.target.registration import Registration, register, target_view
-from horizon_sensor_ros.core.target.rigid import inverse_pose, pose_matrix, vector_from_rotation
 from horizon_sensor_ros.core.target.tracker import TargetTracker
 from horizon_sensor_ros.sim.shapes import TARGETS, TriangleMesh, assembly, box
 from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFDisturbances

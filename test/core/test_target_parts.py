@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from horizon_sensor_ros.core.rigid import pose_matrix, rotation_from_vector
 from horizon_sensor_ros.core.target.parts import find_parts
 from horizon_sensor_ros.core.target.planes import local_planes
 from horizon_sensor_ros.core.target.range_image import range_image
-from horizon_sensor_ros.core.target.rigid import pose_matrix, rotation_from_vector
 from horizon_sensor_ros.core.target.surfels import surface_view
 from horizon_sensor_ros.sim.shapes import assembly, box, sich_n1
 from horizon_sensor_ros.sim.tof_camera import ToFCamera

@@ -6,10 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target.planes import local_planes
-from horizon_sensor_ros.core.target.range_image import range_image
-from horizon_sensor_ros.core.target.rigid import (
+from horizon_sensor_ros.core.rigid import (
     inverse_pose,
     orthonormal,
     pose_matrix,
@@ -17,6 +14,9 @@ from horizon_sensor_ros.core.target.rigid import (
     skew,
     vector_from_rotation,
 )
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target.planes import local_planes
+from horizon_sensor_ros.core.target.range_image import range_image
 from horizon_sensor_ros.core.target.surfels import surface_view
 from horizon_sensor_ros.sim.shapes import TARGETS, box, revolved, sich_n1
 from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFScan

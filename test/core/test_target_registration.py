@@ -6,6 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from horizon_sensor_ros.core.rigid import (
+    inverse_pose,
+    pose_matrix,
+    rotation_from_vector,
+    vector_from_rotation,
+)
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.alternatives import (
     alike_prism_turns,
@@ -20,12 +26,6 @@ from horizon_sensor_ros.core.target.registration import (
     TargetView,
     register,
     target_view,
-)
-from horizon_sensor_ros.core.target.rigid import (
-    inverse_pose,
-    pose_matrix,
-    rotation_from_vector,
-    vector_from_rotation,
 )
 from horizon_sensor_ros.core.target.search import rotation_starts
 from horizon_sensor_ros.sim.shapes import TARGETS, assembly, box, cylinder, revolved

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target import tracker as tracker_module
-from horizon_sensor_ros.core.target.config import TrackerConfig
-from horizon_sensor_ros.core.target.registration import TargetView
-from horizon_sensor_ros.core.target.rigid import (
+from horizon_sensor_ros.core.rigid import (
     inverse_pose,
     pose_matrix,
     rotation_from_vector,
     vector_from_rotation,
 )
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target import tracker as tracker_module
+from horizon_sensor_ros.core.target.config import TrackerConfig
+from horizon_sensor_ros.core.target.registration import TargetView
 from horizon_sensor_ros.core.target.tracker import TargetTracker
 from horizon_sensor_ros.sim.shapes import TARGETS
 from horizon_sensor_ros.sim.tof_camera import ToFCamera

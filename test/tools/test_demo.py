@@ -20,7 +20,7 @@ from rclpy.serialization import deserialize_message
 from rosbags.rosbag2 import Reader
 
 from horizon_sensor_ros.core.attitude import nadir_from_roll_pitch, rotation_from_quaternion
-from horizon_sensor_ros.core.target.rigid import (
+from horizon_sensor_ros.core.rigid import (
     inverse_pose,
     pose_matrix,
     rotation_from_vector,

@@ -9,7 +9,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.limb_points import LimbPoints
 
 # A limb normal so far off the cone's that a distance along it says nothing about the cone.
 _LEAST_NORMAL_COSINE = 0.2

@@ -10,7 +10,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays, no_rays, rays_of
-from horizon_sensor_ros.core.limb.points import LimbPoints
+from horizon_sensor_ros.core.limb_points import LimbPoints
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.search.candidates import canny_candidates
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS
+from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 
 _REACH_PX = 2.0

@@ -9,7 +9,6 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
-from horizon_sensor_ros.core.limb.curve import limb_in_sight
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.width import Smear
@@ -24,7 +23,6 @@ from horizon_sensor_ros.core.limb.passes import (
     refined,
     shows_all,
 )
-from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb.search.selection import (
@@ -38,6 +36,8 @@ from horizon_sensor_ros.core.limb.smeared import (
     still_sharp,
     without_smear,
 )
+from horizon_sensor_ros.core.limb_curve import limb_in_sight
+from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 

@@ -15,7 +15,6 @@ from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.places import place_edges
 from horizon_sensor_ros.core.limb.glow.contour import contour_limb
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
-from horizon_sensor_ros.core.limb.points import LimbPoints, SharedError
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid, scatter_px
 from horizon_sensor_ros.core.limb.sample import (
     LEAST_SIGNIFICANCE,
@@ -25,6 +24,7 @@ from horizon_sensor_ros.core.limb.sample import (
 )
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
 from horizon_sensor_ros.core.limb.texture.kriged_limb import KrigedLimb
+from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError
 from horizon_sensor_ros.core.robust import median, stretches
 from horizon_sensor_ros.core.status import Status
 

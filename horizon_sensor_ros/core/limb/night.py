@@ -7,10 +7,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from horizon_sensor_ros.core.limb.curve import limb_in_sight
 from horizon_sensor_ros.core.limb.detection import Detection
-from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS
+from horizon_sensor_ros.core.limb_curve import limb_in_sight
+from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 
 # Over what they are by day, with a model of the edges and without: of a limb that in another

@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.limb.curve import LimbCurve
+from horizon_sensor_ros.core.limb_curve import LimbCurve
 from horizon_sensor_ros.core.robust import median, robust_sigma
 
 # Second differences along interpolated profiles show less than the pixels' own noise, and a real

@@ -25,8 +25,8 @@ from horizon_sensor_ros.core.limb.edges import (
     modelled_edges,
 )
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb, fit_glow, usual_length_px
-from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, RefinePass, sample_limb
+from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 
 _THINNEST_PX = 0.3  # length over which glow fades, from which it may be told from the blur

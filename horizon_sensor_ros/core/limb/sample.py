@@ -9,10 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.limb.curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.limb.edge.black import Black, black_of, may_be_clipped
 from horizon_sensor_ros.core.limb.edge.clipping import clipped, white_level
-from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.profiles import (
     Bundles,
     ProfileGrid,
@@ -24,6 +22,8 @@ from horizon_sensor_ros.core.limb.profiles import (
 )
 from horizon_sensor_ros.core.limb.texture.ground_texture import ground_across_px
 from horizon_sensor_ros.core.limb.texture.kriging import INNER_PX, OUTER_PX, Stretches
+from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
+from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 
 MIN_PROFILES = 8

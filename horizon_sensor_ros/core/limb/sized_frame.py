@@ -9,8 +9,8 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.looks import USUAL_PSF_PX
 from horizon_sensor_ros.core.limb.edge.width import Smear
-from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.search.candidates import block_average
+from horizon_sensor_ros.core.limb_points import LimbPoints
 
 # A frame comes back to its full size in steps of so much, for as long as neighbouring edges, in
 # pixels of the full frame, do not differ by so many times as much: a limb that is soft for those

@@ -14,6 +14,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import require_rotation
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.rigid import vector_from_rotation
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet
 from horizon_sensor_ros.core.self_calibration.normal_equations import Model, SetEquations
 from horizon_sensor_ros.core.self_calibration.observability import (
@@ -22,7 +23,6 @@ from horizon_sensor_ros.core.self_calibration.observability import (
 )
 from horizon_sensor_ros.core.self_calibration.unknowns import Unknowns
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target.rigid import vector_from_rotation
 
 MIN_SETS = 5
 _MAX_ROUNDS = 50

@@ -17,13 +17,13 @@ import numpy as np
 from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.rigid import rotation_from_vector, skew
 from horizon_sensor_ros.core.self_calibration.measurement import (
     CameraHorizon,
     FrameSet,
     NadirReference,
 )
 from horizon_sensor_ros.core.self_calibration.unknowns import Unknowns
-from horizon_sensor_ros.core.target.rigid import rotation_from_vector, skew
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,12 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
+from horizon_sensor_ros.core.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.core.target.config import RegistrationConfig
 from horizon_sensor_ros.core.target.consistency import view_consistency
 from horizon_sensor_ros.core.target.judgement import Uncertainty, uncertainty, worst_known
 from horizon_sensor_ros.core.target.pairs import Matcher, Pairs
 from horizon_sensor_ros.core.target.refinement import COARSE_STEP, Refined, mean_loss, refine
-from horizon_sensor_ros.core.target.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.core.target.search import align_batch, rotation_starts
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 

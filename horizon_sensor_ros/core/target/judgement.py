@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from horizon_sensor_ros.core.rigid import skew
 from horizon_sensor_ros.core.target.pairs import Pairs
 from horizon_sensor_ros.core.target.refinement import jacobian
-from horizon_sensor_ros.core.target.rigid import skew
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 
 # Surfaces err alike over some such distance (windows overlap, edges are made of pixels).

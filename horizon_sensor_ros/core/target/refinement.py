@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from horizon_sensor_ros.core.rigid import orthonormal
 from horizon_sensor_ros.core.target.pairs import Matcher, Pairs
-from horizon_sensor_ros.core.target.rigid import orthonormal
 
 # Before the last gate a part of the planes does.
 COARSE_STEP = 3

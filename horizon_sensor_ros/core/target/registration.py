@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from horizon_sensor_ros.core.rigid import pose_matrix, skew, vector_from_rotation
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.alternatives import (
     Rival,
@@ -24,7 +25,6 @@ from horizon_sensor_ros.core.target.config import RegistrationConfig
 from horizon_sensor_ros.core.target.judgement import weak_directions
 from horizon_sensor_ros.core.target.one_body import part_off_m
 from horizon_sensor_ros.core.target.range_image import RangeImage, range_image
-from horizon_sensor_ros.core.target.rigid import pose_matrix, skew, vector_from_rotation
 from horizon_sensor_ros.core.target.surfels import SurfaceView, surface_view
 
 # Scores of two motions so near tell nothing, and so far apart much.

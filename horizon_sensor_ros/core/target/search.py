@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from horizon_sensor_ros.core.rigid import rotation_from_vector
 from horizon_sensor_ros.core.target.consistency import project
-from horizon_sensor_ros.core.target.rigid import rotation_from_vector
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 
 _UPPER = [(i, j) for i in range(6) for j in range(i, 6)]

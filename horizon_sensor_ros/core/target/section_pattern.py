@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from horizon_sensor_ros.core.rigid import pose_matrix
 from horizon_sensor_ros.core.target.inertia_frame import InertiaFrame, inertia_frame
-from horizon_sensor_ros.core.target.rigid import pose_matrix
 
 # The two coordinates in plane j, whose normal is axis j.
 _IN_PLANE = ((1, 2), (0, 2), (0, 1))

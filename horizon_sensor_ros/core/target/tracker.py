@@ -6,6 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from horizon_sensor_ros.core.rigid import (
+    inverse_pose,
+    pose_matrix,
+    rotation_from_vector,
+    skew,
+    vector_from_rotation,
+)
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.config import TrackerConfig
 from horizon_sensor_ros.core.target.registration import (
@@ -13,13 +20,6 @@ from horizon_sensor_ros.core.target.registration import (
     TargetView,
     register,
     target_view,
-)
-from horizon_sensor_ros.core.target.rigid import (
-    inverse_pose,
-    pose_matrix,
-    rotation_from_vector,
-    skew,
-    vector_from_rotation,
 )
 
 # The first cloud defines the target frame; its pose has this variance (rad^2, m^2) rather than

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.attitude import nadir_sign, rotation_from_quaternion
-from horizon_sensor_ros.core.target.rigid import pose_matrix
+from horizon_sensor_ros.core.rigid import pose_matrix
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
 from horizon_sensor_ros.tools.demo.errors import FlightErrors, Truth, flight_errors
 from horizon_sensor_ros.tools.demo.target_errors import MotionErrors, target_errors

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix
-from horizon_sensor_ros.core.limb.points import LimbPoints
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
+from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.ros.debug_image import draw_fix
 from horizon_sensor_ros.ros.messages import Refusal, gray_from_image
 from horizon_sensor_ros.tools.report.blocks import Photo, photo

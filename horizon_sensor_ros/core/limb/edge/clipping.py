@@ -18,8 +18,8 @@ from functools import lru_cache
 import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.model import normal_cdf
-from horizon_sensor_ros.core.limb.points import SharedError
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, nearness, space_level
+from horizon_sensor_ros.core.limb_points import SharedError
 
 # White levels of cameras: 8, 10, 12, 14, 16 bits; 8 to 14 at the top of 16, 8 at that of 12.
 _WHITE = (255, 1023, 4095, 16383, 65535, 65280, 65472, 65520, 65532, 4080)

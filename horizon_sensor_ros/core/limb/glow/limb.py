@@ -25,7 +25,6 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.core.limb.curve import LimbCurve
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.glow.air import (
     BLURS_PX,
@@ -38,6 +37,7 @@ from horizon_sensor_ros.core.limb.glow.air import (
 from horizon_sensor_ros.core.limb.glow.glare import glare_lines, in_glare, reach_px
 from horizon_sensor_ros.core.limb.glow.model import GlowStep, powers, step_towards
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight, look_along
+from horizon_sensor_ros.core.limb_curve import LimbCurve
 from horizon_sensor_ros.core.robust import median
 
 _LEAST_STRETCHES, _KEEP_SHARE = 10, 0.5

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.points import SharedError
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces
 from horizon_sensor_ros.core.limb.sample import LimbSample
 from horizon_sensor_ros.core.limb.texture.kriging import KrigedEdges, Stretches, krige_edges
+from horizon_sensor_ros.core.limb_points import SharedError
 
 # Off the predicted place: edges are placed one by one, and kriged about the limb that fits those.
 # Kriging about what it found itself would follow the texture further and further; but once, and for

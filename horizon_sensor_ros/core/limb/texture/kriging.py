@@ -24,11 +24,11 @@ import numpy as np
 from horizon_sensor_ros.core.limb.edge.model import MAX_LEVEL, normal_cdf
 from horizon_sensor_ros.core.limb.edge.raster import PLACE_SIGMA_PX, Raster
 from horizon_sensor_ros.core.limb.edge.smear import blur_along
-from horizon_sensor_ros.core.limb.points import SharedError
 from horizon_sensor_ros.core.limb.profiles import nearness
 from horizon_sensor_ros.core.limb.texture import ground_texture
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 from horizon_sensor_ros.core.limb.texture.fitted_limb import limb_in_raster
+from horizon_sensor_ros.core.limb_points import SharedError
 from horizon_sensor_ros.core.robust import median
 
 INNER_PX, OUTER_PX = 6.0, 7.0  # the part of a profile that is used

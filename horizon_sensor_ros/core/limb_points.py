@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.curve import LimbCurve
+from horizon_sensor_ros.core.limb_curve import LimbCurve
 from horizon_sensor_ros.core.status import Status
 
 
