@@ -80,13 +80,6 @@ def face_axes(view: SurfaceView) -> np.ndarray:
     return np.column_stack([first, second, np.cross(first, second)])
 
 
-def alike_right_turns(view: SurfaceView) -> np.ndarray:
-    """(23, 3, 3) right turns of a target seen in ``view`` about its own axes."""
-    axes = face_axes(view)
-    turned: np.ndarray = axes @ right_turns() @ axes.T
-    return turned
-
-
 def alike_prism_turns(view: SurfaceView) -> np.ndarray:
     """(K, 3, 3) turns from side to side, were the target a prism.
 
@@ -114,23 +107,43 @@ def alike_prism_turns(view: SurfaceView) -> np.ndarray:
     return rotation_from_vector(np.array(turns).reshape(-1, 3))
 
 
-def rivals(
-    a: SurfaceView,
-    b: SurfaceView,
-    rotation: np.ndarray,
-    translation_m: np.ndarray,
-    turns: np.ndarray,
-) -> list[Rival]:
-    """The most consistent motions near the given one, (3, 3) and (3,), and one of ``turns`` (K, 3,
-    3) in b's frame after it, about some middle of the target."""
-    if not len(turns):
-        return []
+def right_turned(
+    a: SurfaceView, b: SurfaceView, rotation: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Motions (23, 3, 3), (23, 3) a right turn or two beside the given one, centroid on
+    centroid."""
+    axes = face_axes(b)
+    rotations = axes @ right_turns() @ axes.T @ rotation
+    return rotations, b.image.centroid_m - rotations @ a.image.centroid_m
+
+
+def prism_turned(
+    b: SurfaceView, rotation: np.ndarray, translation_m: np.ndarray, most_rad: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Motions (M, 3, 3), (M, 3) from one side of a prism to another beside the given one, about
+    some middles of it; those that turn by less than ``most_rad``."""
+    turns = alike_prism_turns(b)
+    turns = turns[np.einsum("kij,ji->k", turns, rotation) > 1 + 2 * np.cos(most_rad)]
     front = b.image.centroid_m
     behind = b.size_m * front / np.linalg.norm(front)
     middles = front + np.outer(_DEPTHS, behind)
     rotations = np.repeat(turns @ rotation, len(middles), axis=0)
     about = (translation_m - middles) @ turns.transpose(0, 2, 1) + middles
-    translations = about.reshape(-1, 3)
+    return rotations, about.reshape(-1, 3)
+
+
+def rivals(
+    a: SurfaceView,
+    b: SurfaceView,
+    rotation: np.ndarray,
+    translation_m: np.ndarray,
+    starts: tuple[np.ndarray, np.ndarray],
+) -> list[Rival]:
+    """The most consistent motions that ``starts`` (K, 3, 3), (K, 3) lead to, beside the given
+    one."""
+    rotations, translations = starts
+    if not len(rotations):
+        return []
     rotations, translations = align_batch(a, b, rotations, translations, b.size_m * _GATES, 100)
     seen = view_consistency(a, b, rotations, translations, 150, 2.0)
     kept = np.argsort(-seen.score * np.sqrt(seen.overlap), kind="stable")[:_KEPT]

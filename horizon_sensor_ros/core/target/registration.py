@@ -10,8 +10,8 @@ from horizon_sensor_ros.core.rigid import pose_matrix, skew, vector_from_rotatio
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.alternatives import (
     Rival,
-    alike_prism_turns,
-    alike_right_turns,
+    prism_turned,
+    right_turned,
     rivals,
 )
 from horizon_sensor_ros.core.target.attempts import (
@@ -185,11 +185,9 @@ def _doubt(found: Found, a: SurfaceView, b: SurfaceView, config: RegistrationCon
     noise = _SCORE_NOISE * odd
     if not far:
         # Only turns as likely as its own can speak against it, and then need be hardly worse.
-        turns = alike_prism_turns(b)
-        trace = np.einsum("kij,ji->k", turns, rotation)
-        likely_turns = turns[trace > 1 + 2 * np.cos(config.search_rad)]
-        for rival in rivals(a, b, rotation, translation, likely_turns):
-            if rival.turn_rad < config.search_rad and rival.lead > -_OTHER_SCORE - noise:
+        starts = prism_turned(b, rotation, translation, config.search_rad)
+        for rival in rivals(a, b, rotation, translation, starts):
+            if rival.turn_rad < config.search_rad and rival.lead > -_OTHER_SCORE:
                 return _tell_rival(rival, found)
         if clear:
             return ""
@@ -198,7 +196,7 @@ def _doubt(found: Found, a: SurfaceView, b: SurfaceView, config: RegistrationCon
             f"a turn by {np.degrees(turn):.0f} deg, beyond the search, with which the views agree"
             f" to {found.score:.3f} only"
         )
-    for rival in rivals(a, b, rotation, translation, alike_right_turns(b)):
+    for rival in rivals(a, b, rotation, translation, right_turned(a, b, rotation)):
         likely = rival.turn_rad < 2 * config.search_rad
         margin = (_SAME_SCORE if likely else _OTHER_SCORE) + noise
         if far:
