@@ -10,10 +10,11 @@ import argparse
 import numpy as np
 from scipy.spatial.transform import Rotation
 from tables import Options, Table
-from target_pairs import MESHES, random_poses, random_rotation, unit
+from target_pairs import MESHES, errors_at, random_poses, random_rotation, unit
+from target_sets import WRONG_CM, WRONG_DEG
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.rigid import inverse_pose, vector_from_rotation
+from horizon_sensor_ros.core.rigid import inverse_pose
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.registration import register, target_view
 from horizon_sensor_ros.sim.shapes import TriangleMesh, assembly, beam, box
@@ -21,7 +22,6 @@ from horizon_sensor_ros.sim.tof_camera import ToFCamera
 
 _TARGETS = ("n5", "n1", "l_truss")
 _BESIDE = ("wall behind", "floor below", "second body", "arm in front")
-_WRONG_DEG, _WRONG_M = 1.0, 0.02
 
 
 def _beside(kind: str, rng: np.random.Generator) -> TriangleMesh:
@@ -67,16 +67,13 @@ def beside_table(options: Options) -> Table:
         "More than the target in the cloud",
         ("what stands still", "target", "pairs", "right", "wrong", "refused"),
         tuple(rows),
-        (f"right: within {_WRONG_DEG:g} deg and {100 * _WRONG_M:g} cm at the target's place",),
+        (f"right: within {WRONG_DEG:g} deg and {WRONG_CM:g} cm at the target's place",),
     )
 
 
 def _is_right(found: np.ndarray, before: np.ndarray, after: np.ndarray) -> bool:
-    off = found @ before @ inverse_pose(after)
-    place = after[:3, 3]
-    shift = off[:3, :3] @ place + off[:3, 3] - place
-    turn_deg = np.degrees(np.linalg.norm(vector_from_rotation(off[:3, :3])))
-    return bool(turn_deg < _WRONG_DEG and np.linalg.norm(shift) < _WRONG_M)
+    deg, cm = errors_at(found, after @ inverse_pose(before), before[:3, 3])
+    return deg < WRONG_DEG and cm < WRONG_CM
 
 
 def main() -> None:

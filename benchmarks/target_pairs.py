@@ -105,9 +105,13 @@ def prior_near(
 
 def errors(found: np.ndarray, pair: Pair) -> tuple[float, float]:
     """Rotation error (deg), and distance (cm) of the moved centroid from where it truly went."""
-    truth, centre = pair.pose_b_from_a, pair.centroid_a_m
+    return errors_at(found, pair.pose_b_from_a, pair.centroid_a_m)
+
+
+def errors_at(found: np.ndarray, truth: np.ndarray, place_m: np.ndarray) -> tuple[float, float]:
+    """Rotation error (deg), and distance (cm) of a place (3,) from where it truly went."""
     turn = vector_from_rotation(truth[:3, :3] @ found[:3, :3].T)
-    off = (found[:3, :3] - truth[:3, :3]) @ centre + found[:3, 3] - truth[:3, 3]
+    off = (found[:3, :3] - truth[:3, :3]) @ place_m + found[:3, 3] - truth[:3, 3]
     return float(np.degrees(np.linalg.norm(turn))), float(100 * np.linalg.norm(off))
 
 

@@ -65,19 +65,24 @@ def face_axes(view: SurfaceView) -> np.ndarray:
     normals = normals[normals.any(axis=1)].astype(float)
     if not len(normals):
         return np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2].T
-    near = normals @ normals.T > _SAME_FACE
-    first = normals[near[near.sum(axis=1).argmax()]].mean(axis=0)
+    first = normals[_largest_face(normals)].mean(axis=0)
     first /= np.linalg.norm(first)
     across = np.abs(normals @ first) < 0.5
     if across.sum() > 0.03 * len(normals):
         normals = normals[across]
-        near = normals @ normals.T > _SAME_FACE
-        second = normals[near[near.sum(axis=1).argmax()]].mean(axis=0)
+        second = normals[_largest_face(normals)].mean(axis=0)
     else:
         second = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][0]
     second = second - (second @ first) * first
     second /= np.linalg.norm(second)
     return np.column_stack([first, second, np.cross(first, second)])
+
+
+def _largest_face(normals: np.ndarray) -> np.ndarray:
+    """(N,) bool, which of the normals (N, 3) are the largest face's."""
+    near: np.ndarray = normals @ normals.T > _SAME_FACE
+    face: np.ndarray = near[near.sum(axis=1).argmax()]
+    return face
 
 
 def alike_prism_turns(view: SurfaceView) -> np.ndarray:
@@ -90,8 +95,7 @@ def alike_prism_turns(view: SurfaceView) -> np.ndarray:
     least = _LEAST_FACE * len(left)
     faces: list[np.ndarray] = []
     while len(faces) < _FACES and len(left):
-        near = left @ left.T > _SAME_FACE
-        largest = near[near.sum(axis=1).argmax()]
+        largest = _largest_face(left)
         if largest.sum() < least:
             break
         face = left[largest].mean(axis=0)

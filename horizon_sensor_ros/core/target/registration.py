@@ -182,9 +182,8 @@ def _doubt(found: Found, a: SurfaceView, b: SurfaceView, config: RegistrationCon
     far = turn > config.search_rad
     odd = odd_share(a, b)
     clear = found.score > BEYOND_DOUBT - SCORE_LOST * odd
-    noise = _SCORE_NOISE * odd
     if not far:
-        # Only turns as likely as its own can speak against it, and then need be hardly worse.
+        # Only turns as likely as its own speak against it; they need not be better.
         starts = prism_turned(b, rotation, translation, config.search_rad)
         for rival in rivals(a, b, rotation, translation, starts):
             if rival.turn_rad < config.search_rad and rival.lead > -_OTHER_SCORE:
@@ -198,7 +197,7 @@ def _doubt(found: Found, a: SurfaceView, b: SurfaceView, config: RegistrationCon
         )
     for rival in rivals(a, b, rotation, translation, right_turned(a, b, rotation)):
         likely = rival.turn_rad < 2 * config.search_rad
-        margin = (_SAME_SCORE if likely else _OTHER_SCORE) + noise
+        margin = (_SAME_SCORE if likely else _OTHER_SCORE) + _SCORE_NOISE * odd
         if far:
             margin = -margin if likely else 0.0
         if rival.lead > margin:
