@@ -25,37 +25,51 @@ _HALVINGS = 30
 _MOST_TURNED_RAD = math.pi
 
 
-def with_contradiction(
+def each_alone(
     fit: HorizonFit,
     observations: Sequence[LimbObservation],
     sphere: Planet,
     with_errors: Callable[[HorizonFit, Sequence[LimbObservation]], HorizonFit],
-) -> tuple[HorizonFit, str]:
-    """Return the fit of several cameras with what they contradict each other by in its covariance,
-    and that in words; none where they agree.
+) -> tuple[HorizonFit, ...]:
+    """Fits of those cameras of a fit that determine a cone by themselves.
 
     with_errors : adds to the covariance of a fit what else may be wrong with its observations, as
-    it was added to that of `fit`. Unchanged where the cameras agree within `_CONTRADICTION` sigmas,
-    or where no two of them determine a cone by themselves.
-    Nothing tells which camera is wrong. They are taken to be mounted as badly as explains where
-    they see nadir. What altitudes are apart by is no mounting's, and enlarges the covariance by its
-    chi squared (Birge, Phys. Rev. 40 (1932) 207).
+    it was added to that of `fit`.
     """
     near = fit.nadir_base, fit.rho_rad
-    alone: list[HorizonFit] = []
+    alone = []
     for seen in observations:
         if seen.view.name in fit.cameras:
             found = fit_maximum_likelihood([seen], sphere, near)
             if found.ok:
                 alone.append(with_errors(found, [seen]))
+    return tuple(alone)
+
+
+def with_contradiction(
+    fit: HorizonFit,
+    alone: Sequence[HorizonFit],
+    observations: Sequence[LimbObservation],
+    sphere: Planet,
+) -> tuple[HorizonFit, str]:
+    """Return the fit of several cameras with what they contradict each other by in its covariance,
+    and that in words; none where they agree.
+
+    alone : of each camera, as of `each_alone`. Unchanged where they agree within `_CONTRADICTION`
+    sigmas, or where there are not two.
+    Nothing tells which camera is wrong. What altitudes are apart by is no mounting's, and enlarges
+    the covariance by its chi squared (Birge, Phys. Rev. 40 (1932) 207). They are taken to be
+    mounted as badly as explains what nadir is apart by beyond that.
+    """
     pairs = [_Apart.of(one, other) for one, other in combinations(alone, 2)]
     worst = max(pairs, key=_Apart.chi2, default=None)
     if worst is None or not worst.chi2() > _CONTRADICTION**2:
         return fit, ""
-    turned_rad = worst.turned_rad()
-    fit = with_calibration_error(fit, observations, sphere, mounting_sigma_rad=turned_rad)
     birge = worst.chi2_altitude() if worst.chi2_altitude() > _OF_ALTITUDE**2 else 1.0
-    return replace(fit, cov_nadir_altitude=birge * fit.cov_nadir_altitude), worst.words()
+    fit = replace(fit, cov_nadir_altitude=birge * fit.cov_nadir_altitude)
+    turned_rad = replace(worst, cov=birge * worst.cov).turned_rad()
+    fit = with_calibration_error(fit, observations, sphere, mounting_sigma_rad=turned_rad)
+    return fit, worst.words()
 
 
 @dataclass(frozen=True, eq=False)

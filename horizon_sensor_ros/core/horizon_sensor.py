@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from horizon_sensor_ros.core.agreement import with_contradiction
+from horizon_sensor_ros.core.agreement import each_alone, with_contradiction
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.camera import CameraView
@@ -304,15 +304,18 @@ class HorizonSensor:
             return HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), doubtful
         fit = self._with_errors(fit, observations, figure)
         apart = unused = ""
+        alone: tuple[HorizonFit, ...] = ()
         if len(fit.cameras) > 1 and self.config.limb == "subpixel":
             with_errors = partial(self._with_errors, figure=figure)
-            fit, apart = with_contradiction(fit, observations, self._sphere, with_errors)
+            alone = each_alone(fit, observations, self._sphere, with_errors)
+            fit, apart = with_contradiction(fit, alone, observations, self._sphere)
         if aiding.altitude is not None:
             fit, unused = with_altitude(fit, figure.altitude(aiding.altitude), self._sphere)
         refused = refusal(
             fit,
             observations,
             self.config,
+            alone=alone,
             layered=detection.layer_rad > 0.0,
             layer_rho_rad=detection.consensus.layer_rho_rad,
             glow_over_usual=max(map(detection.glow_over_usual, range(len(frames)))),

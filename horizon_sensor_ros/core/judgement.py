@@ -80,6 +80,7 @@ def refusal(
     observations: Sequence[LimbObservation],
     config: HorizonConfig,
     *,
+    alone: Sequence[HorizonFit] = (),
     layered: bool = False,
     layer_rho_rad: float = math.nan,
     glow_over_usual: float = 0.0,
@@ -111,7 +112,8 @@ def refusal(
         rays = gather([observation])
         if shared_px == 0.0 or len(rays) < MIN_POINTS or observation.view.name not in fit.cameras:
             continue
-        bend = bend_px(fit, rays)
+        by_itself = next((one for one in alone if one.cameras == (observation.view.name,)), fit)
+        bend = bend_px(by_itself, rays)
         if bend > max(_MAX_BEND * shared_px, _LEAST_BEND_PX):
             name = observation.view.name
             return Status.POOR_FIT, f"the edge in {name} bends unlike a limb, by {bend:.2f} px"

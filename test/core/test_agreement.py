@@ -60,13 +60,31 @@ def test_cameras_that_are_mounted_wrong_by_degrees_are_refused() -> None:
         assert fix.status in (Status.CAMERAS_DISAGREE, Status.POOR_FIT)
 
 
+def fix_of_zoomed(
+    zoom: float, altitude_m: float = 800e3, seed: int = 4
+) -> tuple[HorizonFix, SimFrame]:
+    """What two cameras tell, of which the second's focal length is off by a factor."""
+    views = limb_views(altitude_m, azimuths_rad=(0.0, 1.5))
+    drawn = draw(views, altitude_m, None, Imaging(noise_dn=2.0), seed)
+    camera = replace(views[1].camera, fx=zoom * views[1].camera.fx, fy=zoom * views[1].camera.fy)
+    zoomed = replace(views[1], camera=camera)
+    return HorizonSensor().process(as_frames((views[0], zoomed), drawn)), drawn[0]
+
+
 def test_altitudes_that_contradict_each_other_are_no_mountings() -> None:
     """A focal length that is wrong makes the planet another size: no turn explains it."""
-    views = limb_views(800e3, azimuths_rad=(0.0, 1.5))
-    drawn = draw(views, 800e3, None, Imaging(noise_dn=2.0), 4)
-    camera = replace(views[1].camera, fx=1.02 * views[1].camera.fx, fy=1.02 * views[1].camera.fy)
-    fix = HorizonSensor().process(as_frames((views[0], replace(views[1], camera=camera)), drawn))
-    right = HorizonSensor().process(as_frames(views, drawn))
+    right, _ = fix_of_zoomed(1.0)
     assert right.ok
+    fix, drawn = fix_of_zoomed(1.02)
     assert "sigma apart" in fix.reason
-    assert not fix.ok or nadir_nees(fix.fit, drawn[0].truth.nadir_base) < 12.0
+    assert not fix.ok or nadir_nees(fix.fit, drawn.truth.nadir_base) < 12.0
+
+
+@pytest.mark.parametrize("altitude_m", [400e3, 800e3, 1500e3])
+def test_what_altitudes_are_apart_by_is_not_claimed_twice(altitude_m: float) -> None:
+    """Half a pixel at the frame's corner: nadirs are .07 deg apart, and 1.8 were claimed."""
+    for seed in 1, 2:
+        fix, drawn = fix_of_zoomed(1.003, altitude_m, seed)
+        assert fix.ok, fix.reason
+        assert "sigma apart" in fix.reason
+        assert nadir_nees(fix.fit, drawn.truth.nadir_base) < 12.0

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from limb_frames import ROT_WORLD_FROM_BASE, draw, limb_views
-from limb_samples import cone_rays
+from limb_samples import cone_rays, nadir_nees
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
@@ -32,6 +32,7 @@ from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging, unit_vector
+from horizon_sensor_ros.sim.hard_scenes import hard_scenes
 
 _PSF_PX, _LENGTH_PX = 0.8, 2.3
 _D_PX = np.arange(-4.0, 9.0)
@@ -74,6 +75,20 @@ def test_limbs_lie_as_near_to_the_true_ones_as_they_claim() -> None:
         assert np.abs(off_px).max() < 1.0
     assert np.sqrt(np.mean(np.square(means))) < 2.0
     assert np.sqrt(np.mean(np.square(slopes))) < 2.0
+
+
+def test_one_camera_beside_glow_claims_neither_too_little_nor_too_much() -> None:
+    """Mean 2-dof NEES is 2 where claims are as large as errors."""
+    nees = []
+    for kind in "balloon", "space":
+        for scene in hard_scenes(8, 6, (kind,)):
+            for view, frame in zip(scene.views, scene.frames, strict=True):
+                fix = HorizonSensor().process([Frame(view, frame.image)])
+                if view.name in scene.limb_cameras and fix.ok:
+                    nees.append(nadir_nees(fix.fit, frame.truth.nadir_base))
+    assert len(nees) >= 12
+    assert 1.4 < np.mean(nees) < 3.0
+    assert max(nees) < 12.0
 
 
 @pytest.mark.parametrize("seed", [1, 4])

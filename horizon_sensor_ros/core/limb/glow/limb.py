@@ -57,18 +57,26 @@ _OUTLIER, _MISFIT = 5.0, 1.4  # cost over the degrees of freedom: of a stretch, 
 # One sigma of slope and of bend of a limb whose six stretches are off independently by one; and of
 # its mean.
 _SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
-# Clouds are no Gaussian process, and the less so the finer they are seen: errors of the limb's
-# mean, slope and bend beside the truth of simulated ones, in sigmas; of glow so long, and of longer
-# by a power of its length.
-_MISJUDGED = np.array([4.5, 1.75, 1.0])
-_FINE_PX, _FINER = 2.5, 0.75
-# The faster glow changes along the limb, the less it does so as A says: more of these, in a unit of
-# the slope and bend of its logarithm.
-_UNEVEN = np.array([0.0, 12.0, 25.0])
-# So do they where glow ripples along the limb, as under flickering light, through which rows are
-# exposed one after the other: more of all three for each unit of `GlowStep.ripple` beyond what
-# five of six even limbs show, and the most.
-_RIPPLE, _OF_RIPPLE, _MOST_RIPPLING = 0.4, 2.0, 2.0
+# Clouds are no Gaussian process, nor is glow quite a polynomial's exponential: errors of the limb's
+# mean, slope and bend beside the truth of simulated ones, in sigmas, as what they grow with makes
+# them: (even glow), the slope and the bend of the logarithm of A, that of what the lens fades, that
+# only a part of the limb is fitted, and ripple; and all with a power of the length of glow. However
+# exact the fit, it is off by some share of that length.
+_MISJUDGED = np.array(
+    [
+        [4.0, 0.7, 0.75],
+        [29.0, 37.0, 4.5],
+        [0.0, 0.0, 35.0],
+        [0.0, 0.0, 1.5],
+        [4.4, 1.5, 1.45],
+        [8.0, 2.0, 2.0],
+    ]
+)
+_FINE_PX, _FINER = 2.5, 0.6
+_OF_LENGTH = np.array([0.03, 0.02, 0.01])
+# Ripple of glow along the limb, as under flickering light through which rows are exposed one after
+# the other: beyond what five of six even limbs show, and the most.
+_RIPPLE, _MOST_RIPPLE = 0.4, 1.0
 _POINT_SHARE = 0.5  # sigma of a point by itself, over what would explain all of the limb's
 
 
@@ -295,11 +303,15 @@ def _limb(
     length_px = air.height / median(sight.rise[keep])
     rows = sight.rows[keep]
     to_shape = np.linalg.pinv(powers(sight.along)[keep]) @ rows
-    misjudged = _MISJUDGED * max(1.0, length_px / _FINE_PX) ** _FINER
-    ripple = min(_OF_RIPPLE * max(found.ripple - _RIPPLE, 0.0), _MOST_RIPPLING)
-    misjudged = misjudged * (1.0 + np.hypot(_UNEVEN * air.log_glow, ripple))
-    more = np.linalg.inv(to_shape) @ (misjudged[:, None] * to_shape)
-    cov = more @ found.cov @ more.T
+    ripple = min(max(found.ripple - _RIPPLE, 0.0), _MOST_RIPPLE)
+    parted = float(air.part != WHOLE)
+    grown = np.array([1.0, air.log_glow[1], air.log_glow[2], air.fading, parted, ripple])
+    misjudged = np.linalg.norm(_MISJUDGED * grown[:, None], axis=0)
+    misjudged *= max(1.0, length_px / _FINE_PX) ** _FINER
+    of_shape = np.linalg.inv(to_shape)
+    more = of_shape @ (misjudged[:, None] * to_shape)
+    left = of_shape * (length_px * _OF_LENGTH)
+    cov = more @ found.cov @ more.T + left @ left.T
     shape = np.sqrt(np.diag(to_shape @ cov @ to_shape.T))
     mean = rows.mean(axis=0)
     coherent = max(shape[1] / _SLOPE_OF_STRETCHES, shape[2] / _BEND_OF_STRETCHES)
