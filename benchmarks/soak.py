@@ -27,7 +27,7 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.rigid import pose_matrix, rotation_from_vector
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.diagnostics import HorizonMonitor
+from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.messages import (
     attitude_message,

@@ -13,8 +13,8 @@ from sensor_msgs.msg import Image
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.debug_image import draw_fix
-from horizon_sensor_ros.ros.diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.extrinsics import TfExtrinsics
+from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
 from horizon_sensor_ros.ros.image_feed import ImageFeed, ImageFeeds
 from horizon_sensor_ros.ros.messages import (

@@ -34,7 +34,7 @@ from horizon_sensor_ros.core.aiding import Aiding
 from horizon_sensor_ros.core.horizon_sensor import HorizonFix, HorizonSensor
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.aiding_sources import AidingSources
-from horizon_sensor_ros.ros.diagnostics import HorizonMonitor
+from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.parameters import ParameterError, horizon_settings
 

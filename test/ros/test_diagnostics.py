@@ -10,7 +10,7 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_sensor import HorizonFix
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.diagnostics import HorizonMonitor
+from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
 from horizon_sensor_ros.ros.messages import Refusal
 from horizon_sensor_ros.ros.parameters import horizon_settings

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.diagnostics import HorizonMonitor
+from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
 from horizon_sensor_ros.ros.messages import attitude_message, local_vertical_message
 from horizon_sensor_ros.ros.parameters import HorizonSettings, TargetSettings

@@ -1,0 +1,189 @@
+"""What the horizon sensor says about itself on /diagnostics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.horizon_sensor import HorizonFix
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.ros.diagnostics import Health, Pace, diagnostic_message, rejected_values
+from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
+from horizon_sensor_ros.ros.messages import NANOSECONDS, Refusal
+
+_OK = DiagnosticStatus.OK
+_WARN = DiagnosticStatus.WARN
+_ERROR = DiagnosticStatus.ERROR
+_STALE = DiagnosticStatus.STALE
+
+
+@dataclass
+class _CameraHealth:
+    last_ns: int | None = None
+    refusal: Refusal | None = None
+
+
+class HorizonMonitor:
+    """Follows a pipeline and says how it fares; all times are given to it, in nanoseconds.
+
+    Times may be a node's clock or a bag's. With `live`, latency and rate are reported too: these
+    depend on the machine and have no place in a replay.
+    """
+
+    def __init__(
+        self, name: str, cameras: Sequence[str], stale_after_ns: int, *, live: bool
+    ) -> None:
+        self.name = name
+        self.stale_after_ns = stale_after_ns
+        self._live = live
+        self._cameras = {camera: _CameraHealth() for camera in cameras}
+        self._last_set_ns: int | None = None
+        self._fix: HorizonFix | None = None
+        self._views: tuple[CameraView, ...] = ()
+        self._pace = Pace()
+        self._reported: tuple[bytes, str, str] | None = None
+
+    def on_step(self, step: Step, now: int) -> None:
+        """Take note of an image and what became of it."""
+        camera = self._cameras[step.camera]
+        camera.last_ns = now
+        camera.refusal = step.refusal
+        for result in step.results:
+            self._last_set_ns = now
+            self._fix = result.fix
+            self._views = tuple(frame.view for frame in result.frames)
+        everybody = all(other.last_ns is not None for other in self._cameras.values())
+        if self._last_set_ns is None and everybody:
+            # From here on a set is due.
+            self._last_set_ns = now
+
+    def on_published(self, stamp: int, now: int) -> None:
+        """Take note of an estimate that went out."""
+        self._pace.on_published(stamp, now)
+
+    def health(self, now: int) -> Health:
+        """State at a time."""
+        silent, missing, refused = [], [], []
+        for name, camera in self._cameras.items():
+            if camera.last_ns is None:
+                missing.append(name)
+                continue
+            # A clock that was set back must not make a camera look alive for hours.
+            camera.last_ns = min(camera.last_ns, now)
+            age = now - camera.last_ns
+            if age > self.stale_after_ns:
+                silent.append(f"no frames from {name} for {age / NANOSECONDS:.1f} s")
+            elif camera.refusal is not None:
+                refused.append(f"{name}: {camera.refusal.reason}")
+        absent = [f"no frames from {name} yet" for name in missing]
+        reason = "; ".join(refused + silent + absent)
+        if len(missing) == len(self._cameras):
+            return Health(_STALE, "waiting", reason)
+        if len(silent) + len(missing) == len(self._cameras):
+            return Health(_STALE, "stale", reason)
+        if refused:
+            return Health(_ERROR, "refused", reason)
+        if silent:
+            return Health(_ERROR, "silent", reason)
+        if missing:
+            return Health(_WARN, "waiting", reason)
+        if self._last_set_ns is not None:
+            self._last_set_ns = min(self._last_set_ns, now)
+            if now - self._last_set_ns > self.stale_after_ns:
+                return Health(_ERROR, "unpaired", "the cameras' stamps are farther apart than slop")
+        return self._fix_health()
+
+    def _fix_health(self) -> Health:
+        fix = self._fix
+        if fix is None:
+            return Health(_WARN, "waiting", "no complete set of frames yet")
+        if fix.status is not Status.OK:
+            return Health(_WARN, "no_fix", f"{fix.status}: {fix.reason}")
+        left_out = [
+            f"{name} left out: {limb.reason or limb.status}"
+            if limb.status is not Status.OK
+            else f"{name} left out"
+            for name, limb in zip(self._cameras, fix.limbs, strict=True)
+            if name not in fix.cameras_used
+        ]
+        if fix.fit.disc is not None and fix.fit.disc.figure.shortfall:
+            left_out.append(fix.fit.disc.figure.shortfall)
+        if fix.reason:
+            left_out.append(fix.reason)
+        if left_out:
+            return Health(_WARN, "degraded", "; ".join(left_out))
+        return Health(_OK, "ok", f"fix from {', '.join(fix.cameras_used)}")
+
+    def changed(self, now: int) -> bool:
+        """Whether the state is another than in the last `message`."""
+        return self._key(self.health(now)) != self._reported
+
+    def message(self, now: int, pipeline: HorizonPipeline) -> DiagnosticArray:
+        """Return the message for /diagnostics."""
+        health = self.health(now)
+        self._reported = self._key(health)
+        return diagnostic_message(self.name, health, self._values(now, pipeline), now)
+
+    def _key(self, health: Health) -> tuple[bytes, str, str]:
+        status = str(self._fix.status) if self._fix is not None else ""
+        causes = [c.refusal.cause if c.refusal else "" for c in self._cameras.values()]
+        used = self._fix.cameras_used if self._fix is not None else ()
+        return health.level, health.state, ",".join([status, *causes, *used])
+
+    def _values(self, now: int, pipeline: HorizonPipeline) -> dict[str, str]:
+        values = {}
+        if self._fix is not None:
+            fit = self._fix.fit
+            values["status"] = str(self._fix.status)
+            values["points"] = str(fit.num_inliers)
+            if np.isfinite(fit.rms_residual_px):
+                values["residual_px"] = f"{fit.rms_residual_px:.4f}"
+            values["cameras_used"] = ", ".join(self._fix.cameras_used)
+        for name in ("frames", "sets", "fixes", "time_jumps"):
+            values[name] = str(pipeline.counts[name])
+        values.update(rejected_values(pipeline.rejected))
+        for name in self._cameras:
+            values.update(self._camera_values(name, now))
+        values.update(pipeline.aiding.words)
+        ignored = sorted(pipeline.aiding.ignored.items())
+        values.update({f"ignored_{cause}": str(count) for cause, count in ignored})
+        if self._live:
+            values.update(self._pace.values(now))
+        return values
+
+    def _camera_values(self, name: str, now: int) -> dict[str, str]:
+        """What one camera contributed to the last set, and why nothing if so."""
+        camera = self._cameras[name]
+        state, reason = "waiting", "no complete set of frames yet"
+        points, residual_px = 0, np.nan
+        if self._fix is not None:
+            index = list(self._cameras).index(name)
+            limb = self._fix.limbs[index]
+            points = len(limb.px)
+            if name in self._fix.cameras_used:
+                state, reason = "used", ""
+                if self._views:
+                    residual_px = self._fix.residual_px(self._views[index], limb)
+            elif limb.status is Status.OK:
+                # What a fix says are doubts of it, not of a camera that has no part in it.
+                state, reason = "left_out", "" if self._fix.ok else self._fix.reason
+            else:
+                state, reason = "left_out", limb.reason or str(limb.status)
+        if camera.last_ns is None:
+            state, reason = "waiting", "no frames yet"
+        elif now - camera.last_ns > self.stale_after_ns:
+            state, reason = "silent", f"no frames for {(now - camera.last_ns) / NANOSECONDS:.1f} s"
+        elif camera.refusal is not None:
+            state, reason = "refused", camera.refusal.reason
+        values = {
+            f"{name}.state": state,
+            f"{name}.reason": reason,
+            f"{name}.points": str(points),
+        }
+        if np.isfinite(residual_px):
+            values[f"{name}.residual_px"] = f"{residual_px:.4f}"
+        return values
