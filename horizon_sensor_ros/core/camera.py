@@ -419,26 +419,12 @@ class Camera:
         return a + x * prism_x, b + y * prism_x, b + x * prism_y, d + y * prism_y
 
     def _tilt(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if self._tilt_matrix is None:
-            return x, y
         m = self._tilt_matrix
-        w = m[2, 0] * x + m[2, 1] * y + m[2, 2]
-        scale = 1.0 / np.where(w > 0, w, np.nan)
-        return (
-            (m[0, 0] * x + m[0, 1] * y + m[0, 2]) * scale,
-            (m[1, 0] * x + m[1, 1] * y + m[1, 2]) * scale,
-        )
+        return (x, y) if m is None else _mapped(m, x, y)
 
     def _untilt(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if self._tilt_matrix is None:
-            return x, y
-        m = np.linalg.inv(self._tilt_matrix)
-        w = m[2, 0] * x + m[2, 1] * y + m[2, 2]
-        scale = 1.0 / np.where(w > 0, w, np.nan)
-        return (
-            (m[0, 0] * x + m[0, 1] * y + m[0, 2]) * scale,
-            (m[1, 0] * x + m[1, 1] * y + m[1, 2]) * scale,
-        )
+        m = self._tilt_matrix
+        return (x, y) if m is None else _mapped(np.linalg.inv(m), x, y)
 
     def _undistort(self, x_raw: np.ndarray, y_raw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Inverse of `_distort` and `_tilt`, by Newton's method from the radial table; else NaN."""
@@ -622,6 +608,17 @@ class CameraView:
                 f"mask of {self.name!r} is {width} x {height}, "
                 f"the camera {self.camera.width} x {self.camera.height}"
             )
+
+
+def _mapped(homography: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points under a homography (3, 3); NaN where it maps them behind the camera."""
+    m = homography
+    w = m[2, 0] * x + m[2, 1] * y + m[2, 2]
+    scale = 1.0 / np.where(w > 0, w, np.nan)
+    return (
+        (m[0, 0] * x + m[0, 1] * y + m[0, 2]) * scale,
+        (m[1, 0] * x + m[1, 1] * y + m[1, 2]) * scale,
+    )
 
 
 def _rows(values: np.ndarray, columns: int, name: str) -> np.ndarray:

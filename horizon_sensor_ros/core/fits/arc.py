@@ -22,11 +22,10 @@ import numpy as np
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import (
     MIN_POINTS,
-    covariance_nadir_altitude,
     difference_from_circle,
+    fit_of_cone,
     inliers,
     refusal,
-    root_mean_square,
     too_few,
     too_uncertain,
 )
@@ -89,19 +88,7 @@ def fit_arc(
     inlying = inliers(residual)
     if not inlying.any():
         return refuse(Status.POOR_FIT, "the limb normals do not fit the cone")
-    return HorizonFit(
-        Status.OK,
-        "",
-        _METHOD,
-        nadir_base=nadir,
-        rho_rad=rho,
-        altitude_m=planet.altitude_from_rho(rho),
-        cov_nadir_altitude=covariance_nadir_altitude(cov, basis, rho, planet),
-        rms_residual_px=root_mean_square(residual[inlying]),
-        num_points=rays.num_points,
-        num_inliers=int(np.count_nonzero(inlying)),
-        cameras=rays.cameras,
-    )
+    return fit_of_cone(_METHOD, rays, planet, (nadir, rho), cov, residual[inlying])
 
 
 def fit_circle(points: np.ndarray) -> tuple[np.ndarray, float]:

@@ -177,6 +177,28 @@ def assess_least_squares(
     refused = too_uncertain(cov, rho_rad)
     if refused:
         return HorizonFit.none(*refused, method, rays.num_points)
+    return fit_of_cone(
+        method, rays, planet, (nadir_base, rho_rad), cov, residual[inlying], history=history
+    )
+
+
+def fit_of_cone(
+    method: str,
+    rays: LimbRays,
+    planet: Planet,
+    cone: tuple[np.ndarray, float],
+    cov: np.ndarray,
+    inlying_px: np.ndarray,
+    *,
+    cameras: tuple[str, ...] | None = None,
+    history: np.ndarray | None = None,
+) -> HorizonFit:
+    """Answer that a cone, (nadir in the base frame, rho), gives.
+
+    cov : (3, 3) of the components of nadir along its `tangent_basis`, and rho. inlying_px : (N,)
+    residuals of the points on it. cameras : that it is from; all unless they are given.
+    """
+    nadir_base, rho_rad = cone
     return HorizonFit(
         Status.OK,
         "",
@@ -184,11 +206,13 @@ def assess_least_squares(
         nadir_base=nadir_base,
         rho_rad=float(rho_rad),
         altitude_m=planet.altitude_from_rho(rho_rad),
-        cov_nadir_altitude=covariance_nadir_altitude(cov, basis, rho_rad, planet),
-        rms_residual_px=rms,
+        cov_nadir_altitude=covariance_nadir_altitude(
+            cov, tangent_basis(nadir_base), rho_rad, planet
+        ),
+        rms_residual_px=root_mean_square(inlying_px),
         num_points=rays.num_points,
-        num_inliers=int(np.count_nonzero(inlying)),
-        cameras=rays.cameras,
+        num_inliers=len(inlying_px),
+        cameras=rays.cameras if cameras is None else cameras,
         history=np.empty((0, 4)) if history is None else history,
     )
 

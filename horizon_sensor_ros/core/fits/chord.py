@@ -9,11 +9,10 @@ import numpy as np
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import (
     MIN_POINTS,
-    covariance_nadir_altitude,
     difference_from_circle,
+    fit_of_cone,
     inliers,
     refusal,
-    root_mean_square,
     too_few,
     too_uncertain,
 )
@@ -115,19 +114,8 @@ def _fit(
     if not exact:
         bias = difference_from_circle(rho, basis, circle)
         cov += np.outer(bias, bias)
-    return HorizonFit(
-        Status.OK,
-        "",
-        method,
-        nadir_base=nadir,
-        rho_rad=rho,
-        altitude_m=planet.altitude_from_rho(rho),
-        cov_nadir_altitude=covariance_nadir_altitude(cov, basis, rho, planet),
-        rms_residual_px=root_mean_square(residual[inlying]),
-        num_points=rays.num_points,
-        num_inliers=int(np.count_nonzero(inlying)),
-        cameras=tuple(rays.cameras[int(rays.camera[pair[0]])] for pair in pairs),
-    )
+    used = tuple(rays.cameras[int(rays.camera[pair[0]])] for pair in pairs)
+    return fit_of_cone(method, rays, planet, (nadir, rho), cov, residual[inlying], cameras=used)
 
 
 def _ends(rays: LimbRays, camera: int) -> np.ndarray | None:

@@ -13,7 +13,7 @@ from horizon_sensor_ros.core.fits.assessment import (
     MAX_RMS_PX,
     MIN_INLIER_FRACTION,
     correlation_factor,
-    covariance_nadir_altitude,
+    fit_of_cone,
     refusal,
     root_mean_square,
     too_few,
@@ -253,7 +253,8 @@ def _assess(
     scale = _scale(chi)
     inlying = np.abs(chi) < _TUKEY * scale
     num_inliers = int(np.count_nonzero(inlying))
-    rms = root_mean_square((chi * rays.sigma_px)[inlying])
+    inlying_px = (chi * rays.sigma_px)[inlying]
+    rms = root_mean_square(inlying_px)
     if not rms <= MAX_RMS_PX:
         return refuse(Status.POOR_FIT, f"residual {rms:.1f} px rms")
     if num_inliers < max(MIN_INLIER_FRACTION * len(rays), 3):
@@ -272,17 +273,4 @@ def _assess(
     refused = too_uncertain(cov, rho)
     if refused:
         return refuse(*refused)
-    return HorizonFit(
-        Status.OK,
-        "",
-        METHOD,
-        nadir_base=nadir,
-        rho_rad=rho,
-        altitude_m=planet.altitude_from_rho(rho),
-        cov_nadir_altitude=covariance_nadir_altitude(cov, basis, rho, planet),
-        rms_residual_px=rms,
-        num_points=rays.num_points,
-        num_inliers=num_inliers,
-        cameras=rays.cameras,
-        history=history,
-    )
+    return fit_of_cone(METHOD, rays, planet, (nadir, rho), cov, inlying_px, history=history)
