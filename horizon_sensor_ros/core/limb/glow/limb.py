@@ -58,18 +58,16 @@ _OUTLIER, _MISFIT = 5.0, 1.4  # cost over the degrees of freedom: of a stretch, 
 # its mean.
 _SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
 # Clouds are no Gaussian process, nor is glow quite a polynomial's exponential: errors of the limb's
-# mean, slope and bend beside the truth of simulated ones, in sigmas, as what they grow with makes
-# them: (even glow), the slope and the bend of the logarithm of A, that of what the lens fades, that
-# only a part of the limb is fitted, and ripple; and all with a power of the length of glow. However
-# exact the fit, it is off by some share of that length.
+# mean, slope and bend beside the truth of simulated ones, in sigmas, by what they grow with; and all
+# of them with a power of the length of glow. However exact the fit, it is off by some share of that.
 _MISJUDGED = np.array(
     [
-        [4.0, 0.7, 0.75],
-        [29.0, 37.0, 4.5],
-        [0.0, 0.0, 35.0],
-        [0.0, 0.0, 1.5],
-        [4.4, 1.5, 1.45],
-        [8.0, 2.0, 2.0],
+        [4.0, 0.7, 0.75],  # even glow
+        [29.0, 37.0, 4.5],  # slope of the logarithm of A
+        [0.0, 0.0, 35.0],  # its bend
+        [0.0, 0.0, 1.5],  # logarithm of what the lens fades
+        [4.4, 1.5, 1.45],  # a part of the limb only
+        [10.0, 4.0, 4.0],  # ripple
     ]
 )
 _FINE_PX, _FINER = 2.5, 0.6
