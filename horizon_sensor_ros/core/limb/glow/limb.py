@@ -58,8 +58,8 @@ _OUTLIER, _MISFIT = 5.0, 1.4  # cost over the degrees of freedom: of a stretch, 
 # its mean.
 _SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
 # Clouds are no Gaussian process, nor is glow quite a polynomial's exponential: errors of the limb's
-# mean, slope and bend beside the truth of simulated ones, in sigmas, by what they grow with; and all
-# of them with a power of the length of glow. However exact the fit, it is off by some share of that.
+# mean, slope and bend beside the truth of simulated ones, in sigmas, by what they grow with; all of
+# them also with a power of the length of glow. However exact the fit, it is off by a share of that.
 _MISJUDGED = np.array(
     [
         [4.0, 0.7, 0.75],  # even glow
