@@ -135,10 +135,10 @@ def beside_the_night(seed: int, air_dn: float) -> list[Frame]:
     return as_frames(views, draw(views, altitude_m, scene, Imaging(noise_dn=1.5), seed))
 
 
-@pytest.mark.parametrize(("air_dn", "count"), [(0.0, 24), (90.0, 12)])
-def test_a_limb_towards_the_night_is_known_less_than_it_shows(air_dn: float, count: int) -> None:
+@pytest.mark.parametrize("air_dn", [0.0, 90.0])
+def test_a_limb_towards_the_night_is_known_less_than_it_shows(air_dn: float) -> None:
     nees = []
-    for seed in range(count):
+    for seed in range(24):
         fix = HorizonSensor().process(beside_the_night(seed, air_dn))
         if fix.ok and fix.limbs[0].joint is (air_dn > 0.0):
             assert fix.cameras_used == ("camera_1",)

@@ -62,7 +62,7 @@ _SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
 # them also with a power of the length of glow. However exact the fit, it is off by a share of that.
 _MISJUDGED = np.array(
     [
-        [4.0, 0.7, 0.75],  # even glow
+        [3.6, 0.65, 0.75],  # even glow
         [29.0, 37.0, 4.5],  # slope of the logarithm of A
         [0.0, 0.0, 35.0],  # its bend
         [0.0, 0.0, 1.5],  # logarithm of what the lens fades
