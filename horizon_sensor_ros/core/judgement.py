@@ -87,9 +87,10 @@ def refusal(
 ) -> tuple[Status, str] | None:
     """Why a fit is not to be published, or None.
 
-    layered : a layer of airglow keeps its distance from what was found all along, as it does from
-    nothing but a limb. layer_rho_rad : angular radius of its edge, if it was measured.
-    glow_over_usual : the longest as of `Detection`.
+    alone : fits of those cameras that determine a cone by themselves, against which their edges are
+    held: what the cameras contradict each other by is claimed. layered : a layer of airglow keeps
+    its distance from what was found all along, as it does from nothing but a limb. layer_rho_rad :
+    angular radius of its edge, if it was measured. glow_over_usual : the longest as of `Detection`.
     """
     layer_m = layer_height_m(fit.rho_rad, layer_rho_rad, config.planet)
     if math.isfinite(layer_m) and not _LAYER_HEIGHTS_M[0] < layer_m < _LAYER_HEIGHTS_M[1]:

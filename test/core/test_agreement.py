@@ -14,6 +14,7 @@ from horizon_sensor_ros.core.horizon_sensor import HorizonFix, HorizonSensor
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import SimFrame
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
+from horizon_sensor_ros.sim.hard_scenes import hard_scene
 
 
 def fix_of_turned(turned_deg: float, seed: int) -> tuple[HorizonFix, SimFrame]:
@@ -88,3 +89,12 @@ def test_what_altitudes_are_apart_by_is_not_claimed_twice(altitude_m: float) -> 
         assert fix.ok, fix.reason
         assert "sigma apart" in fix.reason
         assert nadir_nees(fix.fit, drawn.truth.nadir_base) < 12.0
+
+
+def test_an_edge_that_bends_as_its_own_cameras_limb_would_is_one() -> None:
+    """The common limb's altitude is between what either camera sees: it bent "unlike a limb"."""
+    scene = hard_scene("balloon", 371, 777)
+    fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
+    assert fix.ok, fix.reason
+    assert fix.cameras_used == ("camera_1", "camera_2")
+    assert nadir_nees(fix.fit, scene.frames[0].truth.nadir_base) < 11.8
