@@ -26,6 +26,7 @@ from horizon_sensor_ros.core.fits.assessment import (
     fit_of_cone,
     inliers,
     refusal,
+    root_mean_square,
     too_few,
     too_uncertain,
 )
@@ -88,7 +89,16 @@ def fit_arc(
     inlying = inliers(residual)
     if not inlying.any():
         return refuse(Status.POOR_FIT, "the limb normals do not fit the cone")
-    return fit_of_cone(_METHOD, rays, planet, (nadir, rho), cov, residual[inlying])
+    return fit_of_cone(
+        _METHOD,
+        rays,
+        planet,
+        (nadir, rho),
+        cov,
+        basis,
+        rms_px=root_mean_square(residual[inlying]),
+        num_inliers=int(np.count_nonzero(inlying)),
+    )
 
 
 def fit_circle(points: np.ndarray) -> tuple[np.ndarray, float]:

@@ -178,7 +178,15 @@ def assess_least_squares(
     if refused:
         return HorizonFit.none(*refused, method, rays.num_points)
     return fit_of_cone(
-        method, rays, planet, (nadir_base, rho_rad), cov, residual[inlying], history=history
+        method,
+        rays,
+        planet,
+        (nadir_base, rho_rad),
+        cov,
+        basis,
+        rms_px=rms,
+        num_inliers=int(np.count_nonzero(inlying)),
+        history=history,
     )
 
 
@@ -188,15 +196,17 @@ def fit_of_cone(
     planet: Planet,
     cone: tuple[np.ndarray, float],
     cov: np.ndarray,
-    inlying_px: np.ndarray,
+    basis: np.ndarray,
     *,
+    rms_px: float,
+    num_inliers: int,
     cameras: tuple[str, ...] | None = None,
     history: np.ndarray | None = None,
 ) -> HorizonFit:
     """Answer that a cone, (nadir in the base frame, rho), gives.
 
-    cov : (3, 3) of the components of nadir along its `tangent_basis`, and rho. inlying_px : (N,)
-    residuals of the points on it. cameras : that it is from; all unless they are given.
+    cov : (3, 3) of the components of nadir along `basis`, its `tangent_basis`, and rho. rms_px : of
+    the residuals of the points on it. cameras : that it is from; all unless they are given.
     """
     nadir_base, rho_rad = cone
     return HorizonFit(
@@ -206,12 +216,10 @@ def fit_of_cone(
         nadir_base=nadir_base,
         rho_rad=float(rho_rad),
         altitude_m=planet.altitude_from_rho(rho_rad),
-        cov_nadir_altitude=covariance_nadir_altitude(
-            cov, tangent_basis(nadir_base), rho_rad, planet
-        ),
-        rms_residual_px=root_mean_square(inlying_px),
+        cov_nadir_altitude=covariance_nadir_altitude(cov, basis, rho_rad, planet),
+        rms_residual_px=rms_px,
         num_points=rays.num_points,
-        num_inliers=len(inlying_px),
+        num_inliers=num_inliers,
         cameras=rays.cameras if cameras is None else cameras,
         history=np.empty((0, 4)) if history is None else history,
     )

@@ -13,6 +13,7 @@ from horizon_sensor_ros.core.fits.assessment import (
     fit_of_cone,
     inliers,
     refusal,
+    root_mean_square,
     too_few,
     too_uncertain,
 )
@@ -114,8 +115,17 @@ def _fit(
     if not exact:
         bias = difference_from_circle(rho, basis, circle)
         cov += np.outer(bias, bias)
-    used = tuple(rays.cameras[int(rays.camera[pair[0]])] for pair in pairs)
-    return fit_of_cone(method, rays, planet, (nadir, rho), cov, residual[inlying], cameras=used)
+    return fit_of_cone(
+        method,
+        rays,
+        planet,
+        (nadir, rho),
+        cov,
+        basis,
+        rms_px=root_mean_square(residual[inlying]),
+        num_inliers=int(np.count_nonzero(inlying)),
+        cameras=tuple(rays.cameras[int(rays.camera[pair[0]])] for pair in pairs),
+    )
 
 
 def _ends(rays: LimbRays, camera: int) -> np.ndarray | None:

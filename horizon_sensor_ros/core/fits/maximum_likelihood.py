@@ -253,8 +253,7 @@ def _assess(
     scale = _scale(chi)
     inlying = np.abs(chi) < _TUKEY * scale
     num_inliers = int(np.count_nonzero(inlying))
-    inlying_px = (chi * rays.sigma_px)[inlying]
-    rms = root_mean_square(inlying_px)
+    rms = root_mean_square((chi * rays.sigma_px)[inlying])
     if not rms <= MAX_RMS_PX:
         return refuse(Status.POOR_FIT, f"residual {rms:.1f} px rms")
     if num_inliers < max(MIN_INLIER_FRACTION * len(rays), 3):
@@ -273,4 +272,14 @@ def _assess(
     refused = too_uncertain(cov, rho)
     if refused:
         return refuse(*refused)
-    return fit_of_cone(METHOD, rays, planet, (nadir, rho), cov, inlying_px, history=history)
+    return fit_of_cone(
+        METHOD,
+        rays,
+        planet,
+        (nadir, rho),
+        cov,
+        basis,
+        rms_px=rms,
+        num_inliers=num_inliers,
+        history=history,
+    )

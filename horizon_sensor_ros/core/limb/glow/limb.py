@@ -301,13 +301,8 @@ def _limb(
     length_px = air.height / median(sight.rise[keep])
     rows = sight.rows[keep]
     to_shape = np.linalg.pinv(powers(sight.along)[keep]) @ rows
-    ripple = min(max(found.ripple - _RIPPLE, 0.0), _MOST_RIPPLE)
-    parted = float(air.part != WHOLE)
-    grown = np.array([1.0, air.log_glow[1], air.log_glow[2], air.fading, parted, ripple])
-    misjudged = np.linalg.norm(_MISJUDGED * grown[:, None], axis=0)
-    misjudged *= max(1.0, length_px / _FINE_PX) ** _FINER
     of_shape = np.linalg.inv(to_shape)
-    more = of_shape @ (misjudged[:, None] * to_shape)
+    more = of_shape @ (_misjudged(air, found.ripple, length_px)[:, None] * to_shape)
     left = of_shape * (length_px * _OF_LENGTH)
     cov = more @ found.cov @ more.T + left @ left.T
     shape = np.sqrt(np.diag(to_shape @ cov @ to_shape.T))
@@ -330,3 +325,12 @@ def _limb(
         sight.curve,
         air.changed(found.change),
     )
+
+
+def _misjudged(air: Air, ripple: float, length_px: float) -> np.ndarray:
+    """Errors (3,) of a limb's mean, slope and bend, in sigmas of its fit."""
+    rippling = min(max(ripple - _RIPPLE, 0.0), _MOST_RIPPLE)
+    parted = float(air.part != WHOLE)
+    grown = np.array([1.0, air.log_glow[1], air.log_glow[2], air.fading, parted, rippling])
+    finer = max(1.0, length_px / _FINE_PX) ** _FINER
+    return finer * np.asarray(np.linalg.norm(_MISJUDGED * grown[:, None], axis=0))
