@@ -5,13 +5,22 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from horizon_sensor_ros.ros.messages import NANOSECONDS, time_from_ns
 
+OK, WARN, ERROR, STALE = (
+    DiagnosticStatus.OK,
+    DiagnosticStatus.WARN,
+    DiagnosticStatus.ERROR,
+    DiagnosticStatus.STALE,
+)
 _LATENCIES = 100
+
+Pipeline = TypeVar("Pipeline")
 
 
 @dataclass(frozen=True)
@@ -53,6 +62,50 @@ class Pace:
             return 0.0
         span = max(now, times[-1]) - times[0]
         return (len(times) - 1) * NANOSECONDS / span if span > 0 else 0.0
+
+
+class Monitor(Generic[Pipeline]):
+    """Follows a pipeline and says how it fares; all times are given to it, in nanoseconds.
+
+    Times may be a node's clock or a bag's. With `live`, latency and rate are reported too: these
+    depend on the machine and have no place in a replay.
+    """
+
+    def __init__(self, name: str, stale_after_ns: int, *, live: bool) -> None:
+        self.name = name
+        self.stale_after_ns = stale_after_ns
+        self._live = live
+        self._pace = Pace()
+        self._reported: tuple[bytes, str, str] | None = None
+
+    def health(self, now: int) -> Health:
+        """State at a time."""
+        raise NotImplementedError
+
+    def on_published(self, stamp: int, now: int) -> None:
+        """Take note of an estimate that went out."""
+        self._pace.on_published(stamp, now)
+
+    def changed(self, now: int) -> bool:
+        """Whether the state is another than in the last `message`."""
+        return self._key(self.health(now)) != self._reported
+
+    def message(self, now: int, pipeline: Pipeline) -> DiagnosticArray:
+        """Return the message for /diagnostics."""
+        health = self.health(now)
+        self._reported = self._key(health)
+        values = self._values(now, pipeline)
+        if self._live:
+            values.update(self._pace.values(now))
+        return diagnostic_message(self.name, health, values, now)
+
+    def _key(self, health: Health) -> tuple[bytes, str, str]:
+        """What makes a state another one."""
+        raise NotImplementedError
+
+    def _values(self, now: int, pipeline: Pipeline) -> dict[str, str]:
+        """What is reported beside the state, latency and rate."""
+        raise NotImplementedError
 
 
 def rejected_values(rejected: Mapping[str, int]) -> dict[str, str]:

@@ -6,19 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.horizon_sensor import HorizonFix
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.diagnostics import Health, Pace, diagnostic_message, rejected_values
+from horizon_sensor_ros.ros.diagnostics import (
+    ERROR,
+    OK,
+    STALE,
+    WARN,
+    Health,
+    Monitor,
+    rejected_values,
+)
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
 from horizon_sensor_ros.ros.messages import NANOSECONDS, Refusal
-
-_OK = DiagnosticStatus.OK
-_WARN = DiagnosticStatus.WARN
-_ERROR = DiagnosticStatus.ERROR
-_STALE = DiagnosticStatus.STALE
 
 
 @dataclass
@@ -27,25 +29,17 @@ class _CameraHealth:
     refusal: Refusal | None = None
 
 
-class HorizonMonitor:
-    """Follows a pipeline and says how it fares; all times are given to it, in nanoseconds.
-
-    Times may be a node's clock or a bag's. With `live`, latency and rate are reported too: these
-    depend on the machine and have no place in a replay.
-    """
+class HorizonMonitor(Monitor[HorizonPipeline]):
+    """Follows the horizon's pipeline."""
 
     def __init__(
         self, name: str, cameras: Sequence[str], stale_after_ns: int, *, live: bool
     ) -> None:
-        self.name = name
-        self.stale_after_ns = stale_after_ns
-        self._live = live
+        super().__init__(name, stale_after_ns, live=live)
         self._cameras = {camera: _CameraHealth() for camera in cameras}
         self._last_set_ns: int | None = None
         self._fix: HorizonFix | None = None
         self._views: tuple[CameraView, ...] = ()
-        self._pace = Pace()
-        self._reported: tuple[bytes, str, str] | None = None
 
     def on_step(self, step: Step, now: int) -> None:
         """Take note of an image and what became of it."""
@@ -60,10 +54,6 @@ class HorizonMonitor:
         if self._last_set_ns is None and everybody:
             # From here on a set is due.
             self._last_set_ns = now
-
-    def on_published(self, stamp: int, now: int) -> None:
-        """Take note of an estimate that went out."""
-        self._pace.on_published(stamp, now)
 
     def health(self, now: int) -> Health:
         """State at a time."""
@@ -82,27 +72,27 @@ class HorizonMonitor:
         absent = [f"no frames from {name} yet" for name in missing]
         reason = "; ".join(refused + silent + absent)
         if len(missing) == len(self._cameras):
-            return Health(_STALE, "waiting", reason)
+            return Health(STALE, "waiting", reason)
         if len(silent) + len(missing) == len(self._cameras):
-            return Health(_STALE, "stale", reason)
+            return Health(STALE, "stale", reason)
         if refused:
-            return Health(_ERROR, "refused", reason)
+            return Health(ERROR, "refused", reason)
         if silent:
-            return Health(_ERROR, "silent", reason)
+            return Health(ERROR, "silent", reason)
         if missing:
-            return Health(_WARN, "waiting", reason)
+            return Health(WARN, "waiting", reason)
         if self._last_set_ns is not None:
             self._last_set_ns = min(self._last_set_ns, now)
             if now - self._last_set_ns > self.stale_after_ns:
-                return Health(_ERROR, "unpaired", "the cameras' stamps are farther apart than slop")
+                return Health(ERROR, "unpaired", "the cameras' stamps are farther apart than slop")
         return self._fix_health()
 
     def _fix_health(self) -> Health:
         fix = self._fix
         if fix is None:
-            return Health(_WARN, "waiting", "no complete set of frames yet")
+            return Health(WARN, "waiting", "no complete set of frames yet")
         if fix.status is not Status.OK:
-            return Health(_WARN, "no_fix", f"{fix.status}: {fix.reason}")
+            return Health(WARN, "no_fix", f"{fix.status}: {fix.reason}")
         left_out = [
             f"{name} left out: {limb.reason or limb.status}"
             if limb.status is not Status.OK
@@ -115,18 +105,8 @@ class HorizonMonitor:
         if fix.reason:
             left_out.append(fix.reason)
         if left_out:
-            return Health(_WARN, "degraded", "; ".join(left_out))
-        return Health(_OK, "ok", f"fix from {', '.join(fix.cameras_used)}")
-
-    def changed(self, now: int) -> bool:
-        """Whether the state is another than in the last `message`."""
-        return self._key(self.health(now)) != self._reported
-
-    def message(self, now: int, pipeline: HorizonPipeline) -> DiagnosticArray:
-        """Return the message for /diagnostics."""
-        health = self.health(now)
-        self._reported = self._key(health)
-        return diagnostic_message(self.name, health, self._values(now, pipeline), now)
+            return Health(WARN, "degraded", "; ".join(left_out))
+        return Health(OK, "ok", f"fix from {', '.join(fix.cameras_used)}")
 
     def _key(self, health: Health) -> tuple[bytes, str, str]:
         status = str(self._fix.status) if self._fix is not None else ""
@@ -151,8 +131,6 @@ class HorizonMonitor:
         values.update(pipeline.aiding.words)
         ignored = sorted(pipeline.aiding.ignored.items())
         values.update({f"ignored_{cause}": str(count) for cause, count in ignored})
-        if self._live:
-            values.update(self._pace.values(now))
         return values
 
     def _camera_values(self, name: str, now: int) -> dict[str, str]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecyclePublisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.timer import Timer
 
-from horizon_sensor_ros.ros.diagnostics import Health, diagnostic_message
+from horizon_sensor_ros.ros.diagnostics import OK, Health, diagnostic_message
 from horizon_sensor_ros.ros.managed_node import ManagedNode, Settings
 from horizon_sensor_ros.ros.qos import overridable
 
@@ -64,7 +64,7 @@ class ReportingNode(ManagedNode[Settings]):
         now = self.now()
         message = self.diagnosis(now)
         if message is None:
-            inactive = Health(DiagnosticStatus.OK, "inactive", "the node is not active")
+            inactive = Health(OK, "inactive", "the node is not active")
             message = diagnostic_message(self.subject, inactive, {}, now)
         self._diagnostics.publish(message)
 

@@ -3,36 +3,30 @@
 from __future__ import annotations
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.tracker import TargetFix
-from horizon_sensor_ros.ros.diagnostics import Health, Pace, diagnostic_message, rejected_values
+from horizon_sensor_ros.ros.diagnostics import (
+    ERROR,
+    OK,
+    STALE,
+    WARN,
+    Health,
+    Monitor,
+    rejected_values,
+)
 from horizon_sensor_ros.ros.messages import NANOSECONDS, Refusal
 from horizon_sensor_ros.ros.target_pipeline import TargetPipeline, TargetStep
 
-_OK = DiagnosticStatus.OK
-_WARN = DiagnosticStatus.WARN
-_ERROR = DiagnosticStatus.ERROR
-_STALE = DiagnosticStatus.STALE
 
-
-class TargetMonitor:
-    """Follows a pipeline and says how it fares; all times are given to it, in nanoseconds.
-
-    Times may be a node's clock or a bag's. With `live`, latency and rate are reported too: these
-    depend on the machine and have no place in a replay.
-    """
+class TargetMonitor(Monitor[TargetPipeline]):
+    """Follows the target's pipeline."""
 
     def __init__(self, name: str, stale_after_ns: int, *, live: bool) -> None:
-        self.name = name
-        self.stale_after_ns = stale_after_ns
-        self._live = live
+        super().__init__(name, stale_after_ns, live=live)
         self._last_ns: int | None = None
         self._refusal: Refusal | None = None
         self._fix: TargetFix | None = None
-        self._pace = Pace()
-        self._reported: tuple[bytes, str, str] | None = None
 
     def on_step(self, step: TargetStep, now: int) -> None:
         """Take note of a cloud and what became of it."""
@@ -41,38 +35,24 @@ class TargetMonitor:
         if step.fix is not None:
             self._fix = step.fix
 
-    def on_published(self, stamp: int, now: int) -> None:
-        """Take note of an estimate that went out."""
-        self._pace.on_published(stamp, now)
-
     def health(self, now: int) -> Health:
         """State at a time."""
         if self._last_ns is None:
-            return Health(_STALE, "waiting", "no clouds yet")
+            return Health(STALE, "waiting", "no clouds yet")
         # A clock that was set back must not make a sensor look alive for hours.
         self._last_ns = min(self._last_ns, now)
         age = now - self._last_ns
         if age > self.stale_after_ns:
-            return Health(_STALE, "stale", f"no clouds for {age / NANOSECONDS:.1f} s")
+            return Health(STALE, "stale", f"no clouds for {age / NANOSECONDS:.1f} s")
         if self._refusal is not None:
-            return Health(_ERROR, "refused", self._refusal.reason)
+            return Health(ERROR, "refused", self._refusal.reason)
         fix = self._fix
         assert fix is not None
         if fix.status is not Status.OK:
-            return Health(_WARN, "no_fix", f"{fix.status}: {fix.reason}")
+            return Health(WARN, "no_fix", f"{fix.status}: {fix.reason}")
         if fix.new_frame:
-            return Health(_WARN, "new_target_frame", f"new target frame: {fix.reason}")
-        return Health(_OK, "ok", "tracking")
-
-    def changed(self, now: int) -> bool:
-        """Whether the state is another than in the last `message`."""
-        return self._key(self.health(now)) != self._reported
-
-    def message(self, now: int, pipeline: TargetPipeline) -> DiagnosticArray:
-        """Return the message for /diagnostics."""
-        health = self.health(now)
-        self._reported = self._key(health)
-        return diagnostic_message(self.name, health, self._values(now, pipeline), now)
+            return Health(WARN, "new_target_frame", f"new target frame: {fix.reason}")
+        return Health(OK, "ok", "tracking")
 
     def _key(self, health: Health) -> tuple[bytes, str, str]:
         if self._refusal is not None:
@@ -86,8 +66,6 @@ class TargetMonitor:
         for name in ("clouds", "fixes", "target_frames", "time_jumps"):
             values[name] = str(pipeline.counts[name])
         values.update(rejected_values(pipeline.rejected))
-        if self._live:
-            values.update(self._pace.values(now))
         return values
 
 
