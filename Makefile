@@ -22,7 +22,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 PEERS := requirements/bench.txt
 INPUTS := setup.py setup.cfg pyproject.toml $(filter-out $(PEERS),$(wildcard requirements/*.txt))
 
-.PHONY: help venv demo test test-slow test-faults bench-ros soak test-noble bench lint params docs pictures clean
+.PHONY: help venv demo test test-slow test-explore test-faults bench-ros soak test-noble bench lint params docs pictures clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -37,6 +37,8 @@ test-slow: venv ## the slow tests
 	$(VENV)/bin/python -m pytest -m slow $(PYTEST_ARGS)
 test-noble: $(NOBLE)/.ready ## the same tests with the library versions of Ubuntu 24.04
 	$(NOBLE)/bin/python -m pytest -m "not slow" $(PYTEST_ARGS)
+test-explore: venv ## the property tests with examples drawn anew
+	$(VENV)/bin/python -m pytest -m hypothesis --hypothesis-profile explore $(PYTEST_ARGS)
 test-faults: venv ## every fault ten times over
 	$(VENV)/bin/python -m pytest test/ros/test_faults.py --count 10 $(PYTEST_ARGS)
 bench: $(VENV)/.peers ## the benchmark tables, beside other people's registrations

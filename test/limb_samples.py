@@ -72,7 +72,9 @@ def observe(
         seen &= np.abs(np.angle(np.exp(1j * (azimuth - middle)))) <= arc_rad / 2
     index = np.flatnonzero(seen)
     if index.size:
-        length = np.cumsum(np.linalg.norm(np.diff(px, axis=0, append=px[:1]), axis=1)[index])
+        step_px = np.linalg.norm(np.diff(px, axis=0, append=px[:1]), axis=1)
+        # The next one may be beyond where the lens folds.
+        length = np.cumsum(np.nan_to_num(step_px[index]))
         cells = np.floor(length / spacing_px)
         index = index[np.flatnonzero(np.diff(cells, prepend=-1.0) > 0)]
     azimuth = azimuth[index]

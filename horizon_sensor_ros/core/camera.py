@@ -17,6 +17,7 @@ field back into the frame. Rays and pixels beyond that angle come back as NaN.
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -74,7 +75,8 @@ class Camera:
             )
         if self.model not in _MODEL_SIZES:
             raise ValueError(
-                f"unknown distortion model {self.model!r}; known are {', '.join(_MODEL_SIZES)}"
+                f"unknown distortion model {reprlib.repr(self.model)}; "
+                f"known are {', '.join(_MODEL_SIZES)}"
             )
         distortion = tuple(float(d) for d in self.distortion)
         sizes = _MODEL_SIZES[self.model]

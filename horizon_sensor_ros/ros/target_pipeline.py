@@ -20,6 +20,7 @@ from horizon_sensor_ros.ros.messages import (
     NANOSECONDS,
     Refusal,
     pose_message,
+    shown,
     stamp_ns,
     twist_message,
 )
@@ -108,7 +109,7 @@ class TargetPipeline:
         if self._frame_id is not None and frame_id != self._frame_id:
             # Poses in one frame say nothing about those in another.
             self._tracker.reset()
-            why = f"the clouds' frame is now {frame_id!r}"
+            why = f"the clouds' frame is now {shown(frame_id)}"
         self._stamp, self._frame_id = stamp, frame_id
         fix = self._tracker.process(points, stamp)
         if fix.status is Status.OK and not _finite(fix):

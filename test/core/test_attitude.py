@@ -33,7 +33,6 @@ directions = (
 level_zs = st.sampled_from(["up", "down"])
 
 
-@settings(deadline=None, derandomize=True)
 @given(unit_quaternions)
 def test_quaternions_are_scipys(q: np.ndarray) -> None:
     rot = Rotation.from_quat(q).as_matrix()
@@ -70,7 +69,6 @@ def test_the_table_of_conventions(
     assert found == pytest.approx(np.array(nadir), abs=1e-8)
 
 
-@settings(deadline=None, derandomize=True)
 @given(directions, level_zs)
 def test_level_frame_stands_on_nadir(nadir: np.ndarray, level_z: str) -> None:
     rot = level_from_base(nadir, level_z)
@@ -103,7 +101,7 @@ def test_what_is_no_direction_is_refused() -> None:
         level_from_base(np.array([0, 0, 1.0]), "north")
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40)
 @given(directions, level_zs, st.integers(0, 2**32 - 1))
 def test_pose_covariance_is_that_of_the_exponential_error(
     nadir: np.ndarray, level_z: str, seed: int
@@ -157,7 +155,6 @@ def test_sign_of_altitude_and_rotation_in_the_covariance() -> None:
     assert down[3, 3] == up[3, 3] == 0
 
 
-@settings(deadline=None, derandomize=True)
 @given(directions)
 def test_tangent_basis_completes_a_right_handed_frame(direction: np.ndarray) -> None:
     frame = np.column_stack((tangent_basis(direction), direction))

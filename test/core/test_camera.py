@@ -123,7 +123,7 @@ def cameras(draw: st.DrawFn) -> Camera:
     return Camera(WIDTH, HEIGHT, focal, focal * 1.01, CX, CY, model, distortion)
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 @given(cameras(), st.lists(pixels, min_size=1, max_size=20))
 def test_any_pixel_has_its_own_ray_or_none(camera: Camera, px: list[tuple[float, float]]) -> None:
     array = np.array(px)
@@ -137,7 +137,7 @@ def test_any_pixel_has_its_own_ray_or_none(camera: Camera, px: list[tuple[float,
     assert np.abs((back - array[seen])[~near_limit]).max(initial=0.0) < 1e-6
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 @given(cameras(), st.floats(0, np.pi), st.floats(-np.pi, np.pi))
 def test_any_ray_inside_the_field_survives_the_round_trip(
     camera: Camera, theta: float, azimuth: float

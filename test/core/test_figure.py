@@ -143,7 +143,7 @@ def numerical_limb(planet: Planet, position: np.ndarray, azimuth: float) -> np.n
 
 
 @given(seeds, st.sampled_from([WGS84, FLAT, Planet.wgs84(3e4)]))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_stretched_limb_is_a_circular_cone(seed: int, planet: Planet) -> None:
     craft = Craft(seed, planet, cameras=())
     figure = StretchedEllipsoid(planet, "geocentric", craft.pose())
@@ -205,7 +205,7 @@ def test_stretched_cameras_pixels_rays_and_jacobian(camera: Camera) -> None:
 
 
 @given(seeds, st.sampled_from(VERTICALS), st.sampled_from([WGS84, Planet.wgs84(2e4), FLAT]))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_with_the_true_pose_the_chain_is_exact(seed: int, vertical: str, planet: Planet) -> None:
     craft = Craft(seed, planet)
     figure = StretchedEllipsoid(planet, vertical, craft.pose())
@@ -362,7 +362,7 @@ def test_influence_against_refits_with_the_axis_moved(vertical: str) -> None:
 
 
 @given(seeds)
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_a_known_height_is_that_of_the_stretched_craft(seed: int) -> None:
     craft = Craft(seed)
     figure = StretchedEllipsoid(WGS84, "geocentric", craft.pose())

@@ -81,7 +81,7 @@ def assert_no_estimate(fit: HorizonFit) -> None:
 # ---------------------------------------------------------------- exact points, exact answers
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(
     directions,
     st.floats(np.log(2e4), np.log(4e7)),
@@ -121,7 +121,7 @@ def test_two_cameras_any_attitude_any_altitude_any_model(
         assert np.abs(cov[:3, :3] @ fit.nadir_base).max() < 1e-12 * np.trace(cov[:3, :3]) + 1e-20
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40)
 @given(directions, st.floats(np.log(2e4), np.log(4e7)), st.sampled_from(CAMERAS), angles, angles)
 def test_one_camera_any_attitude_any_altitude_any_model(
     nadir: np.ndarray, log_altitude: float, camera: Camera, azimuth: float, roll: float
@@ -203,7 +203,7 @@ def test_circle_through_points_of_a_circle() -> None:
     assert np.isnan(fit_circle(np.zeros((5, 2)))[1])
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40)
 @given(st.floats(0.2, 1.45), st.floats(-0.3, 0.3))
 def test_radius_of_curvature_at_the_limbs_vertex_is_tan_rho(rho: float, vertex: float) -> None:
     """What the arc fit rests on, from three neighbouring points of the exact cone."""
@@ -357,7 +357,7 @@ def test_degenerate_points_give_a_status_or_large_uncertainty(method: str, name:
     assert_no_estimate(fit_horizon([LimbObservation(view, limb)], PLANET, method))
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(
     st.lists(st.tuples(st.floats(0, 640), st.floats(0, 480), angles), min_size=1, max_size=60),
     st.sampled_from(list(METHODS)),

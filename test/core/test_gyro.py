@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -31,7 +31,6 @@ def every(step: int, until: int) -> list[int]:
     st.tuples(*[st.floats(-3, 3)] * 3), st.integers(0, S // 2), st.integers(0, S // 2),
     st.integers(5_000_000, GAP),
 )  # fmt: skip
-@settings(deadline=None)
 def test_a_steady_rate_is_one_rotation(
     rate: tuple[float, ...], start: int, length: int, step: int
 ) -> None:

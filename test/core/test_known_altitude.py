@@ -36,7 +36,7 @@ def three(fit: HorizonFit) -> np.ndarray:
 
 
 @given(st.integers(0, 1000), st.floats(10.0, 1e6))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_the_covariance_shrinks_as_information_adds(seed: int, sigma_m: float) -> None:
     fit = short_arc(seed)
     both, unused = with_altitude(fit, AltitudeMeasurement(ALTITUDE_M, sigma_m), PLANET)

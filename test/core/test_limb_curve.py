@@ -169,7 +169,7 @@ def test_limb_out_of_the_frame_is_empty(offset_deg: float) -> None:
     assert curve.px.shape == curve.normal_px.shape == (0, 2)
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 @given(
     directions,
     st.floats(np.radians(3.0), np.radians(87.0)),

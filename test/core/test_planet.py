@@ -32,7 +32,6 @@ def test_disc_of_a_sphere() -> None:
         assert np.degrees(change) == pytest.approx(degrees, abs=0.01)
 
 
-@settings(deadline=None, derandomize=True)
 @given(st.floats(1e3, 1e8), st.floats(0, 500))
 def test_altitude_and_rho_are_inverse(altitude: float, limb_height: float) -> None:
     planet = Planet(6371000.0, limb_height)
@@ -71,7 +70,7 @@ def test_wgs84_reference_values() -> None:
     assert pole == pytest.approx(np.array([0, 0, 6356752.314245]), abs=1e-6)
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 @given(flattened, latitudes, longitudes, heights)
 def test_geodetic_coordinates_are_inverse(
     planet: Planet, latitude: float, longitude: float, height: float
@@ -118,7 +117,7 @@ def test_the_two_verticals_differ_by_up_to_0_19_deg_on_earth() -> None:
     assert int(np.argmax(difference)) == 45
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(flattened, latitudes, longitudes, st.floats(3e4, 4e7))
 def test_limb_rays_touch_the_ellipsoid(
     planet: Planet, latitude: float, longitude: float, height: float

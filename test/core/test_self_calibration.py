@@ -39,7 +39,7 @@ def nees(calibration: Calibration, truth: np.ndarray, where: np.ndarray) -> floa
     return float(error @ np.linalg.solve(calibration.cov[np.ix_(where, where)], error))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3))
 def test_without_noise_the_misalignment_is_found_exactly(turn_deg: list[float]) -> None:
     truth = np.radians(turn_deg)

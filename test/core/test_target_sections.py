@@ -109,7 +109,7 @@ def test_a_cloud_is_most_like_itself(clouds: tuple[np.ndarray, ...]) -> None:
     assert objective(cut(a, PITCH_M), a, np.zeros(6)) == pytest.approx(1)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(st.floats(-0.3, 0.3), min_size=6, max_size=6))
 def test_many_at_once_are_each_as_printed(clouds: tuple, candidate: list[float]) -> None:
     a, b, _ = clouds

@@ -62,7 +62,7 @@ def test_attitudes_are_rotations(roll, pitch, yaw):
 
 
 @pytest.mark.parametrize("camera", [CAMERA, DISTORTED, FISHEYE], ids=["plain", "lens", "fisheye"])
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(roll=angle, pitch=angle, yaw=angle, altitude_km=st.floats(250, 6000))
 def test_agrees_with_a_dense_count(camera, roll, pitch, yaw, altitude_km):
     """Independent: project very many rays one by one and count those in the frame."""
@@ -112,7 +112,7 @@ def test_four_arcs_when_the_limb_is_wider_than_the_frame_but_not_its_diagonal():
 
 
 @given(turn=st.floats(-np.pi, np.pi))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_azimuth_zero_is_nowhere_special(turn):
     """Turning the down frame about nadir moves the samples' origin, also into an arc."""
     attitude = rot_base_from_down(0.0, 0.4, 0.3, UPRIGHT)

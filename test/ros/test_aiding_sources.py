@@ -230,7 +230,7 @@ def test_known_altitudes() -> None:
     st.text(max_size=10), st.lists(st.floats(), min_size=7, max_size=7),
     st.integers(-(2**31), 2**31 - 1), st.integers(0, 2**32 - 1),
 )  # fmt: skip
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_no_message_raises(frame: str, values: list[float], sec: int, nanosec: int) -> None:
     aiding = sources()
     for frame_id in (frame, "earth", "base_link"):

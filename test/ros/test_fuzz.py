@@ -222,7 +222,7 @@ def test_bad_messages(kind: type[HorizonFuzz | TargetFuzz], number: int) -> None
     assert heap_bytes() - before < 20_000_000
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.integers(0, 2**32), st.integers(0, 4), st.integers(1, 30))
 def test_the_decoders_refuse_and_never_raise(seed: int, kind: int, times: int) -> None:
     """Bad in many fields at once; hypothesis looks for the fewest that break something."""

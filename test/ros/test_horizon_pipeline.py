@@ -260,7 +260,7 @@ def test_rotations_that_are_to_come_from_elsewhere_must_come() -> None:
         HorizonPipeline(horizon_settings({"extrinsics_source": "tf"}).pipeline)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(
         st.tuples(

@@ -12,6 +12,7 @@ from horizon_messages import (
     WIDTH,
     camera_info_of,
     image_of,
+    imu_of,
     type_name,
 )
 from hypothesis import given
@@ -32,6 +33,7 @@ from horizon_sensor_ros.ros.messages import (
     gray_from_image,
     local_vertical_message,
     pose_message,
+    rate_from_imu,
     stamp_ns,
     time_from_ns,
     twist_message,
@@ -217,6 +219,23 @@ def test_region_of_interest_and_binning_shape_the_camera() -> None:
 )
 def test_refused_camera_infos(fields: dict, cause: str) -> None:
     assert cause_of(camera_from_info(camera_info_of(**fields))) == cause
+
+
+def test_a_reason_stays_short_whatever_a_message_says() -> None:
+    endless = "a" * 10_000 + "\n\x00"
+    info = camera_info_of(distortion_model=endless)
+    image = image_of(np.zeros((8, 8), np.uint8), 0)
+    image.encoding = endless
+    rate = imu_of(0, (0.0, 0.0, 0.0))
+    rate.header.frame_id = endless
+    for refused in (
+        camera_from_info(info),
+        gray_from_image(image),
+        rate_from_imu(rate, "base_link"),
+    ):
+        assert isinstance(refused, Refusal)
+        assert len(refused.reason) < 200
+        assert refused.reason.isprintable()
 
 
 @given(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
@@ -307,7 +307,7 @@ def test_a_defect_of_ours_costs_one_cloud(monkeypatch: pytest.MonkeyPatch) -> No
     assert topics(pipeline.on_cloud(good_cloud(2))) == ALL_TOPICS
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=40)
 @given(
     st.lists(
         st.tuples(

@@ -27,7 +27,7 @@ def slab_ranges(camera: ToFCamera, size: np.ndarray, pose: np.ndarray) -> np.nda
     return np.where((enter <= leave) & (leave > 0), enter, np.nan)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 10_000))
 def test_a_box_is_where_its_slabs_are(seed: int) -> None:
     rng = np.random.default_rng(seed)
