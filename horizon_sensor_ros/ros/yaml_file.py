@@ -12,6 +12,7 @@ import yaml
 _MOST_BYTES = 1_000_000
 # An integer of more is no number of a file's, and Python does not even write it out.
 _MOST_BITS = 1000
+_DEEPEST = 50  # collections in brackets, one in another; PyYAML takes a time that grows as a square
 _SHOWN = 60
 
 
@@ -19,8 +20,18 @@ class YamlFileError(ValueError):
     """A file cannot be used; the message goes after the file's name."""
 
 
+_TOO_DEEP = "is not valid YAML: it is nested too deeply"
+
+
 class _Loader(yaml.SafeLoader):
-    """Takes 1e6 for a number, as ROS does; in YAML 1.1 it is a string."""
+    """Takes 1e6 for a number, as ROS does; in YAML 1.1 it is a string. Raises YamlFileError where
+    brackets are nested too deeply.
+    """
+
+    def fetch_flow_collection_start(self, token: type[yaml.Token]) -> None:
+        if self.flow_level >= _DEEPEST:
+            raise YamlFileError(_TOO_DEEP)
+        super().fetch_flow_collection_start(token)
 
     def construct_bounded_int(self, node: yaml.ScalarNode) -> int:
         number = self.construct_yaml_int(node)
@@ -69,7 +80,7 @@ def read_yaml(path: Path, *, aliases: bool = True) -> Any:
     except yaml.YAMLError as error:
         raise YamlFileError(f"is not valid YAML: {' '.join(str(error).split())}") from None
     except RecursionError:
-        raise YamlFileError("is not valid YAML: it is nested too deeply") from None
+        raise YamlFileError(_TOO_DEEP) from None
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         # What PyYAML's constructors raise for text that is not what its tag or form says.
         words = " ".join(str(error).split())

@@ -133,7 +133,7 @@ def test_error_that_smooth_ground_gives_whole_stretches_is_claimed(strength: flo
     rng = np.random.default_rng(4)
     num, noise, scale = 48, 1.0, 2e-3
     squares, claimed, all_squares, all_claimed = [], [], [], []
-    for _ in range(60):
+    for _ in range(30):
         profiles = textured(rng, num, (0.5, 2.0), (strength, strength), scale)
         profiles += noise * rng.standard_normal(profiles.shape)
         stretches = stretches_of(profiles, noise, px_over_radius=scale)
