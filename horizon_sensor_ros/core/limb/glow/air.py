@@ -23,8 +23,8 @@ _LOGS, _OF_AIR = slice(5, 9), slice(5, 11)
 # blur about that of the edges, the air in front of the ground over that above it; slope and bend of
 # the logarithm of A from the middle of the limb to its ends, the bend also as a share of the slope.
 USUAL_HEIGHT, _HEIGHT_SIGMA = 8.5e3 / 6371e3, 0.15
-_BLUR_SIGMA_PX = 0.1
-USUAL_SHARE, _SHARE_SIGMA = 0.5, 0.15
+BLUR_SIGMA_PX = 0.1
+USUAL_SHARE, SHARE_SIGMA = 0.5, 0.15
 _SLOPE_SIGMA, _BEND_SIGMA, _BEND_OF_SLOPE = 0.1, 0.02, 0.4
 # Stray light along the limb, and outwards, as a layer of airglow shines above it, over A.
 _STRAY_SIGMA = np.array([0.05, 0.001])
@@ -77,8 +77,8 @@ class Air:
         """
         bend = math.hypot(_BEND_SIGMA, _BEND_OF_SLOPE * self.log_glow[1])
         sigma = np.full(NUM, np.inf)
-        sigma[BLUR] = _BLUR_SIGMA_PX
-        sigma[6:11] = _SLOPE_SIGMA, bend, _HEIGHT_SIGMA, _SHARE_SIGMA, FADING_SIGMA
+        sigma[BLUR] = BLUR_SIGMA_PX
+        sigma[6:11] = _SLOPE_SIGMA, bend, _HEIGHT_SIGMA, SHARE_SIGMA, FADING_SIGMA
         sigma[STRAY] = _STRAY_SIGMA * math.exp(self.log_glow[0])
         away = np.zeros(NUM)
         away[BLUR] = self.edge_psf_px - self.psf_px

@@ -27,7 +27,9 @@ from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import CameraView
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.glow.air import (
+    BLUR_SIGMA_PX,
     BLURS_PX,
+    SHARE_SIGMA,
     SHARES,
     USUAL_HEIGHT,
     USUAL_SHARE,
@@ -59,18 +61,22 @@ _OUTLIER, _MISFIT = 5.0, 1.4  # cost over the degrees of freedom: of a stretch, 
 _SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
 # Clouds are no Gaussian process, nor is glow quite a polynomial's exponential: errors of the limb's
 # mean, slope and bend beside the truth of simulated ones, in sigmas, by what they grow with; all of
-# them also with a power of the length of glow. However exact the fit, it is off by a share of that.
+# them also with powers of the length of glow. However exact the fit, it is off by a share of that.
 _MISJUDGED = np.array(
     [
-        [3.6, 0.65, 0.75],  # even glow
+        [2.2, 0.5, 0.75],  # even glow
         [29.0, 37.0, 4.5],  # slope of the logarithm of A
         [0.0, 0.0, 35.0],  # its bend
         [0.0, 0.0, 1.5],  # logarithm of what the lens fades
-        [4.4, 1.5, 1.45],  # a part of the limb only
-        [10.0, 4.0, 4.0],  # ripple
+        [4.4, 2.0, 2.3],  # a part of the limb only
+        [8.0, 4.0, 4.0],  # ripple
+        [3.0, 0.0, 0.0],  # blur off the edges' one, in sigmas of what is known of it
+        [13.5, 0.0, 0.0],  # share of the air in front of the ground below the usual one, likewise
+        [0.0, 0.0, 1.0],  # glare
     ]
 )
-_FINE_PX, _FINER = 2.5, 0.6
+_MOST_BLURRED, _LEAST_SHARE = 1.0, 0.5  # sigmas from where on these two grow no more
+_FINE_PX, _FINER = 2.5, np.array([0.45, 0.6, 0.6])
 _OF_LENGTH = np.array([0.03, 0.02, 0.01])
 # Ripple of glow along the limb, as under flickering light through which rows are exposed one after
 # the other: beyond what five of six even limbs show, and the most.
@@ -302,7 +308,8 @@ def _limb(
     rows = sight.rows[keep]
     to_shape = np.linalg.pinv(powers(sight.along)[keep]) @ rows
     of_shape = np.linalg.inv(to_shape)
-    more = of_shape @ (_misjudged(air, found.ripple, length_px)[:, None] * to_shape)
+    misjudged = _misjudged(air, found.ripple, length_px, bool(sight.glare.any()))
+    more = of_shape @ (misjudged[:, None] * to_shape)
     left = of_shape * (length_px * _OF_LENGTH)
     cov = more @ found.cov @ more.T + left @ left.T
     shape = np.sqrt(np.diag(to_shape @ cov @ to_shape.T))
@@ -327,10 +334,20 @@ def _limb(
     )
 
 
-def _misjudged(air: Air, ripple: float, length_px: float) -> np.ndarray:
+def _misjudged(air: Air, ripple: float, length_px: float, glaring: bool) -> np.ndarray:
     """Errors (3,) of a limb's mean, slope and bend, in sigmas of its fit."""
-    rippling = min(max(ripple - _RIPPLE, 0.0), _MOST_RIPPLE)
-    parted = float(air.part != WHOLE)
-    grown = np.array([1.0, air.log_glow[1], air.log_glow[2], air.fading, parted, rippling])
+    grown = np.array(
+        [
+            1.0,
+            air.log_glow[1],
+            air.log_glow[2],
+            air.fading,
+            float(air.part != WHOLE),
+            min(max(ripple - _RIPPLE, 0.0), _MOST_RIPPLE),
+            min(abs(air.psf_px - air.edge_psf_px) / BLUR_SIGMA_PX, _MOST_BLURRED),
+            min(max((USUAL_SHARE - air.share) / SHARE_SIGMA, 0.0), _LEAST_SHARE),
+            float(glaring),
+        ]
+    )
     finer = max(1.0, length_px / _FINE_PX) ** _FINER
     return finer * np.asarray(np.linalg.norm(_MISJUDGED * grown[:, None], axis=0))
