@@ -161,43 +161,11 @@ def space_boundary_candidates(
     if bright - level < 3.0 * step_min:
         return empty
 
-    # Canny wants 16-bit gradients; scale so that the brightest frame still fits.
-    scale = min(64.0, 8000.0 / max(bright - level, 1.0))
-    dx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=0.125 * scale)
-    dy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=0.125 * scale)
-    # A step of height s blurred by sigma ~1.2 px has a slope of about s/3 a pixel.
-    slope = step_min / 3.0 * scale
-    edges = cv2.Canny(dx.astype(np.int16), dy.astype(np.int16), slope, 2.0 * slope, L2gradient=True)
-    edges[:2], edges[-2:], edges[:, :2], edges[:, -2:] = 0, 0, 0, 0
-    spots = np.flatnonzero(edges.ravel() != 0)
-    if len(spots) == 0:
+    found = _steep(smooth, bright - level, step_min)
+    if found is None:
         return empty
-    v, u = np.divmod(spots.astype(np.int32), np.int32(small.shape[1]))
-    gx, gy = dx.ravel().take(spots), dy.ravel().take(spots)
-    magnitude = np.sqrt(gx * gx + gy * gy)
-    found = _Edges(u, v, -gx / magnitude, -gy / magnitude)
-
-    # Inside stays bright for a few pixels: stars and thin streaks do not.
     known = smooth if usable is None else np.where(usable, smooth, np.float32(np.nan))
-    beside = _with_border(known - np.float32(level), np.nan)
-    step, deep = found.along(beside, _INWARD_STEPS_PX)
-    keep = (step > step_min) & ~(deep <= np.maximum(0.5 * step_min, _RIDGE_SHARE * step))
-    found, step, deep = found.take(keep), step[keep], deep[keep]
-    # Outside is space along the whole way, but for one place; beyond the frame nothing is known.
-    for look in (slice(_FIRST_LOOK), slice(None)):
-        outside = found.along(beside, _OUTWARD_STEPS_PX[look])
-        bright_there = outside > np.maximum(_GLOW_LEFT[look, None] * step, step_min)
-        num_bright = bright_there.sum(axis=0)
-        keep = num_bright <= 1
-        if look.stop is None:
-            seen = np.isfinite(outside).sum(axis=0)
-            keep = (seen >= 3) & (num_bright <= 0.2 * seen)
-            far = outside[_FIRST_LOOK - 1]
-            ridge = keep & (deep - far < _STREAK_SHARE * (step - far))
-            sun = _sun(smooth, level) if np.count_nonzero(ridge) >= _LEAST_STREAK else None
-            if sun is not None:
-                keep &= ~(ridge & found.runs_past(sun, _PAST_SUN_PX))
-        found, step, deep = found.take(keep), step[keep], deep[keep]
+    found, step = _beside_space(found, smooth, known - np.float32(level), level, step_min)
     if mask is not None:
         centre = (np.stack([found.u, found.v], axis=1) + 0.5) * factor - 0.5
         keep = mask.clear(centre, _MASK_CLEARANCE_PX * factor)
@@ -260,6 +228,58 @@ class _Edges:
         before, here, after = levels[:-2] - levels[2:]
         bend = np.minimum(before - 2.0 * here + after, np.float32(-1e-6))
         return np.minimum(np.maximum(0.5 * (before - after) / bend, -1.0), 1.0)
+
+
+def _steep(smooth: np.ndarray, contrast: float, step_min: float) -> _Edges | None:
+    """Edge pixels of a smoothed image, of steps of step_min and more; None if there are none.
+
+    contrast : of what is brightest in it.
+    """
+    # Canny wants 16-bit gradients; scale so that the brightest frame still fits.
+    scale = min(64.0, 8000.0 / max(contrast, 1.0))
+    dx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=0.125 * scale)
+    dy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=0.125 * scale)
+    # A step of height s blurred by sigma ~1.2 px has a slope of about s/3 a pixel.
+    slope = step_min / 3.0 * scale
+    edges = cv2.Canny(dx.astype(np.int16), dy.astype(np.int16), slope, 2.0 * slope, L2gradient=True)
+    edges[:2], edges[-2:], edges[:, :2], edges[:, -2:] = 0, 0, 0, 0
+    spots = np.flatnonzero(edges.ravel() != 0)
+    if len(spots) == 0:
+        return None
+    v, u = np.divmod(spots.astype(np.int32), np.int32(smooth.shape[1]))
+    gx, gy = dx.ravel().take(spots), dy.ravel().take(spots)
+    magnitude = np.sqrt(gx * gx + gy * gy)
+    return _Edges(u, v, -gx / magnitude, -gy / magnitude)
+
+
+def _beside_space(
+    found: _Edges, smooth: np.ndarray, above: np.ndarray, level: float, step_min: float
+) -> tuple[_Edges, np.ndarray]:
+    """Edges that have something bright inside and empty space outside, and their steps (N,).
+
+    above : (h, w) the smoothed image over the level of space, NaN where nothing is known.
+    """
+    # Inside stays bright for a few pixels: stars and thin streaks do not.
+    beside = _with_border(above, np.nan)
+    step, deep = found.along(beside, _INWARD_STEPS_PX)
+    keep = (step > step_min) & ~(deep <= np.maximum(0.5 * step_min, _RIDGE_SHARE * step))
+    found, step, deep = found.take(keep), step[keep], deep[keep]
+    # Outside is space along the whole way, but for one place; beyond the frame nothing is known.
+    for look in (slice(_FIRST_LOOK), slice(None)):
+        outside = found.along(beside, _OUTWARD_STEPS_PX[look])
+        bright_there = outside > np.maximum(_GLOW_LEFT[look, None] * step, step_min)
+        num_bright = bright_there.sum(axis=0)
+        keep = num_bright <= 1
+        if look.stop is None:
+            seen = np.isfinite(outside).sum(axis=0)
+            keep = (seen >= 3) & (num_bright <= 0.2 * seen)
+            far = outside[_FIRST_LOOK - 1]
+            ridge = keep & (deep - far < _STREAK_SHARE * (step - far))
+            sun = _sun(smooth, level) if np.count_nonzero(ridge) >= _LEAST_STREAK else None
+            if sun is not None:
+                keep &= ~(ridge & found.runs_past(sun, _PAST_SUN_PX))
+        found, step, deep = found.take(keep), step[keep], deep[keep]
+    return found, step
 
 
 def _sun(smooth: np.ndarray, level: float) -> tuple[float, float] | None:
