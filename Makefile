@@ -8,6 +8,8 @@ NOBLE_PYTHON ?= $(firstword $(foreach p,python3.12 python3 python3.11 python3.10
 	$(p) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, 13))' 2>/dev/null && echo $(p))))
 # More arguments for pytest: make test PYTEST_ARGS="-k camera"
 PYTEST_ARGS ?=
+# A file of tests runs in one of two processes; to debug: make test PYTEST_ARGS="-n 0 --pdb -k camera"
+TEST_ALL := -m "not slow" -n 2 --dist loadfile
 # One thread a process: the tests' many small matrices gain nothing from more.
 export OPENBLAS_NUM_THREADS := 1
 
@@ -32,11 +34,11 @@ venv: $(VENV)/.ready ## make .venv with the real rclpy and all commands in .venv
 demo: venv ## a simulated flight past the real nodes; error table and a report with pictures
 	$(VENV)/bin/horizon_demo
 test: venv ## all tests but the slow ones; lint, types and a colcon build are among them
-	$(VENV)/bin/python -m pytest -m "not slow" $(PYTEST_ARGS)
+	$(VENV)/bin/python -m pytest $(TEST_ALL) $(PYTEST_ARGS)
 test-slow: venv ## the slow tests
 	$(VENV)/bin/python -m pytest -m slow $(PYTEST_ARGS)
 test-noble: $(NOBLE)/.ready ## the same tests with the library versions of Ubuntu 24.04
-	$(NOBLE)/bin/python -m pytest -m "not slow" $(PYTEST_ARGS)
+	$(NOBLE)/bin/python -m pytest $(TEST_ALL) $(PYTEST_ARGS)
 test-explore: venv ## the property tests with examples drawn anew
 	$(VENV)/bin/python -m pytest -m hypothesis --hypothesis-profile explore $(PYTEST_ARGS)
 test-faults: venv ## every fault ten times over
