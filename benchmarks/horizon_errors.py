@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.bound import horizon_bound
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.sim.earth_camera import SimFrame

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from tables import Options, Table, number, verdict
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
 from horizon_sensor_ros.core.limb.detector import detect_limb
 from horizon_sensor_ros.core.limb.passes import EXPECTED

@@ -8,7 +8,7 @@ import numpy as np
 from tables import Options, Table, number
 
 from horizon_sensor_ros.core.attitude import roll_pitch_from_nadir
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.gauss_newton import solve_roll_pitch_rho
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor

@@ -34,7 +34,8 @@ from horizon_sensor_ros.ros.messages import (
     local_vertical_message,
     time_from_ns,
 )
-from horizon_sensor_ros.ros.parameters import horizon_settings, target_settings
+from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
+from horizon_sensor_ros.ros.parameters.target_settings import target_settings
 from horizon_sensor_ros.ros.sensor_messages import camera_info_message, cloud_message, encoded_image
 from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
 from horizon_sensor_ros.ros.target_pipeline import TargetPipeline

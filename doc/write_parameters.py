@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from horizon_sensor_ros.ros.parameters import parameter_file, parameter_reference
+from horizon_sensor_ros.ros.parameters.reference import parameter_file, parameter_reference
 
 ROOT = Path(__file__).parents[1]
 BEGIN, END = "<!-- written by make params -->\n", "<!-- end -->\n"

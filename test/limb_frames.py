@@ -11,7 +11,8 @@ import numpy as np
 from limb_samples import cone_rays
 from scipy.spatial import cKDTree
 
-from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_sensor import Frame
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views

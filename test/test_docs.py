@@ -230,7 +230,7 @@ def test_what_the_page_says_of_roll_and_pitch(level_z: str, column: int) -> None
 
 
 def test_the_page_says_which_default_holds() -> None:
-    from horizon_sensor_ros.ros.parameters import HORIZON_PARAMETERS
+    from horizon_sensor_ros.ros.parameters.horizon import HORIZON_PARAMETERS
 
     default = next(p.default for p in HORIZON_PARAMETERS if p.name == "level_z")
     header = table_rows("conventions.md", "Roll, pitch and the level frame")[""]
@@ -277,7 +277,7 @@ def test_what_the_page_says_of_the_attitudes_covariance() -> None:
 def test_what_the_page_says_of_the_targets_step() -> None:
     from target_messages import good_cloud
 
-    from horizon_sensor_ros.ros.parameters import target_settings
+    from horizon_sensor_ros.ros.parameters.target_settings import target_settings
     from horizon_sensor_ros.ros.target_pipeline import TargetPipeline
 
     rows = table_rows("conventions.md", "The target's pose, step and twist")

@@ -210,7 +210,7 @@ def test_launch_files_ask_for_the_parameters() -> None:
 
 
 def test_params_file_is_written_from_the_table_of_parameters() -> None:
-    from horizon_sensor_ros.ros.parameters import parameter_file
+    from horizon_sensor_ros.ros.parameters.reference import parameter_file
 
     written = (ROOT / "config" / "params.yaml").read_text()
     assert written == parameter_file(), "`make params` writes it anew"

@@ -24,21 +24,15 @@ from functools import cached_property
 
 import numpy as np
 
-from horizon_sensor_ros.core.mask import Mask
+from horizon_sensor_ros.core.lens.equidistant import EquidistantLens
+from horizon_sensor_ros.core.lens.lens import Lens
+from horizon_sensor_ros.core.lens.perspective import PerspectiveLens
 
-_MODEL_SIZES = {
-    "plumb_bob": (0, 4, 5),
-    "rational_polynomial": (0, 8, 12, 14),
-    "equidistant": (0, 4),
+_MODELS: dict[str, tuple[type[Lens], tuple[int, ...]]] = {
+    "plumb_bob": (PerspectiveLens, (0, 4, 5)),
+    "rational_polynomial": (PerspectiveLens, (0, 8, 12, 14)),
+    "equidistant": (EquidistantLens, (0, 4)),
 }
-_PERSPECTIVE_SIZE = 14
-_TABLE_SIZE = 1024
-# A perspective image of the half space is infinite; farther off axis than this no table is needed.
-_STEEPEST_RAD = np.radians(89.9)
-# Tangents beyond this are as good as infinite.
-_FARTHEST = 1e100
-_NEWTON_STEPS = 30
-_CONVERGED = 1e-13
 
 
 @dataclass(frozen=True)
@@ -73,13 +67,13 @@ class Camera:
             raise ValueError(
                 f"focal lengths must be positive, got fx={self.fx}, fy={self.fy} (0: uncalibrated)"
             )
-        if self.model not in _MODEL_SIZES:
+        if self.model not in _MODELS:
             raise ValueError(
                 f"unknown distortion model {reprlib.repr(self.model)}; "
-                f"known are {', '.join(_MODEL_SIZES)}"
+                f"known are {', '.join(_MODELS)}"
             )
         distortion = tuple(float(d) for d in self.distortion)
-        sizes = _MODEL_SIZES[self.model]
+        sizes = _MODELS[self.model][1]
         if len(distortion) not in sizes:
             wanted = " or ".join(str(size) for size in sizes)
             raise ValueError(
@@ -168,16 +162,7 @@ class Camera:
         x = (px[:, 0] - self.cx) / self.fx
         y = (px[:, 1] - self.cy) / self.fy
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            if self.model == "equidistant":
-                return self._rays_equidistant(x, y)
-            if not self._undistorted:
-                x, y = self._undistort(x, y)
-            out = np.empty((len(x), 3))
-            scale = 1.0 / np.sqrt(1.0 + x * x + y * y)
-            np.multiply(x, scale, out=out[:, 0])
-            np.multiply(y, scale, out=out[:, 1])
-            out[:, 2] = scale
-        return out
+            return self._lens.rays(x, y)
 
     def pixels(self, rays: np.ndarray) -> np.ndarray:
         """Raw pixels (N, 2) of rays (N, 3) in the optical frame; the rays need not be unit vectors.
@@ -188,12 +173,7 @@ class Camera:
         """
         rays = _rows(rays, 3, "rays")
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            if self.model == "equidistant":
-                x, y, _, _ = self._project_equidistant(rays)
-            else:
-                x, y, _ = self._normalised(rays)
-                if not self._undistorted:
-                    x, y = self._tilt(*self._distort(x, y)[:2])
+            x, y = self._lens.places(rays)
             out = np.empty((2, len(rays)))
             np.multiply(x, self.fx, out=out[0])
             np.multiply(y, self.fy, out=out[1])
@@ -214,10 +194,7 @@ class Camera:
         px = np.empty((len(rays), 2))
         jacobian = np.empty((len(rays), 2, 3))
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            if self.model == "equidistant":
-                self._project_equidistant_into(rays, px, jacobian)
-            else:
-                self._project_perspective_into(rays, px, jacobian)
+            self._lens.project_into(rays, px, jacobian)
         px *= self._focal_px
         px += self._centre_px
         jacobian *= self._focal_px[:, None]
@@ -229,15 +206,9 @@ class Camera:
         """Return `pixels` (N, 2) of unit rays (N, 3), and how they move (N, 2) as the rays do along
         vectors (N, 3).
         """
-        if self.model == "equidistant" or not self._undistorted:
-            px, jacobian = self.project(rays_unit)
-            return px, np.einsum("nij,nj->ni", jacobian, along)
         rays = _rows(rays_unit, 3, "rays_unit")
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            x, y, inverse_z = self._normalised(rays)
-            px = np.stack([x, y])
-            moved = along.T[:2] - px * along.T[2]
-            moved *= inverse_z
+            px, moved = self._lens.project_along(rays, along)
             moved *= self._focal_px[:, None]
             px *= self._focal_px[:, None]
             px += self._centre_px[:, None]
@@ -259,12 +230,14 @@ class Camera:
         half_diagonal = 0.5 * np.hypot(self.width, self.height)
         return np.asarray((px - (self.cx, self.cy)) / half_diagonal)
 
-    @cached_property
+    @property
     def max_angle_rad(self) -> float:
         """Angle off the axis up to which the model is one-to-one; pi/2 or pi without a limit."""
-        if self.model == "equidistant":
-            return self._max_theta
-        return float(np.arctan(self._max_radius))
+        return self._lens.max_angle_rad
+
+    @cached_property
+    def _lens(self) -> Lens:
+        return _MODELS[self.model][0](self.distortion)
 
     @cached_property
     def _focal_px(self) -> np.ndarray:
@@ -274,366 +247,9 @@ class Camera:
     def _centre_px(self) -> np.ndarray:
         return np.array([self.cx, self.cy])
 
-    # ------------------------------------------------------------------ perspective models
-
-    @cached_property
-    def _undistorted(self) -> bool:
-        return not any(self.distortion)
-
-    @cached_property
-    def _coefficients(self) -> tuple[float, ...]:
-        return self.distortion + (0.0,) * (_PERSPECTIVE_SIZE - len(self.distortion))
-
-    @cached_property
-    def _tilt_matrix(self) -> np.ndarray | None:
-        """Homography of a tilted sensor (OpenCV: calib3d, tilted model); None without tilt."""
-        tau_x, tau_y = self._coefficients[12:14]
-        if tau_x == 0 and tau_y == 0:
-            return None
-        rot_x = np.array(
-            [[1, 0, 0], [0, np.cos(tau_x), np.sin(tau_x)], [0, -np.sin(tau_x), np.cos(tau_x)]]
-        )
-        rot_y = np.array(
-            [[np.cos(tau_y), 0, -np.sin(tau_y)], [0, 1, 0], [np.sin(tau_y), 0, np.cos(tau_y)]]
-        )
-        rot = rot_y @ rot_x
-        keep = np.array([[rot[2, 2], 0, -rot[0, 2]], [0, rot[2, 2], -rot[1, 2]], [0, 0, 1]])
-        return keep @ rot
-
-    @cached_property
-    def _max_radius(self) -> float:
-        """Largest undistorted radius (tangent of the angle off axis) of the one-to-one field.
-
-        On a disc the map is one-to-one if the symmetric part of its Jacobian is positive definite
-        everywhere. For the radial terms that is d(r c)/dr > 0, a polynomial in r^2; with tangential
-        and prism terms the disc is cut back to the smallest radius at which the condition fails in
-        any direction.
-        """
-        k1, k2, _, _, k3, k4, k5, k6 = self._coefficients[:8]
-        poly = np.polynomial.Polynomial
-        top, bottom, s = poly([1, k1, k2, k3]), poly([1, k4, k5, k6]), poly([0, 1])
-        slope = top * bottom + 2 * s * (top.deriv() * bottom - top * bottom.deriv())
-        radius = np.sqrt(min(_first_positive_root(slope), _first_positive_root(bottom)))
-        if not any(self._coefficients[2:4]) and not any(self._coefficients[8:12]):
-            return float(radius)
-        # The last node stays inside the radial limit, where the slope is positive.
-        steepest = min(np.arctan(radius), _STEEPEST_RAD)
-        radii = np.tan(np.linspace(0.0, steepest, _TABLE_SIZE)) * (1 - 1e-12)
-        azimuth = np.linspace(0.0, 2 * np.pi, 180, endpoint=False)
-        bad = np.flatnonzero(self._least_stretch(radii, azimuth) <= 0)
-        if bad.size == 0:
-            return float(radii[-1])
-        low, high = radii[bad[0] - 1], radii[bad[0]]
-        for _ in range(50):
-            middle = 0.5 * (low + high)
-            if self._least_stretch(np.array([middle]), azimuth)[0] > 0:
-                low = middle
-            else:
-                high = middle
-        return float(low)
-
-    def _least_stretch(self, radii: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
-        x = radii[:, None] * np.cos(azimuth)
-        y = radii[:, None] * np.sin(azimuth)
-        a, b, c, d = self._distortion_jacobian(x, y)
-        return np.min(0.5 * (a + d) - np.hypot(0.5 * (a - d), 0.5 * (b + c)), axis=1)
-
-    @cached_property
-    def _radius_table(self) -> tuple[np.ndarray, np.ndarray]:
-        """Distorted and undistorted radii of the radial terms: the start of the inverse."""
-        steepest = min(np.arctan(self._max_radius), _STEEPEST_RAD)
-        radius = np.tan(np.linspace(0.0, steepest, _TABLE_SIZE))
-        distorted = radius * self._radial(radius * radius)[0]
-        # At a pole of the model the last one may lie beyond it.
-        rises = np.append(True, np.diff(distorted) > 0.0)
-        end = len(radius) if rises.all() else int(np.argmin(rises))
-        return distorted[:end], radius[:end]
-
-    def _normalised(self, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return x/z, y/z and 1/z, NaN behind the camera and outside the one-to-one field."""
-        x, y, z = rays.T
-        inverse_z = 1.0 / np.where(z > 0, z, np.nan)
-        limit = _FARTHEST if self._undistorted else min(self._max_radius, _FARTHEST)
-        inside = (x * x + y * y) * (inverse_z * inverse_z) <= limit * limit
-        if not inside.all():
-            inverse_z[~inside] = np.nan
-        return x * inverse_z, y * inverse_z, inverse_z
-
-    def _radial(self, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return the radial factor, and the denominator where there is one."""
-        k1, k2, _, _, k3, k4, k5, k6 = self._coefficients[:8]
-        top = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        if k4 == 0 and k5 == 0 and k6 == 0:
-            return top, None
-        bottom = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))
-        return top / bottom, bottom
-
-    def _distort(
-        self, x: np.ndarray, y: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
-        """Return distorted x, y before any tilt, and r^2, factor, denominator for the Jacobian."""
-        _, _, p1, p2 = self._coefficients[:4]
-        s1, s2, s3, s4 = self._coefficients[8:12]
-        r2 = x * x + y * y
-        factor, bottom = self._radial(r2)
-        x_out = x * factor
-        y_out = y * factor
-        if p1 or p2:
-            # 2 p1 x y + p2 (r2 + 2 x x) = x q + p2 r2 with q = 2 (p1 y + p2 x); likewise for y
-            q = 2.0 * (p1 * y + p2 * x)
-            x_out += x * q + p2 * r2
-            y_out += y * q + p1 * r2
-        if s1 or s2 or s3 or s4:
-            x_out += r2 * (s1 + s2 * r2)
-            y_out += r2 * (s3 + s4 * r2)
-        return x_out, y_out, r2, factor, bottom
-
-    def _distortion_jacobian(
-        self,
-        x: np.ndarray,
-        y: np.ndarray,
-        r2: np.ndarray | None = None,
-        factor: np.ndarray | None = None,
-        bottom: np.ndarray | None = None,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return dx'/dx, dx'/dy, dy'/dx, dy'/dy of `_distort`."""
-        k1, k2, p1, p2, k3, k4, k5, k6 = self._coefficients[:8]
-        s1, s2, s3, s4 = self._coefficients[8:12]
-        if r2 is None or factor is None:
-            r2 = x * x + y * y
-            factor, bottom = self._radial(r2)
-        slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * k3 * r2))
-        if bottom is not None:
-            slope = (slope - 2.0 * factor * (k4 + r2 * (2.0 * k5 + 3.0 * k6 * r2))) / bottom
-        x_slope = x * slope
-        a = factor + x * x_slope
-        b = y * x_slope
-        d = factor + y * y * slope
-        if p1 or p2:
-            p1y, p2x = p1 * y, p2 * x
-            a += 2.0 * p1y + 6.0 * p2x
-            b += 2.0 * (p1 * x + p2 * y)
-            d += 6.0 * p1y + 2.0 * p2x
-        if not (s1 or s2 or s3 or s4):
-            return a, b, b, d
-        prism_x = 2.0 * s1 + 4.0 * s2 * r2
-        prism_y = 2.0 * s3 + 4.0 * s4 * r2
-        return a + x * prism_x, b + y * prism_x, b + x * prism_y, d + y * prism_y
-
-    def _tilt(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        m = self._tilt_matrix
-        return (x, y) if m is None else _mapped(m, x, y)
-
-    def _untilt(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        m = self._tilt_matrix
-        return (x, y) if m is None else _mapped(np.linalg.inv(m), x, y)
-
-    def _undistort(self, x_raw: np.ndarray, y_raw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Inverse of `_distort` and `_tilt`, by Newton's method from the radial table; else NaN."""
-        x_raw, y_raw = self._untilt(x_raw, y_raw)
-        distorted, radius = self._radius_table
-        r_raw = np.hypot(x_raw, y_raw)
-        scale = np.interp(r_raw, distorted, radius) / np.maximum(r_raw, 1e-300)
-        x = x_raw * scale
-        y = y_raw * scale
-        # The common case, all points at once; the few that need more are then treated alone.
-        for _ in range(2):
-            x, y, change = self._newton_step(x, y, x_raw, y_raw)
-        todo = np.flatnonzero(~(change <= _CONVERGED))
-        for _ in range(_NEWTON_STEPS):
-            if todo.size == 0:
-                return x, y
-            x[todo], y[todo], change = self._newton_step(x[todo], y[todo], x_raw[todo], y_raw[todo])
-            todo = todo[~(change <= _CONVERGED)]
-        x[todo] = np.nan
-        y[todo] = np.nan
-        return x, y
-
-    def _newton_step(
-        self, x: np.ndarray, y: np.ndarray, x_raw: np.ndarray, y_raw: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """One step inside the one-to-one field, and its relative size squared (inf where cut)."""
-        x_now, y_now, r2, factor, bottom = self._distort(x, y)
-        a, b, c, d = self._distortion_jacobian(x, y, r2, factor, bottom)
-        x_now -= x_raw
-        y_now -= y_raw
-        inverse = 1.0 / (a * d - b * c)
-        x_step = (d * x_now - b * y_now) * inverse
-        y_step = (a * y_now - c * x_now) * inverse
-        change = (x_step * x_step + y_step * y_step) / (1.0 + r2)
-        x = x - x_step
-        y = y - y_step
-        if np.isfinite(self._max_radius):
-            cut = self._max_radius / np.sqrt(x * x + y * y)
-            outside = cut < 1.0
-            if outside.any():
-                x[outside] *= cut[outside]
-                y[outside] *= cut[outside]
-                change[outside] = np.inf
-        return x, y, change
-
-    def _project_perspective_into(
-        self, rays: np.ndarray, px: np.ndarray, jacobian: np.ndarray
-    ) -> None:
-        x, y, inverse_z = self._normalised(rays)
-        if self._undistorted:
-            px[:, 0], px[:, 1] = x, y
-            jacobian[:, 0, 0] = jacobian[:, 1, 1] = inverse_z
-            jacobian[:, 0, 1] = jacobian[:, 1, 0] = 0.0 * inverse_z
-            jacobian[:, :, 2] = px * -inverse_z[:, None]
-            return
-        x_raw, y_raw, r2, factor, bottom = self._distort(x, y)
-        a, b, c, d = self._distortion_jacobian(x, y, r2, factor, bottom)
-        if self._tilt_matrix is not None:
-            m = self._tilt_matrix
-            w = m[2, 0] * x_raw + m[2, 1] * y_raw + m[2, 2]
-            x_raw, y_raw = self._tilt(x_raw, y_raw)
-            t00, t01 = (m[0, 0] - x_raw * m[2, 0]) / w, (m[0, 1] - x_raw * m[2, 1]) / w
-            t10, t11 = (m[1, 0] - y_raw * m[2, 0]) / w, (m[1, 1] - y_raw * m[2, 1]) / w
-            a, b, c, d = t00 * a + t01 * c, t00 * b + t01 * d, t10 * a + t11 * c, t10 * b + t11 * d
-        px[:, 0], px[:, 1] = x_raw, y_raw
-        jacobian[:, 0, 0] = a * inverse_z
-        jacobian[:, 0, 1] = b * inverse_z
-        jacobian[:, 1, 0] = c * inverse_z
-        jacobian[:, 1, 1] = d * inverse_z
-        jacobian[:, 0, 2] = -(a * x + b * y) * inverse_z
-        jacobian[:, 1, 2] = -(c * x + d * y) * inverse_z
-
-    # ------------------------------------------------------------------ equidistant model
-
-    @cached_property
-    def _max_theta(self) -> float:
-        if self._undistorted:
-            return float(np.pi)
-        k1, k2, k3, k4 = self.distortion
-        slope = np.polynomial.Polynomial([1, 3 * k1, 5 * k2, 7 * k3, 9 * k4])
-        return float(min(np.sqrt(_first_positive_root(slope)), np.pi))
-
-    @cached_property
-    def _theta_table(self) -> tuple[np.ndarray, np.ndarray]:
-        theta = np.linspace(0.0, self._max_theta, _TABLE_SIZE)
-        return self._theta_distorted(theta)[0], theta
-
-    def _theta_distorted(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the distorted angle and its derivative."""
-        if self._undistorted:
-            return theta, np.ones_like(theta)
-        k1, k2, k3, k4 = self.distortion
-        t2 = theta * theta
-        value = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
-        slope = 1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
-        return value, slope
-
-    def _project_equidistant(
-        self, rays: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return x, y on the image plane, the factor x / X and the slope of the distorted angle."""
-        radius = np.hypot(rays[:, 0], rays[:, 1])
-        theta = np.arctan2(radius, rays[:, 2])
-        # Straight behind the camera the direction in the image is undefined.
-        theta[~((theta <= self._max_theta) & (theta < np.pi))] = np.nan
-        distorted, slope = self._theta_distorted(theta)
-        on_axis = radius < 1e-150
-        factor = distorted / np.where(on_axis, 1.0, radius)
-        if on_axis.any():
-            factor[on_axis] = np.where(rays[on_axis, 2] > 0, 1.0 / rays[on_axis, 2], np.nan)
-        return rays[:, 0] * factor, rays[:, 1] * factor, factor, slope
-
-    def _project_equidistant_into(
-        self, rays: np.ndarray, px: np.ndarray, jacobian: np.ndarray
-    ) -> None:
-        x, y, factor, slope = self._project_equidistant(rays)
-        px[:, 0], px[:, 1] = x, y
-        r2 = rays[:, 0] * rays[:, 0] + rays[:, 1] * rays[:, 1]
-        length2 = r2 + rays[:, 2] * rays[:, 2]
-        radial = slope / length2
-        # Derivative of `factor` along the radius, over the radius; its limit on the axis meets X^2
-        # = 0.
-        bend = (radial * rays[:, 2] - factor) / np.where(r2 > 1e-24, r2, np.inf)
-        jacobian[:, 0, 0] = factor + rays[:, 0] * rays[:, 0] * bend
-        jacobian[:, 1, 1] = factor + rays[:, 1] * rays[:, 1] * bend
-        jacobian[:, 0, 1] = jacobian[:, 1, 0] = rays[:, 0] * rays[:, 1] * bend
-        jacobian[:, 0, 2] = -rays[:, 0] * radial
-        jacobian[:, 1, 2] = -rays[:, 1] * radial
-
-    def _rays_equidistant(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        distorted = np.hypot(x, y)
-        if self._undistorted:
-            theta = distorted.copy()
-        else:
-            table, nodes = self._theta_table
-            theta = np.interp(distorted, table, nodes)
-            change = np.inf
-            for _ in range(_NEWTON_STEPS):
-                value, slope = self._theta_distorted(theta)
-                step = (value - distorted) / slope
-                theta = np.clip(theta - step, 0.0, self._max_theta)
-                change = np.nanmax(np.abs(step), initial=0.0, where=distorted <= table[-1])
-                if change <= 1e-7:
-                    break
-            theta[distorted > table[-1]] = np.nan
-        theta[~(theta < np.pi)] = np.nan
-        out = np.empty((len(x), 3))
-        factor = np.sin(theta) / np.where(distorted > 0, distorted, 1.0)
-        np.multiply(x, factor, out=out[:, 0])
-        np.multiply(y, factor, out=out[:, 1])
-        np.cos(theta, out=out[:, 2])
-        return out
-
-
-@dataclass(frozen=True, eq=False)
-class CameraView:
-    """A camera in its place: name, camera, and the rotation that takes optical-frame vectors to the
-    base frame.
-
-    mask : what of its image may be used; None: all.
-    Raises ValueError when rot_base_from_cam is not a rotation matrix (orthonormal to 1e-6,
-    determinant +1), or the mask has another size than the camera.
-    """
-
-    name: str
-    camera: Camera
-    rot_base_from_cam: np.ndarray
-    mask: Mask | None = None
-
-    def __post_init__(self) -> None:
-        rot = np.array(self.rot_base_from_cam, dtype=float)
-        if rot.shape != (3, 3) or not np.all(np.isfinite(rot)):
-            raise ValueError(f"rot_base_from_cam of {self.name!r} must be a finite 3 x 3 matrix")
-        if np.abs(rot @ rot.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rot) < 0:
-            raise ValueError(f"rot_base_from_cam of {self.name!r} is not a rotation matrix")
-        rot.setflags(write=False)
-        object.__setattr__(self, "rot_base_from_cam", rot)
-        if self.mask is not None and self.mask.shape != (self.camera.height, self.camera.width):
-            height, width = self.mask.shape
-            raise ValueError(
-                f"mask of {self.name!r} is {width} x {height}, "
-                f"the camera {self.camera.width} x {self.camera.height}"
-            )
-
-
-def _mapped(homography: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points under a homography (3, 3); NaN where it maps them behind the camera."""
-    m = homography
-    w = m[2, 0] * x + m[2, 1] * y + m[2, 2]
-    scale = 1.0 / np.where(w > 0, w, np.nan)
-    return (
-        (m[0, 0] * x + m[0, 1] * y + m[0, 2]) * scale,
-        (m[1, 0] * x + m[1, 1] * y + m[1, 2]) * scale,
-    )
-
 
 def _rows(values: np.ndarray, columns: int, name: str) -> np.ndarray:
     array = np.asarray(values, dtype=float)
     if array.ndim != 2 or array.shape[1] != columns:
         raise ValueError(f"{name} must have shape (N, {columns}), got {array.shape}")
     return array
-
-
-def _first_positive_root(polynomial: np.polynomial.Polynomial) -> float:
-    """Smallest positive real root of a polynomial whose constant term is 1; inf without one."""
-    # Solved for the reciprocal, whose leading coefficient is that 1, however small the last is.
-    inverse = np.polynomial.polynomial.polyroots(polynomial.coef[::-1])
-    real = inverse.real[np.abs(inverse.imag) <= 1e-7 * np.abs(inverse)]
-    largest = float(real.max(initial=0.0))
-    return 1.0 / largest if largest > 1e-12 else np.inf

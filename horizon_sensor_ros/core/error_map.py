@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.bound import horizon_bound
 from horizon_sensor_ros.core.fits.observation import LimbObservation

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import AltitudeMeasurement, CoarsePose
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.figure_error import (
     ANY_POLE,
     figure_covariance,

@@ -14,7 +14,7 @@ import numpy as np
 from horizon_sensor_ros.core.agreement import each_alone, with_contradiction
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.figure import (
     Disc,
     Figure,

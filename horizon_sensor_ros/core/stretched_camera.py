@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
 
 
 @dataclass(frozen=True, eq=False)

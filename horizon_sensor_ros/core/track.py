@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook

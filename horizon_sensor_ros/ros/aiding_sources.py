@@ -19,7 +19,7 @@ from horizon_sensor_ros.ros.messages import (
     rate_from_imu,
     stamp_ns,
 )
-from horizon_sensor_ros.ros.parameters import AidingSettings
+from horizon_sensor_ros.ros.parameters.horizon_settings import AidingSettings
 
 COARSE_POSE_TOPIC = "coarse_pose"
 IMU_TOPIC = "imu"

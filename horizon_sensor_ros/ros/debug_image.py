@@ -10,7 +10,7 @@ import textwrap
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.figure import Disc, disc_of
 from horizon_sensor_ros.core.fits.assessment import inliers
 from horizon_sensor_ros.core.fits.result import HorizonFit

@@ -132,7 +132,7 @@ def _made(classes: dict[str, Any]) -> list[Any]:
 
 
 def _nodes_parameter(node: Any) -> list[str]:
-    parameter = _load("horizon_sensor_ros.ros.parameters:NODES_PARAMETER")
+    parameter = _load("horizon_sensor_ros.ros.parameters.common:NODES_PARAMETER")
     descriptor = _load("horizon_sensor_ros.ros.managed_node:descriptor_of")(parameter)
     # An empty list is none to rclpy.
     names = node.declare_parameter(parameter.name, parameter.default, descriptor).value or []

@@ -11,7 +11,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.ros.messages import Refusal, shown
-from horizon_sensor_ros.ros.parameters import ParameterError
+from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 
 
 class TfExtrinsics:

@@ -21,12 +21,9 @@ from horizon_sensor_ros.ros.messages import (
     attitude_message,
     local_vertical_message,
 )
-from horizon_sensor_ros.ros.parameters import (
-    HorizonSettings,
-    Parameter,
-    horizon_parameters,
-    horizon_settings,
-)
+from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
+from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings, horizon_settings
+from horizon_sensor_ros.ros.parameters.parameter import Parameter
 from horizon_sensor_ros.ros.reporting_node import ReportingNode
 from horizon_sensor_ros.ros.sensor_messages import encoded_image
 

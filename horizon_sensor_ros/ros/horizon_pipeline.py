@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
-from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix, HorizonSensor
 from horizon_sensor_ros.core.linear_light import linear_light
@@ -30,7 +31,7 @@ from horizon_sensor_ros.ros.messages import (
     stamp_ns,
 )
 from horizon_sensor_ros.ros.pairing import Pairing
-from horizon_sensor_ros.ros.parameters import PipelineSettings
+from horizon_sensor_ros.ros.parameters.horizon_settings import PipelineSettings
 from horizon_sensor_ros.ros.resources import read_mask
 
 # Rotation (3, 3), optical to base frame, of a camera: its name and its images' frame_id.

@@ -14,11 +14,8 @@ from rcl_interfaces.msg import (
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
 
-from horizon_sensor_ros.ros.parameters import (
-    Parameter,
-    ParameterError,
-    unknown_parameters,
-)
+from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
+from horizon_sensor_ros.ros.parameters.unknown import unknown_parameters
 
 Settings = TypeVar("Settings")
 

@@ -24,7 +24,7 @@ from horizon_sensor_ros.ros.messages import (
     stamp_ns,
     twist_message,
 )
-from horizon_sensor_ros.ros.parameters import TargetPipelineSettings
+from horizon_sensor_ros.ros.parameters.target_settings import TargetPipelineSettings
 from horizon_sensor_ros.ros.point_cloud import points_from_cloud
 
 CLOUD_TOPIC = "target/points"

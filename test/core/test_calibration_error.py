@@ -11,7 +11,7 @@ from limb_samples import observe, view_at_limb
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit

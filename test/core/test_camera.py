@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
 
 WIDTH, HEIGHT = 640, 480
 FX, FY, CX, CY = 420.0, 415.0, 318.3, 241.7

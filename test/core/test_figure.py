@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement, CoarsePose
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.figure import VERTICALS, Figure, MeanSphere, StretchedEllipsoid
 from horizon_sensor_ros.core.figure_error import ANY_POLE, figure_influence, pole_covariance
 from horizon_sensor_ros.core.fits import METHODS, fit_horizon

@@ -18,7 +18,8 @@ from limb_samples import (
 )
 from scipy.spatial.transform import Rotation
 
-from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits import METHODS, HorizonFit, LimbObservation, fit_horizon
 from horizon_sensor_ros.core.fits.arc import fit_arc, fit_circle
 from horizon_sensor_ros.core.fits.gauss_newton import solve_roll_pitch_rho

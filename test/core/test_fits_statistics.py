@@ -16,7 +16,8 @@ from limb_samples import (
 )
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits import HorizonFit, LimbObservation, fit_horizon
 from horizon_sensor_ros.core.fits.bound import horizon_bound
 from horizon_sensor_ros.core.fits.circle import circle_on_sphere

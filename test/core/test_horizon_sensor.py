@@ -26,7 +26,8 @@ from limb_samples import BARREL, FISHEYE, angle_between
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_sensor import (
     Frame,
     HorizonConfig,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from limb_frames import PLANET, as_frames, clouds, draw, limb_views
 from limb_samples import nadir_nees
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix, HorizonSensor
 from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow, layer_height_m
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates

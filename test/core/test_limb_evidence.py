@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from limb_frames import PLANET, clouds, draw, limb_views
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.evidence import SkyEvidence, sky_evidence
 from horizon_sensor_ros.core.limb.search.candidates import reduce_image, space_level_and_noise
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve

@@ -12,7 +12,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import map_coordinates
 from scipy.special import ndtr
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.edge import model as edge_model

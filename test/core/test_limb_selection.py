@@ -15,7 +15,8 @@ from limb_samples import (
     view_at_limb,
 )
 
-from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.search import selection
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.selection import (

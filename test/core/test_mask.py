@@ -10,7 +10,7 @@ from limb_frames import CAMERA, PLANET, as_frames, clouds, draw, limb_views
 from limb_samples import angle_between
 from scipy.spatial import cKDTree
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
 from horizon_sensor_ros.core.limb.search.candidates import (
     canny_candidates,

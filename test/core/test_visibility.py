@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.section_circle import section_circle, section_circle_in_frame
 from horizon_sensor_ros.core.status import Status

@@ -22,7 +22,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.figure import disc_of
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix, HorizonSensor
 from horizon_sensor_ros.core.limb_points import LimbPoints

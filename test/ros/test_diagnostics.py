@@ -13,7 +13,7 @@ from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
 from horizon_sensor_ros.ros.messages import Refusal
-from horizon_sensor_ros.ros.parameters import horizon_settings
+from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
 
 S = 1_000_000_000
 

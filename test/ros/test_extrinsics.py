@@ -19,7 +19,7 @@ from rclpy.qos import QoSProfile
 from horizon_sensor_ros.ros.extrinsics import TfExtrinsics
 from horizon_sensor_ros.ros.horizon_node import AttitudeNode
 from horizon_sensor_ros.ros.messages import Refusal
-from horizon_sensor_ros.ros.parameters import ParameterError
+from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 
 
 class TransformException(Exception):  # noqa: N818 - tf2's name

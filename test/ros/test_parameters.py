@@ -13,22 +13,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.ros.parameters import (
+from horizon_sensor_ros.ros.parameters.common import (
     COMMON_PARAMETERS,
-    HORIZON_PARAMETERS,
     NODE_PARAMETERS,
     NODES_PARAMETER,
-    TARGET_PARAMETERS,
-    ParameterError,
-    horizon_parameters,
-    horizon_settings,
-    parameter_file,
-    parameter_reference,
-    read_parameter_file,
-    target_parameters,
-    target_settings,
-    unknown_parameters,
 )
+from horizon_sensor_ros.ros.parameters.file import read_parameter_file
+from horizon_sensor_ros.ros.parameters.horizon import HORIZON_PARAMETERS, horizon_parameters
+from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
+from horizon_sensor_ros.ros.parameters.parameter import ParameterError
+from horizon_sensor_ros.ros.parameters.reference import parameter_file, parameter_reference
+from horizon_sensor_ros.ros.parameters.target import TARGET_PARAMETERS, target_parameters
+from horizon_sensor_ros.ros.parameters.target_settings import target_settings
+from horizon_sensor_ros.ros.parameters.unknown import unknown_parameters
 
 ALL_PARAMETERS = (
     *HORIZON_PARAMETERS,

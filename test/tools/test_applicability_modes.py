@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
-from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.bound import (
     bound_of,
     horizon_bound,

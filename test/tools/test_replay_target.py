@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.rosbag2 import Reader
 from target_messages import BAD_CLOUDS, BAD_MESSAGES, cloud_of, good_cloud, stamp_of
 
-from horizon_sensor_ros.ros.parameters import target_settings
+from horizon_sensor_ros.ros.parameters.target_settings import target_settings
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS, TargetPipeline
 from horizon_sensor_ros.tools.bags.replay import main
 

@@ -25,7 +25,8 @@ from horizon_messages import (
 
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation, rotation_from_quaternion
 from horizon_sensor_ros.core.rigid import rotation_from_vector, vector_from_rotation
-from horizon_sensor_ros.ros.parameters import horizon_settings, read_parameter_file
+from horizon_sensor_ros.ros.parameters.file import read_parameter_file
+from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
 from horizon_sensor_ros.tools.calibration.recording import Horizons
 from horizon_sensor_ros.tools.calibration.self_calibration import main
 

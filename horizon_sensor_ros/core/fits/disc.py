@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb_points import LimbPoints
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb_points import LimbPoints
 
 # A limb normal so far off the cone's that a distance along it says nothing about the cone.

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.width import Smear

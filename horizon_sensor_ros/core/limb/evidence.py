@@ -13,7 +13,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.robust import quantile, robust_sigma
 from horizon_sensor_ros.core.symmetric3 import solve

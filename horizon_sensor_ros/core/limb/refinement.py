@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.limb.edge.looks import (
     CLEAR_SHARE,

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.edge.black import Black, black_of, may_be_clipped
 from horizon_sensor_ros.core.limb.edge.clipping import clipped, white_level
 from horizon_sensor_ros.core.limb.profiles import (

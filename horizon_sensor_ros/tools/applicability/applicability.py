@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.error_map import bound_error, fit_error
 from horizon_sensor_ros.core.fits import METHODS
 from horizon_sensor_ros.core.visibility import (

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.camera import Camera, CameraView
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.section_circle import section_circle, section_circle_in_frame
 from horizon_sensor_ros.core.visibility import (

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.colors import LogNorm
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.tools.applicability.figures import (

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.bound import horizon_information, nadir_sigma_rad
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.visibility import horizon_in_view

@@ -18,17 +18,16 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
-from horizon_sensor_ros.ros.parameters import (
+from horizon_sensor_ros.ros.parameters.file import read_parameter_file
+from horizon_sensor_ros.ros.parameters.horizon_settings import (
     HorizonSettings,
-    ParameterError,
     PipelineSettings,
-    TargetSettings,
     cameras_of,
     horizon_settings,
-    read_parameter_file,
-    target_settings,
-    unknown_parameters,
 )
+from horizon_sensor_ros.ros.parameters.parameter import ParameterError
+from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings, target_settings
+from horizon_sensor_ros.ros.parameters.unknown import unknown_parameters
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TargetPipeline
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.input_bag import STORAGE, bag_messages, open_bag, storage_of

@@ -15,8 +15,9 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation
-from horizon_sensor_ros.core.camera import CameraView
-from horizon_sensor_ros.ros.parameters import ParameterError, cameras_of
+from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.ros.parameters.horizon_settings import cameras_of
+from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.ros.sensor_messages import (
     camera_info_message,
     cloud_message,

@@ -13,7 +13,8 @@ from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
 from horizon_sensor_ros.ros.messages import attitude_message, local_vertical_message
-from horizon_sensor_ros.ros.parameters import HorizonSettings, TargetSettings
+from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
+from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings
 from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS, TargetPipeline, TargetStep
 from horizon_sensor_ros.tools.bags.bag_errors import BagError

@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rosbags.rosbag2 import StoragePlugin
 
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag
 from horizon_sensor_ros.tools.demo.link import (
     DIAGNOSTICS_TOPIC,

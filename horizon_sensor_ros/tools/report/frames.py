@@ -24,13 +24,13 @@ from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
 from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.pairing import Pairing
-from horizon_sensor_ros.ros.parameters import (
+from horizon_sensor_ros.ros.parameters.file import read_parameter_file
+from horizon_sensor_ros.ros.parameters.horizon_settings import (
     HorizonSettings,
-    ParameterError,
     PipelineSettings,
     horizon_settings,
-    read_parameter_file,
 )
+from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames

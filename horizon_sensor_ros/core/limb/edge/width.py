@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.profiles import sample_profiles
 from horizon_sensor_ros.core.limb_curve import limb_curve
 from horizon_sensor_ros.core.robust import median

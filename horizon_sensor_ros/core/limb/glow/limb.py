@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.glow.air import (
     BLUR_SIGMA_PX,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.limb.edge.clipping import white_level
 from horizon_sensor_ros.core.limb.profiles import Bundles, pixel_noise, sample_profiles

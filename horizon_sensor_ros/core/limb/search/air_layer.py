@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.selection import Consensus, RayCandidates
 from horizon_sensor_ros.core.limb.search.stars import count_stars

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.robust import quantile
 from horizon_sensor_ros.core.status import Status

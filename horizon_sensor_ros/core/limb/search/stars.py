@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import CameraView
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 
 _SIGMAS = 8.0  # of noise that a star stands above what is around it

@@ -1,0 +1,43 @@
+"""Parameters that each camera has, `camera_1.rotation` and the like."""
+
+from __future__ import annotations
+
+from horizon_sensor_ros.ros.parameters.parameter import Parameter
+
+
+def rotation_parameter(camera: str) -> Parameter:
+    """Return the parameter that says how a camera sits in the base frame."""
+    return Parameter(
+        f"{camera}.rotation",
+        "double_array",
+        None,
+        "Quaternion x, y, z, w: takes a vector from the camera's optical frame (x right, y down, "
+        "z forward) to the base frame.",
+    )
+
+
+def mask_parameter(camera: str) -> Parameter:
+    """Return the parameter that says which part of a camera's image may be used."""
+    return Parameter(
+        f"{camera}.mask",
+        "string",
+        "",
+        "Picture (PNG) of the size of the camera's images: white where they may be used, black "
+        "where the craft itself is. An absolute path or package://PACKAGE/PATH; empty: no mask.",
+    )
+
+
+def gamma_parameter(camera: str) -> Parameter:
+    """Return the parameter that says how a camera encodes light in its images."""
+    return Parameter(
+        f"{camera}.gamma",
+        "double",
+        1.0,
+        "How the camera encodes light: pixel values go with its power 1 / gamma. 1: they are in "
+        "proportion; about 2.2: photographs, video and most cameras' JPEG.",
+        minimum=0.2,
+        maximum=5.0,
+    )
+
+
+OF_A_CAMERA = (rotation_parameter, mask_parameter, gamma_parameter)

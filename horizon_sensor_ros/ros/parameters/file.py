@@ -1,0 +1,64 @@
+"""ROS parameter files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from horizon_sensor_ros.ros.parameters.parameter import ParameterError
+from horizon_sensor_ros.ros.yaml_file import YamlFileError, read_yaml
+
+
+def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str, Any]:
+    """Return the values that a ROS parameter file has for a node: dotted names, as ROS reads it.
+
+    Later entries of the file that match the node override earlier ones. Raises ParameterError,
+    saying what is wrong with the file.
+    """
+    try:
+        content = read_yaml(path, aliases=False)
+    except YamlFileError as error:
+        raise ParameterError(f"{path} {error}") from None
+    if content is None:
+        return {}
+    full_name = "/".join(["", *namespace.strip("/").split("/"), node]).replace("//", "/")
+    values: dict[str, Any] = {}
+    entries = list(_node_entries(content, ""))
+    if not entries:
+        raise ParameterError(f"{path} is no ROS parameter file: it has no ros__parameters")
+    for pattern, parameters in entries:
+        if _matches(pattern, full_name):
+            values.update(_flat(parameters, ""))
+    return values
+
+
+def _node_entries(content: Any, prefix: str) -> Iterator[tuple[str, Any]]:
+    """Node name patterns and their parameters; namespaces may be nested."""
+    if not isinstance(content, dict):
+        return
+    for key, value in content.items():
+        if key == "ros__parameters":
+            if isinstance(value, dict):
+                yield prefix, value
+        else:
+            yield from _node_entries(value, f"{prefix}/{str(key).strip('/')}")
+
+
+def _matches(pattern: str, full_name: str) -> bool:
+    # As rcl: a name without a slash in front is one in the root namespace.
+    expression = "".join(
+        r"(/\w+)*" if token == "**" else r"/\w+" if token == "*" else "/" + re.escape(token)
+        for token in pattern.strip("/").split("/")
+    )
+    return re.fullmatch(expression, full_name) is not None
+
+
+def _flat(parameters: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    for key, value in parameters.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict):
+            yield from _flat(value, f"{name}.")
+        else:
+            yield name, value

@@ -1,0 +1,222 @@
+"""Values of the horizon's parameters -> validated settings."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from horizon_sensor_ros.core.attitude import rotation_from_quaternion
+from horizon_sensor_ros.core.horizon_config import HorizonConfig
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.ros.parameters.camera import (
+    gamma_parameter,
+    mask_parameter,
+    rotation_parameter,
+)
+from horizon_sensor_ros.ros.parameters.common import COMMON_PARAMETERS
+from horizon_sensor_ros.ros.parameters.horizon import CAMERAS, HORIZON_PARAMETERS
+from horizon_sensor_ros.ros.parameters.parameter import (
+    ParameterError,
+    accept_all,
+    with_parameter_names,
+)
+from horizon_sensor_ros.ros.resources import read_mask, resource_path
+from horizon_sensor_ros.ros.yaml_file import shown
+
+_CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+# Parameters that go into the core's configuration as they are.
+_SENSOR_FIELDS = {
+    "method": "method",
+    "limb": "limb",
+    "vertical": "vertical",
+    "altitude_min": "altitude_min_m",
+    "altitude_max": "altitude_max_m",
+    "max_nadir_sigma": "max_nadir_sigma_rad",
+    "max_residual": "max_residual_px",
+    "min_limb_share": "min_limb_share",
+    "max_bright_sky": "max_bright_sky",
+    "min_clear_sky": "min_clear_sky",
+    "min_contrast": "min_contrast",
+    "max_space_level": "max_space_level",
+    "mounting_sigma": "mounting_sigma_rad",
+    "lens_sigma": "lens_sigma_px",
+    "limb_height_sigma": "limb_height_sigma_m",
+    "tracking": "tracking",
+}
+
+
+@dataclass(frozen=True)
+class AidingSettings:
+    """What is done with coarse_pose, imu and a known altitude; a sigma of 0: there is none."""
+
+    max_age_ns: int
+    position_sigma_m: float
+    rotation_sigma_rad: float
+    pose_altitude_sigma_m: float
+    altitude_m: float
+    altitude_sigma_m: float
+    imu_max_gap_ns: int
+
+
+@dataclass(frozen=True)
+class PipelineSettings:
+    """Everything that the estimates of the horizon depend on.
+
+    rotations : a quaternion (x, y, z, w) a camera, optical to base frame; None: from TF. masks : a
+    file a camera, None where it has no mask. gammas : the encoding of each camera's light.
+    """
+
+    cameras: tuple[str, ...]
+    rotations: tuple[tuple[float, ...] | None, ...]
+    masks: tuple[Path | None, ...]
+    gammas: tuple[float, ...]
+    aiding: AidingSettings
+    base_frame: str
+    sensor: HorizonConfig
+    slop_ns: int
+    queue_size: int
+
+
+@dataclass(frozen=True)
+class HorizonSettings:
+    """Settings of a horizon node, or of its part in a replay."""
+
+    pipeline: PipelineSettings
+    level_z: str
+    stale_after_ns: int
+    diagnostics_period_s: float
+
+
+def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
+    """Return validated settings of parameter values; what is not given has its default.
+
+    Raises ParameterError with everything that is wrong, in one line.
+    """
+    accepted, problems = accept_all((*HORIZON_PARAMETERS, *COMMON_PARAMETERS), values)
+    rotations: list[tuple[float, ...] | None] = []
+    masks: list[Path | None] = []
+    gammas: list[float] = []
+    if not str(accepted.get("base_frame", "base_link")).strip():
+        problems.append("base_frame is empty")
+    cameras = accepted.get("cameras", [])
+    problems += _camera_name_problems(cameras) if "cameras" in accepted else []
+    for camera in filter(_CAMERA_NAME.fullmatch, dict.fromkeys(cameras)):
+        try:
+            masks.append(_mask(camera, values))
+        except ParameterError as error:
+            problems.append(str(error))
+        gamma = gamma_parameter(camera)
+        try:
+            exponent = gamma.accept(values.get(gamma.name, gamma.default))
+            gammas.append(float(exponent))  # type: ignore[arg-type]
+        except ParameterError as error:
+            problems.append(str(error))
+        if accepted.get("extrinsics_source") == "tf":
+            rotations.append(None)
+            continue
+        try:
+            rotations.append(_rotation(camera, values))
+        except ParameterError as error:
+            problems.append(str(error))
+    if problems:
+        raise ParameterError("; ".join(problems))
+    sensor = _sensor_config(accepted)
+    return HorizonSettings(
+        pipeline=PipelineSettings(
+            cameras=tuple(cameras),
+            rotations=tuple(rotations),
+            masks=tuple(masks),
+            gammas=tuple(gammas),
+            aiding=AidingSettings(
+                max_age_ns=round(accepted["coarse_pose_max_age"] * 1e9),
+                position_sigma_m=accepted["coarse_pose_position_sigma"],
+                rotation_sigma_rad=accepted["coarse_pose_rotation_sigma"],
+                pose_altitude_sigma_m=accepted["coarse_pose_altitude_sigma"],
+                altitude_m=accepted["altitude_prior"],
+                altitude_sigma_m=accepted["altitude_prior_sigma"],
+                imu_max_gap_ns=round(accepted["imu_max_gap"] * 1e9),
+            ),
+            base_frame=accepted["base_frame"],
+            sensor=sensor,
+            slop_ns=round(accepted["slop"] * 1e9),
+            queue_size=accepted["queue_size"],
+        ),
+        level_z=accepted["level_z"],
+        stale_after_ns=round(accepted["stale_after"] * 1e9),
+        diagnostics_period_s=accepted["diagnostics_period"],
+    )
+
+
+def cameras_of(values: Mapping[str, Any]) -> list[str]:
+    """Return the cameras that a horizon node uses; ParameterError when they cannot be."""
+    accepted, problems = accept_all((CAMERAS,), values)
+    problems += _camera_name_problems(accepted["cameras"]) if accepted else []
+    if problems:
+        raise ParameterError("; ".join(problems))
+    return accepted["cameras"]
+
+
+def _sensor_config(values: Mapping[str, Any]) -> HorizonConfig:
+    limb_height = values["limb_height"]
+    try:
+        if values["planet"] == "wgs84":
+            planet = Planet.wgs84(limb_height)
+        else:
+            planet = Planet(values["planet_radius"], limb_height)
+        return HorizonConfig(
+            planet=planet,
+            **{field: values[name] for name, field in _SENSOR_FIELDS.items()},
+        )
+    except ValueError as error:
+        fields = {"planet_radius": "radius_m", "limb_height": "limb_height_m", **_SENSOR_FIELDS}
+        raise ParameterError(with_parameter_names(str(error), fields)) from None
+
+
+def _camera_name_problems(cameras: Sequence[str]) -> list[str]:
+    problems = []
+    if not cameras:
+        problems.append("cameras is empty: a horizon sensor needs at least one")
+    if len(set(cameras)) != len(cameras):
+        problems.append(f"cameras names one twice: {', '.join(cameras)}")
+    problems += [
+        f"cameras has {shown(name)}, which is no name for a topic"
+        for name in cameras
+        if not _CAMERA_NAME.fullmatch(name)
+    ]
+    return problems
+
+
+def _rotation(camera: str, values: Mapping[str, Any]) -> tuple[float, ...]:
+    parameter = rotation_parameter(camera)
+    value = values.get(parameter.name)
+    if value is None:
+        raise ParameterError(
+            f"{parameter.name} is not set: {camera} is used and needs its rotation, a quaternion "
+            "[x, y, z, w] from the optical to the base frame (there is no default)"
+        )
+    quaternion = parameter.accept(value)
+    try:
+        rotation_from_quaternion(np.array(quaternion))
+    except ValueError as error:
+        raise ParameterError(f"{parameter.name}: {error}") from None
+    return tuple(quaternion)  # type: ignore[arg-type]
+
+
+def _mask(camera: str, values: Mapping[str, Any]) -> Path | None:
+    parameter = mask_parameter(camera)
+    given = parameter.accept(values.get(parameter.name, parameter.default))
+    if not given:
+        return None
+    try:
+        path = resource_path(str(given))
+        read_mask(path)
+    except ValueError as error:
+        raise ParameterError(f"{parameter.name}: {error}") from None
+    return path
