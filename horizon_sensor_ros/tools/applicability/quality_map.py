@@ -10,10 +10,13 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.bound import horizon_information, nadir_sigma_rad
+from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.visibility import horizon_in_view
 
 ALL = "all cameras"
+# A sigma above this is refused by the nodes, unless they are told otherwise.
+USABLE_DEG = float(np.degrees(HorizonConfig.max_nadir_sigma_rad))
 _SAMPLES = 1440
 
 

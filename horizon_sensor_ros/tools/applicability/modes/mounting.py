@@ -1,8 +1,9 @@
-"""Pictures, tables and answers of `horizon_applicability --quality` and `--mounting`."""
+"""`--mounting`: how far below the horizontal the cameras should look."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib as mpl
@@ -13,77 +14,39 @@ from matplotlib import pyplot as plt
 from matplotlib.colors import LogNorm
 
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.tools.applicability.figures import (
-    CIRCLE_COLOUR,
-    EXACT_COLOUR,
-    NOT_SEEN,
-    AngleGrid,
-    Panel,
-    draw_maps,
+from horizon_sensor_ros.tools.applicability.arguments import check_noise, chosen_views
+from horizon_sensor_ros.tools.applicability.figures import CIRCLE_COLOUR, EXACT_COLOUR, NOT_SEEN
+from horizon_sensor_ros.tools.applicability.mounting_angle import (
+    Mountings,
+    depression_deg,
+    mountings,
 )
-from horizon_sensor_ros.tools.applicability.mounting_angle import Mountings, depression_deg
-from horizon_sensor_ros.tools.applicability.quality_map import Quality
-from horizon_sensor_ros.tools.applicability.table import angle_columns, write_csv
-
-USABLE_DEG = float(np.degrees(HorizonConfig.max_nadir_sigma_rad))
+from horizon_sensor_ros.tools.applicability.quality_map import USABLE_DEG
+from horizon_sensor_ros.tools.applicability.table import output_paths, write_csv
+from horizon_sensor_ros.tools.camera_file import read_camera_file
 
 
-def draw_quality(
-    files: tuple[Path, Path],
-    grid: AngleGrid,
-    maps: Mapping[str, Quality],
-    altitude_m: float,
-    sigma_px: float,
-) -> str:
-    """Write the maps and their table; return the answer."""
-    png, table = files
-    columns = angle_columns(grid)
-    sigmas = {name: np.degrees(quality.sigma_rad) for name, quality in maps.items()}
-    usable = {name: np.where(s <= USABLE_DEG, s, np.nan) for name, s in sigmas.items()}
-    known = np.concatenate([s[np.isfinite(s)] for s in usable.values()])
-    limits = (known.min(), max(known.max(), 1.01 * known.min())) if known.size else (1e-3, 1.0)
-    panels = []
-    most = max(100.0 * quality.share.max() for quality in maps.values()) or 1.0
-    for name, quality in maps.items():
-        seen = np.where(quality.share > 0, 100.0 * quality.share, np.nan)
-        panels.append(
-            Panel(f"{name}: horizon seen", seen, "share of the horizon (%)", limits=(0.0, most))
+def draw_mounting(args: argparse.Namespace) -> str:
+    """Write the map over angle and altitude and its table; return the answer."""
+    rig = read_camera_file(args.camera_file)
+    views = chosen_views(args, rig)
+    check_noise(args)
+    low_km, high_km = args.mounting
+    if not (max(0.0, rig.planet.limb_height_m / 1e3) < low_km <= high_km < 1e6):
+        raise ValueError(
+            "--mounting must be two altitudes above the limb in km, the lower first, "
+            f"got {low_km:g} {high_km:g}"
         )
-        panels.append(
-            Panel(
-                f"{name}: expected sigma",
-                usable[name],
-                "nadir, one sigma (deg)",
-                logarithmic=True,
-                limits=limits,
-            )
-        )
-        key = name.replace(" ", "_")
-        columns |= {f"{key}_share": quality.share, f"{key}_sigma_deg": sigmas[name]}
-    draw_maps(
-        png,
-        grid,
-        panels,
-        f"At {altitude_m / 1e3:g} km, {sigma_px:g} px of error in each pixel of limb.\n"
-        f"Grey: no horizon, or sigma above {USABLE_DEG:g} deg",
-        columns=2,
-        panel_inches=(3.7, 3.1),
-    )
-    write_csv(table, columns)
-    said = "; ".join(
-        f"{name} {100 * np.isfinite(s).mean():.0f} %"
-        + (f" (median sigma {np.nanmedian(s):.2g} deg)" if np.isfinite(s).any() else "")
-        for name, s in usable.items()
-    )
-    return (
-        f"sigma below {USABLE_DEG:g} deg at these shares of {len(columns[next(iter(columns))])} "
-        f"attitudes: {said}; wrote {png} and {table}"
-    )
+    if not 0 <= args.tilt < 45:
+        raise ValueError(f"--tilt must be 0 to 45 degrees, got {args.tilt:g}")
+    heights_m = (1e3 * low_km, 1e3 * high_km)
+    files = output_paths(args.output or Path("mounting"))
+    found = mountings(views, rig.planet, rig.nadir_at_zero, heights_m, args.sigma, args.tilt)
+    return _draw_map(files, found, views, rig.nadir_at_zero, rig.planet, args.tilt, args.sigma)
 
 
-def draw_mounting(
+def _draw_map(
     files: tuple[Path, Path],
     found: Mountings,
     views: Sequence[CameraView],
@@ -92,7 +55,6 @@ def draw_mounting(
     tilt_deg: float,
     sigma_px: float,
 ) -> str:
-    """Write the map over angle and altitude and its table; return the answer."""
     png, table = files
     sigma_deg = np.degrees(found.sigma_rad)
     angles, heights_km = np.meshgrid(found.depression_deg, found.altitudes_m / 1e3, indexing="ij")
@@ -105,11 +67,11 @@ def draw_mounting(
         },
     )
     now = [depression_deg(view, nadir_at_zero) for view in views]
-    _draw_mounting_figure(png, found, sigma_deg, now, planet, tilt_deg, sigma_px)
-    return f"{_mounting_answer(found, sigma_deg, views, now, tilt_deg)}; wrote {png} and {table}"
+    _draw_figure(png, found, sigma_deg, now, planet, tilt_deg, sigma_px)
+    return f"{_answer(found, sigma_deg, views, now, tilt_deg)}; wrote {png} and {table}"
 
 
-def _mounting_answer(
+def _answer(
     found: Mountings,
     sigma_deg: np.ndarray,
     views: Sequence[CameraView],
@@ -139,7 +101,7 @@ def _mounting_answer(
     )
 
 
-def _draw_mounting_figure(
+def _draw_figure(
     png: Path,
     found: Mountings,
     sigma_deg: np.ndarray,
