@@ -43,6 +43,9 @@ from horizon_sensor_ros.core.shared_error import with_shared_error
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.track import Track
 
+# Longer side of a frame over the shorter one.
+_MOST_LENGTHY = 100.0
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -402,10 +405,10 @@ def _unusable(frame: Frame) -> LimbPoints | None:
             f"image of {gray.shape[1]} x {gray.shape[0]}, "
             f"camera of {camera.width} x {camera.height}",
         )
-    if min(gray.shape) < 16:
-        return LimbPoints.none(
-            Status.BAD_IMAGE, f"image of {gray.shape[1]} x {gray.shape[0]} is too small"
-        )
+    # Much longer than wide, nothing is left of the width in the size that limbs are looked for in.
+    if min(gray.shape) < max(16, max(gray.shape) / _MOST_LENGTHY):
+        size = f"{gray.shape[1]} x {gray.shape[0]}"
+        return LimbPoints.none(Status.BAD_IMAGE, f"image of {size} is too small or too narrow")
     return None
 
 

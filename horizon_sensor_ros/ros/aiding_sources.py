@@ -55,6 +55,7 @@ class AidingSources:
             position, rotation = settings.position_sigma_m, settings.rotation_sigma_rad
             pose = replace(pose, position_sigma_m=position, rotation_sigma_rad=rotation)
             other._pose = stamp, pose
+        other._last_set = self._last_set
         return other
 
     def reset(self) -> None:

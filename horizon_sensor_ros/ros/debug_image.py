@@ -24,6 +24,7 @@ _WHITE, _BLACK, _GRAY = (255, 255, 255), (0, 0, 0), (180, 180, 180)
 
 # Smaller frames are drawn larger, and larger ones smaller: lines and letters stay readable.
 _LEAST_WIDTH, _MOST_WIDTH = 640, 800
+_LEAST_HEIGHT, _MOST_HEIGHT = 240, 1600
 _FONT, _LETTERS, _LINE = cv2.FONT_HERSHEY_SIMPLEX, 0.5, 20
 _LIMB_SAMPLES = 1441
 _MOST_DOTS = 60
@@ -34,7 +35,8 @@ _INSET = 92  # side of the square that shows the uncertainty
 def draw_fix(frames: tuple[Frame, ...], fix: HorizonFix) -> np.ndarray:
     """Return the frames side by side, (H, W, 3) uint8 BGR, with what was found in them.
 
-    Each is 640 to 800 pixels wide. Yellow dots: limb points, some of them. Vermillion crosses:
+    Each is 640 to 800 pixels wide and up to 1600 high, with black beside frames of other shapes.
+    Yellow dots: limb points, some of them. Vermillion crosses:
     points that the fit threw away. Sky blue: the fitted limb, dashed where no point supports it.
     White dots: where a limb that is followed was expected from the fixes before. White arrow:
     towards nadir (a cross where nadir is in the frame). Purple, in the corner: nadir's one-sigma
@@ -55,8 +57,9 @@ class _Tile:
     def __init__(self, frame: Frame, limb: LimbPoints, fix: HorizonFix) -> None:
         self._view, self._limb, self._fix = frame.view, limb, fix
         self._used = fix.ok and frame.view.name in fix.cameras_used
-        width = frame.gray.shape[1]
+        height, width = frame.gray.shape
         self._scale = min(max(width, _LEAST_WIDTH), _MOST_WIDTH) / width
+        self._scale = min(self._scale, _MOST_HEIGHT / height)
         self._picture = _in_colour(frame.gray, self._scale)
 
     def draw(self) -> np.ndarray:
@@ -78,7 +81,7 @@ class _Tile:
     def _draw_expected(self, disc: Disc) -> None:
         """Where the limb was looked for: small dots, which the fitted limb is drawn over."""
         px = disc.limb_px(self._view, _LIMB_SAMPLES)
-        for run in _runs(self._view.camera.in_frame(px)):
+        for run in _runs(self._view.camera.in_frame(px), self._near(px)):
             dots = [dash[0] for dash in _dashes(px[run] * self._scale)]
             for x, y in self._places(np.array(dots).reshape(-1, 2) / self._scale):
                 cv2.circle(self._picture, (x, y), 2, _BLACK, -1, cv2.LINE_AA)
@@ -89,13 +92,20 @@ class _Tile:
         px = disc_of(fit).limb_px(self._view, _LIMB_SAMPLES)
         inside = self._view.camera.in_frame(px)
         seen = inside & self._supported(px)
-        for run in _runs(inside):
+        near = self._near(px)
+        for run in _runs(inside, near):
             for colour, width in ((_BLACK, 3), (SKY_BLUE, 1)):
-                for piece in _runs(seen[run]):
+                for piece in _runs(seen[run], near[run]):
                     self._line(px[run][piece], colour, width)
-                for piece in _runs(~seen[run]):
+                for piece in _runs(~seen[run], near[run]):
                     for dash in _dashes(px[run][piece] * self._scale):
                         self._line(dash / self._scale, colour, width)
+
+    def _near(self, px: np.ndarray) -> np.ndarray:
+        """Whether places (M, 2) are in the frame or near; far beyond a lens sends them anywhere."""
+        camera = self._view.camera
+        size = np.array([camera.width, camera.height])
+        return np.asarray(((px > -size) & (px < 2 * size)).all(axis=1))
 
     def _supported(self, px: np.ndarray) -> np.ndarray:
         """Whether limb points that are in use lie beside places (M, 2) on the limb."""
@@ -276,10 +286,16 @@ def _wrapped(text: str, width: int) -> list[str]:
 def _in_colour(gray: np.ndarray, scale: float) -> np.ndarray:
     if scale != 1.0:
         how = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
-        gray = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=how)
+        height, width = (max(round(scale * size), 1) for size in gray.shape)
+        gray = cv2.resize(gray, (width, height), interpolation=how)
     if gray.dtype != np.uint8:
         gray = cv2.convertScaleAbs(gray, alpha=255.0 / max(int(gray.max()), 1))
-    return cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR)
+    below, beside = (
+        max(least - size, 0)
+        for least, size in zip((_LEAST_HEIGHT, _LEAST_WIDTH), gray.shape, strict=True)
+    )
+    picture = cv2.copyMakeBorder(gray, 0, below, 0, beside, cv2.BORDER_CONSTANT)
+    return cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
 
 
 def _darken(
@@ -291,10 +307,11 @@ def _darken(
     part[:] = (part * share).astype(np.uint8)
 
 
-def _runs(mask: np.ndarray) -> list[slice]:
-    """Stretches of a mask (N,) that are true; each but the last takes a point of the next too."""
+def _runs(mask: np.ndarray, near: np.ndarray) -> list[slice]:
+    """Stretches of a mask (N,) that are true; each takes the next point too where that is near."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [slice(start, end + 1) for start, end in edges.reshape(-1, 2)]
+    ahead = np.append(near, False).astype(int)
+    return [slice(start, end + ahead[end]) for start, end in edges.reshape(-1, 2)]
 
 
 def _dashes(px: np.ndarray, dash: float = 9.0) -> list[np.ndarray]:

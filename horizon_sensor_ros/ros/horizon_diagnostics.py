@@ -30,13 +30,17 @@ class _CameraHealth:
 
 
 class HorizonMonitor(Monitor[HorizonPipeline]):
-    """Follows the horizon's pipeline."""
+    """Follows the horizon's pipeline.
+
+    undrawn : debug images that could not be drawn.
+    """
 
     def __init__(
         self, name: str, cameras: Sequence[str], stale_after_ns: int, *, live: bool
     ) -> None:
         super().__init__(name, stale_after_ns, live=live)
         self._cameras = {camera: _CameraHealth() for camera in cameras}
+        self.undrawn = 0
         self._last_set_ns: int | None = None
         self._fix: HorizonFix | None = None
         self._views: tuple[CameraView, ...] = ()
@@ -128,6 +132,8 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         values.update(rejected_values(pipeline.rejected))
         for name in self._cameras:
             values.update(self._camera_values(name, now))
+        if self.undrawn:
+            values["undrawn"] = str(self.undrawn)
         values.update(pipeline.aiding.words)
         ignored = sorted(pipeline.aiding.ignored.items())
         values.update({f"ignored_{cause}": str(count) for cause, count in ignored})

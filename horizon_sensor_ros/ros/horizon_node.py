@@ -131,11 +131,21 @@ class HorizonNode(ReportingNode[HorizonSettings]):
                 self._estimates.publish(self.encode(result))
                 self._monitor.on_published(result.stamp, self.now())
             if self._pictures.get_subscription_count():
-                picture = draw_fix(result.frames, result.fix)
-                frame_id = self.settings.pipeline.base_frame
-                self._pictures.publish(encoded_image(picture, result.stamp, frame_id))
+                self._show(result)
         if self._monitor.changed(self.now()):
             self.report()
+
+    def _show(self, result: HorizonResult) -> None:
+        assert self._monitor is not None
+        try:
+            picture = draw_fix(result.frames, result.fix)
+            frame_id = self.settings.pipeline.base_frame
+            self._pictures.publish(encoded_image(picture, result.stamp, frame_id))
+        except Exception as error:
+            # As in the pipeline: a defect of ours costs a picture, not the node.
+            self._monitor.undrawn += 1
+            words = f"{type(error).__name__}: {error}"
+            self.get_logger().error(f"no debug image, internal error: {words}", once=True)
 
     def _feed_of(
         self, settings: HorizonSettings, previous: HorizonPipeline | None = None

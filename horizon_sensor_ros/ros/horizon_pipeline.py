@@ -99,6 +99,7 @@ class HorizonPipeline:
         """
         other = HorizonPipeline(settings, self._extrinsics)
         other.counts, other.rejected = self.counts.copy(), self.rejected.copy()
+        other._pairing.go_on_from(self._pairing)
         # Copies: this pipeline may go on beside the other one, with the same messages.
         for name, state in other._cameras.items():
             known = self._cameras[name]
@@ -109,10 +110,11 @@ class HorizonPipeline:
         return other
 
     def reset(self) -> None:
-        """Forget all frames and any track; calibrations and counts stay."""
+        """Forget all frames, but for their stamps, and any track; calibrations and counts stay."""
         self._sensor.reset()
         self.aiding.reset()
-        self._pairing = self._new_pairing()
+        before, self._pairing = self._pairing, self._new_pairing()
+        self._pairing.go_on_from(before)
 
     def on_camera_info(self, camera: str, msg: Any) -> None:
         """Take a camera's calibration; it counts from the next image on."""

@@ -115,7 +115,9 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
                 self.warm_up()
         except Exception as error:
             # rclpy would turn whatever it is into a silent failure.
-            return self._failed(error)
+            self.stop()
+            self.close()
+            return self._failure_of(error)
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -125,7 +127,9 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
             self.start()
         except Exception as error:
             super().on_deactivate(state)
-            return self._failed(error)
+            # Still configured: what the node has made it keeps, for another attempt.
+            self.stop()
+            return self._failure_of(error)
         return activated
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -150,13 +154,11 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
         self.close()
         return super().on_error(state)
 
-    def _failed(self, error: Exception) -> TransitionCallbackReturn:
+    def _failure_of(self, error: Exception) -> TransitionCallbackReturn:
         expected = isinstance(error, ParameterError)
         self._failure = str(error) if expected else f"{type(error).__name__}: {error}"
         if not self.get_parameter("autostart").value:
             self.get_logger().error(self._failure)
-        self.stop()
-        self.close()
         return TransitionCallbackReturn.FAILURE
 
     # Parameters.

@@ -63,6 +63,13 @@ class Pairing(Generic[Item]):
         self._depth = depth
         self._streams: dict[str, _Stream[Item]] = {name: _Stream() for name in cameras}
 
+    def go_on_from(self, other: Pairing[Item]) -> None:
+        """Take the last frames of another pairing of these cameras for the last here, none of which
+        waits for a partner: a stamp that repeats theirs is repeated, an earlier one a jump.
+        """
+        for name, stream in self._streams.items():
+            stream.last = other._streams[name].last
+
     def push(self, camera: str, stamp: int, item: Item) -> Paired[Item]:
         """Add a frame; stamp in nanoseconds."""
         stream = self._streams[camera]

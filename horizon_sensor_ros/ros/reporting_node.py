@@ -47,7 +47,9 @@ class ReportingNode(ManagedNode[Settings]):
     def begin_reports(self, period_s: float) -> None:
         """Report from now on, every so often."""
         # Not managed: an inactive node says so.
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._diagnostics = self.create_publisher(
+            DiagnosticArray, "/diagnostics", **overridable(OUTPUT_QOS)
+        )
         self.report_every(period_s)
 
     def report_every(self, period_s: float) -> None:

@@ -33,7 +33,11 @@ def read_mask(path: Path) -> Mask:
     """Mask of a picture: used where it is white. ValueError, saying why, when it is none."""
     if not path.is_file():
         raise ValueError(f"there is no file {path}")
-    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    try:
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    except cv2.error:
+        # A header that promises more than OpenCV takes.
+        picture = None
     if picture is None:
         raise ValueError(f"{path} is not a picture")
     try:

@@ -69,9 +69,9 @@ class TargetPipeline:
         self._tracker.config = settings.tracker
 
     def reset(self) -> None:
-        """Forget the track; counts stay."""
+        """Forget the track; counts and the last stamp, which may not be repeated, stay."""
         self._tracker.reset()
-        self._stamp = self._frame_id = None
+        self._frame_id = None
 
     def on_cloud(self, msg: Any) -> TargetStep:
         """Take a `sensor_msgs/PointCloud2`; say what came of it. Never raises for what is in it."""

@@ -426,6 +426,16 @@ def test_two_cameras_outvote_a_third() -> None:
 # ---------------------------------------------------------------- bad calls and bad frames
 
 
+@pytest.mark.parametrize(("width", "height"), [(17, 9000), (9000, 17), (15, 15), (4096, 32)])
+def test_frames_too_narrow_to_search_are_refused(width: int, height: int) -> None:
+    camera = Camera(width, height, 1e3, 1e3, width / 2, height / 2)
+    gray = np.random.default_rng(0).integers(0, 200, (height, width)).astype(np.uint8)
+    fix = SENSOR.process([Frame(CameraView("camera_1", camera, np.eye(3)), gray)])
+    assert_refused(fix, 1)
+    assert fix.status is Status.BAD_IMAGE
+    assert f"{width} x {height}" in fix.reason
+
+
 def test_frame_of_another_size_than_its_camera() -> None:
     one, two = clouded_pair()
     half = replace(one, gray=np.ascontiguousarray(one.gray[::2, ::2]))

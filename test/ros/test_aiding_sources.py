@@ -158,6 +158,15 @@ def test_the_rotation_is_that_since_the_last_set() -> None:
     assert aiding.words["imu"] == "a gap since the last set"
 
 
+def test_a_jump_back_is_one_with_other_settings_too() -> None:
+    aiding = sources()
+    aiding.on_coarse_pose(pose_of(START_NS + 2 * S))
+    aiding.of_set(START_NS + 3 * S)
+    other = aiding.with_settings(aiding._settings, aiding._planet, aiding._base_frame)
+    other.jump_back(START_NS + S)
+    assert other.of_set(START_NS + S).coarse_pose is None
+
+
 def test_after_a_reset_there_is_no_last_set() -> None:
     aiding = sources()
     for step in range(20):
@@ -423,12 +432,14 @@ def test_a_mask_of_another_size_refuses_the_frames_by_name(mask_file: Path) -> N
         ("mask.png", "no absolute path"),
         ("{tmp}/none.png", "there is no file"),
         ("{tmp}/text.png", "not a picture"),
+        ("{tmp}/vast.pgm", "not a picture"),
         ("{tmp}/black.png", "black all over"),
         ("package://no_such_package_here/mask.png", "no package 'no_such_package_here'"),
     ],
 )
 def test_a_mask_that_cannot_be_is_one_clear_line(tmp_path: Path, name: str, words: str) -> None:
     (tmp_path / "text.png").write_text("no picture")
+    (tmp_path / "vast.pgm").write_text("P5 100000 100000 255\n")
     cv2.imwrite(str(tmp_path / "black.png"), np.zeros((20, 30), np.uint8))
     with pytest.raises(ParameterError) as caught:
         horizon_settings({**PARAMETERS, "camera_2.mask": name.format(tmp=tmp_path)})

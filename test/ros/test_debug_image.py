@@ -41,6 +41,7 @@ from horizon_sensor_ros.ros.debug_image import (
 CAMERA = Camera(WIDTH, HEIGHT, FOCAL_PX, FOCAL_PX, (WIDTH - 1) / 2, (HEIGHT - 1) / 2)
 NADIR = nadir_of(3.0, -2.0)
 Frames = tuple[Frame, ...]
+turns = st.tuples(*[st.floats(-3.1, 3.1)] * 3).map(lambda v: Rotation.from_rotvec(v).as_matrix())
 
 
 @pytest.fixture(scope="module")
@@ -168,6 +169,33 @@ def test_the_pictures_width(width: int, drawn: int) -> None:
     assert picture.shape == (round(drawn * 0.75), drawn, 3)
 
 
+@pytest.mark.parametrize("size", [(2000, 16), (16, 2000), (20000, 1), (1, 20000), (3, 3)])
+def test_frames_of_any_shape_are_drawn(size: tuple[int, int]) -> None:
+    width, height = size
+    camera = Camera(width, height, 1e3, 1e3, width / 2, height / 2)
+    frames = (
+        Frame(CameraView("camera_1", camera, np.eye(3)), np.zeros((height, width), np.uint8)),
+    )
+    fix = HorizonSensor().process(frames)
+    assert fix.status is Status.BAD_IMAGE
+    assert 0.04e6 < draw_fix(frames, fix)[..., 0].size < 2e6
+
+
+@given(
+    rot=turns,
+    model=st.sampled_from([("plumb_bob", (-0.35, 0, 0, 0)), ("equidistant", (-0.05, 0, 0, 0))]),
+)
+def test_a_limb_that_leaves_the_lenses_field_inside_the_frame_is_drawn(
+    pair: tuple[Frames, HorizonFix], rot: np.ndarray, model: tuple[str, tuple[float, ...]]
+) -> None:
+    """A lens that folds, its corners dark: the limb ends there, and so do its line and its dots."""
+    frames, fix = pair
+    camera = Camera(WIDTH, HEIGHT, 0.5 * WIDTH, 0.5 * WIDTH, WIDTH / 2, HEIGHT / 2, *model)
+    folding = replace(frames[0], view=CameraView(CAMERAS[0], camera, rot))
+    followed = replace(fix, predicted=disc_of(fix.fit))
+    assert draw_fix((folding, frames[1]), followed).shape == (480, 1280, 3)
+
+
 def test_nadir_in_the_frame_is_a_cross(pair: tuple[Frames, HorizonFix]) -> None:
     frames, fix = pair
     looking_down = CameraView(
@@ -177,9 +205,6 @@ def test_nadir_in_the_frame_is_a_cross(pair: tuple[Frames, HorizonFix]) -> None:
     picture = draw_fix((frame, frames[1]), fix)[:, :640]
     ((x, y),) = CAMERA.pixels((fix.fit.nadir_base @ looking_down.rot_base_from_cam)[None]) * 2 + 0.5
     assert picture[round(y), round(x)].tolist() == [255, 255, 255]
-
-
-turns = st.tuples(*[st.floats(-3.1, 3.1)] * 3).map(lambda v: Rotation.from_rotvec(v).as_matrix())
 
 
 @given(rot=turns, sigma=st.tuples(st.floats(1e-5, 1e-2), st.floats(1e-5, 1e-2)))

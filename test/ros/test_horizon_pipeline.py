@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -196,6 +197,22 @@ def test_repeated_and_looped_stamps() -> None:
     assert pair(pipeline, 0).fix.status is Status.OK
     assert pipeline.counts["time_jumps"] == 2
     assert pipeline.rejected == {"repeated_stamp": 2}
+
+
+def test_stamps_are_known_after_a_pause_and_with_other_settings() -> None:
+    pipeline = ready()
+    pair(pipeline, 1)
+    pipeline.reset()
+    other = pipeline.with_settings(
+        replace(pipeline.settings, slop_ns=pipeline.settings.slop_ns // 2)
+    )
+    for each in (pipeline, other):
+        for camera in CAMERAS:
+            step = each.on_image(camera, good(camera, 1))
+            assert step.refusal is not None
+            assert step.refusal.cause == "repeated_stamp"
+        assert pair(each, 0).fix.status is Status.OK
+        assert each.counts["time_jumps"] == 2
 
 
 def test_the_track_is_forgotten_when_time_jumps_back() -> None:

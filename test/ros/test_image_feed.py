@@ -7,12 +7,23 @@ from typing import Any
 
 import pytest
 import rclpy
-from horizon_messages import PARAMETERS
+from horizon_messages import (
+    CAMERAS,
+    PARAMETERS,
+    camera_info_of,
+    horizon_gray,
+    image_of,
+    nadir_of,
+)
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
+from sensor_msgs.msg import Image
 
+from horizon_sensor_ros.ros import horizon_node
 from horizon_sensor_ros.ros.horizon_node import AttitudeNode, HorizonNode, LocalVerticalNode
 from horizon_sensor_ros.ros.image_feed import ImageFeeds
 
@@ -81,6 +92,51 @@ def test_nodes_with_the_same_wishes_share_subscriptions(make: Callable) -> None:
     first, second = make(LocalVerticalNode, **RELIABLE), make(AttitudeNode, **RELIABLE, **own)
     assert reliabilities(first) == [ReliabilityPolicy.RELIABLE]
     assert subscriptions(second) == []
+
+
+def test_reports_have_the_quality_of_service_that_they_were_given(make: Callable) -> None:
+    node = make(AttitudeNode, **{"qos_overrides./diagnostics.publisher.depth": 77})
+    depths = {p.topic_name: p.qos_profile.depth for p in node.publishers}
+    assert (depths["/diagnostics"], depths["/attitude"]) == (77, 10)
+
+
+def test_an_activation_that_fails_can_be_tried_again(make: Callable) -> None:
+    wrong = {f"qos_overrides.{IMAGES}.subscription.reliability": "bogus", "autostart": False}
+    node = make(AttitudeNode, **wrong)
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    timers = len(list(node.timers))
+    failures = []
+    for _ in range(2):
+        assert node.trigger_activate() == TransitionCallbackReturn.FAILURE
+        failures.append(node._failure)
+    assert "bogus" in failures[0]
+    assert failures[1] == failures[0]
+    # It reports on, as one that is not active.
+    assert len(list(node.timers)) == timers > 0
+    assert node.diagnosis(0) is None
+
+
+def test_a_picture_that_cannot_be_drawn_costs_no_node(
+    make: Callable, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: Any) -> None:
+        raise OverflowError("lens")
+
+    monkeypatch.setattr(horizon_node, "draw_fix", broken)
+    node = make(AttitudeNode)
+    listener = Node("listener", context=context)
+    listener.create_subscription(Image, "/attitude_node/debug_image", lambda _: None, 10)
+    while not node._pictures.get_subscription_count():
+        rclpy.spin_once(node, timeout_sec=0.1, executor=SingleThreadedExecutor(context=context))
+    pipeline = node._feed.pipeline
+    for camera in CAMERAS:
+        pipeline.on_camera_info(camera, camera_info_of(camera=camera))
+        step = pipeline.on_image(camera, image_of(horizon_gray(camera, nadir_of(0.0, 0.0)), 0))
+    assert len(step.results) == 1
+    node.on_step(step)
+    values = {v.key: v.value for v in node.diagnosis(node.now()).status[0].values}
+    assert (values["undrawn"], values["fixes"]) == ("1", "1")
+    listener.destroy_node()
 
 
 def test_a_parameter_of_the_reports_leaves_the_subscriptions_alone(make: Callable) -> None:

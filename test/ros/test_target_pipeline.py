@@ -249,6 +249,10 @@ def test_a_repeated_stamp_gives_no_second_estimate() -> None:
     assert step.outputs == ()
     assert pipeline.rejected == {"repeated_stamp": 1}
     assert topics(pipeline.on_cloud(good_cloud(2))) == ALL_TOPICS
+    # Nor after a pause.
+    pipeline.reset()
+    assert pipeline.on_cloud(good_cloud(2)).outputs == ()
+    assert pipeline.rejected == {"repeated_stamp": 2}
 
 
 def test_time_that_jumps_back_resets_at_once() -> None:

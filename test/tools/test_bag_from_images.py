@@ -256,6 +256,9 @@ def test_what_is_wrong_with_the_images(tmp_path: Path, folders: Path, refused: R
     (tmp_path / "void").mkdir()
     (tmp_path / "void" / "a.png").touch()
     assert "a.png: is no image" in said(tmp_path / "void")
+    (tmp_path / "vast").mkdir()
+    (tmp_path / "vast" / "a.pgm").write_text("P5 100000 100000 255\n")
+    assert "a.pgm: is no image" in said(tmp_path / "vast")
     (tmp_path / "small").mkdir()
     cv2.imwrite(str(tmp_path / "small" / "a.png"), np.zeros((10, 20), np.uint8))
     message = said(tmp_path / "small")
@@ -310,6 +313,11 @@ def test_what_is_wrong_with_the_stamps(
     (tmp_path / "stamps.txt").write_text(text)
     given = [*arguments(folders), "--stamps", tmp_path / "stamps.txt"]
     assert said in refused(tmp_path / "bag", *given)
+
+
+def test_no_stamp_is_later_than_one_can_be(tmp_path: Path, folders: Path, refused: Refused) -> None:
+    given = [*arguments(folders), "--start", "2147483646", "--rate", "1"]
+    assert "an earlier start" in refused(tmp_path / "bag", *given)
 
 
 def test_what_is_wrong_with_names_as_stamps(tmp_path: Path, refused: Refused) -> None:

@@ -138,6 +138,15 @@ def test_unreadable_messages_are_counted(
     assert "unreadable messages skipped on /attitude: 1" in capsys.readouterr().err
 
 
+def test_messages_of_another_type_than_their_topics_table_are_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_bag(tmp_path / "bag", [("/attitude", 1, TwistStamped()), ("/attitude", 2, pose())])
+    assert run(bag, tmp_path / "out") == 0
+    assert len(table(tmp_path / "out" / "attitude.csv")) == 1
+    assert "unreadable messages skipped on /attitude: 1" in capsys.readouterr().err
+
+
 def test_errors_are_for_a_person(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     assert "there is no bag" in refused(capsys, tmp_path / "nowhere", out)

@@ -114,6 +114,10 @@ def test_what_is_no_cloud_is_refused(tmp_path: Path) -> None:
     assert "no cloud" in said(c, c.read_bytes())
     np.save(c, np.zeros((4, 3), complex))
     assert "is not numbers" in said(c, c.read_bytes())
+    np.save(c, np.zeros((4, 3)))
+    # Each of these is another of numpy's errors.
+    for broken in (b"", b"PK\x03\x04junk", c.read_bytes().replace(b"(4, 3)", b"(4, 3(")):
+        assert "no cloud" in said(c, broken)
     assert "clouds are read from" in said(tmp_path / "d.las", b"LASF")
     assert "has no points" in said(tmp_path / "e.xyz", b"\n")
 

@@ -8,7 +8,7 @@ import shutil
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -45,9 +45,8 @@ def write_tables(arguments: argparse.Namespace, stopped: Callable[[], bool] = bo
                 raise BagError(f"{out / name} exists; choose another OUT_DIR, or --force")
         tables = {topic: _table(reader, kind, topic, stopped) for topic, kind in chosen.items()}
         with _writing(out), _directory_beside(out) as work:
-            rows, unreadable = _write(
-                reader, tables, {t: work / f for t, f in files.items()}, stopped
-            )
+            places = {t: work / f for t, f in files.items()}
+            rows, unreadable = _write(reader, chosen, tables, places, stopped)
             out.mkdir(parents=True, exist_ok=True)
             for name in files.values():
                 (work / name).replace(out / name)
@@ -90,17 +89,24 @@ def _table(reader: Reader, kind: str, topic: str, stopped: Callable[[], bool]) -
         return TABLES[kind]
     # Its columns are what its messages have: a first pass, over this topic alone.
     keys: dict[str, None] = {}
-    for _, _, message in _decoded(reader, {topic}, stopped, Counter()):
+    for _, _, message in _decoded(reader, {topic: kind}, stopped, Counter()):
         for status in message.status:
             keys.update((pair.key, None) for pair in status.values)
     return diagnostics_table(tuple(keys))
 
 
 def _decoded(
-    reader: Reader, topics: set[str], stopped: Callable[[], bool], unreadable: Counter[str]
+    reader: Reader,
+    kinds: Mapping[str, str],
+    stopped: Callable[[], bool],
+    unreadable: Counter[str],
 ) -> Iterator[tuple[Connection, int, Any]]:
+    """Messages of topics that have the type that their table is of."""
     typestore = get_typestore(Stores.ROS2_JAZZY)
-    connections = [c for c in reader.connections if c.topic in topics]
+    connections = [c for c in reader.connections if c.msgtype == kinds.get(c.topic)]
+    for other in reader.connections:
+        if other.topic in kinds and other not in connections:
+            unreadable[other.topic] += other.msgcount
     if not connections:
         return
     for connection, time, raw in bag_messages(reader, connections):
@@ -114,6 +120,7 @@ def _decoded(
 
 def _write(
     reader: Reader,
+    kinds: Mapping[str, str],
     tables: dict[str, MessageTable],
     files: dict[str, Path],
     stopped: Callable[[], bool],
@@ -128,7 +135,7 @@ def _write(
             writers[topic] = csv.writer(file)
             writers[topic].writerow(table.columns)
         total = sum(c.msgcount for c in reader.connections if c.topic in tables)
-        messages = _decoded(reader, set(tables), stopped, unreadable)
+        messages = _decoded(reader, kinds, stopped, unreadable)
         for connection, _, message in tqdm(messages, total=total, unit="msg", file=sys.stderr):
             found = tables[connection.topic].rows(message)
             writers[connection.topic].writerows(found)

@@ -46,8 +46,10 @@ def read_cloud(path: Path, max_bytes: int = 256_000_000, max_points: int = 5_000
         points = reader(path)
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {error.strerror}") from None
-    except (ValueError, KeyError, IndexError, TypeError, OverflowError, SyntaxError) as error:
-        # The last: numpy's parser of a broken .npy header.
+    except BagError:
+        raise
+    except Exception as error:
+        # Not only ours: what numpy's reader of .npy raises depends on how a file is broken.
         raise BagError(f"{path}: is no cloud that can be read: {in_one_line(error)}") from None
     count = points.size // 3
     if not 0 < count <= max_points:

@@ -61,6 +61,11 @@ def frame_files(folder: Path, suffixes: Collection[str], rule: StampRule) -> lis
         frames = [
             FrameFile(path, rule.start_ns + round(i * period)) for i, path in enumerate(paths)
         ]
+        if frames[-1].stamp >= _LAST_NS:
+            raise BagError(
+                f"{folder}: at {rule.rate_hz:g} frames a second the last of {len(frames)} is later "
+                "than a ROS stamp can say (2^31 s); give a higher rate, or an earlier start"
+            )
     frames.sort(key=lambda frame: frame.stamp)
     for one, other in pairwise(frames):
         if one.stamp == other.stamp:

@@ -185,7 +185,11 @@ def read_image(path: Path, view: CameraView) -> np.ndarray:
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {error.strerror}") from None
     # Unchanged also means not turned by what EXIF says: the calibration is that of the raw frame.
-    pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+    try:
+        pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+    except cv2.error:
+        # A header that promises more than OpenCV takes.
+        pixels = None
     if pixels is None:
         raise BagError(f"{path}: is no image that OpenCV can read; remove it, or convert it")
     height, width = pixels.shape[:2]
