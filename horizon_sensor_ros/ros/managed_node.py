@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, Generic, TypeVar
 
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -58,6 +60,9 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
         except BaseException:
             self.destroy_node()
             raise
+        for service in self.services:
+            if service.srv_type is ChangeState:
+                service.callback = partial(self._change_state, service.callback)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)
 
@@ -106,6 +111,24 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
                 raise ParameterError(self._failure or "the node could not be activated")
         # Meanwhile the sensors' drivers discover the subscriptions.
         self.warm_up()
+
+    def _change_state(
+        self,
+        change: Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response],
+        request: ChangeState.Request,
+        response: ChangeState.Response,
+    ) -> ChangeState.Response:
+        """Answer as rclpy does, but refuse a transition that the node's state does not have: rclpy
+        raises its error, a RuntimeError, and so ends the process.
+        """
+        try:
+            return change(request, response)
+        except RuntimeError:
+            asked = request.transition.label or f"number {request.transition.id}"
+            state = self._state_machine.current_state[1]
+            self.get_logger().warning(f"transition {asked} is refused: the node is {state}")
+            response.success = False
+            return response
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Make the node's resources."""

@@ -30,6 +30,7 @@ from horizon_messages import (
     write_parameters,
 )
 from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState
 from node_processes import Program
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter
@@ -320,6 +321,31 @@ def test_lifecycle(start: Callable[..., Program], craft: Craft, params: list[str
     craft.expect_pair(index + 1, ("attitude",))
     assert craft.transition(node, Transition.TRANSITION_ACTIVE_SHUTDOWN)
     assert craft.state(node) == State.PRIMARY_STATE_FINALIZED
+
+
+def test_a_transition_that_the_state_does_not_have_is_refused(
+    start: Callable[..., Program], craft: Craft, params: list[str]
+) -> None:
+    node = "attitude_node"
+    program = start(node, *params, "-p", "autostart:=false")
+    craft.wait(lambda: craft.state(node) == State.PRIMARY_STATE_UNCONFIGURED, "the node")
+
+    def refused(number: int) -> bool:
+        request = ChangeState.Request(transition=Transition(id=number))
+        return not craft.call(ChangeState, f"/{node}/change_state", request).success
+
+    for number in (Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_CLEANUP, 99):
+        assert refused(number)
+    assert craft.state(node) == State.PRIMARY_STATE_UNCONFIGURED
+    for number in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+        assert craft.transition(node, number)
+        assert refused(number)
+    craft.match((node,))
+    craft.expect_pair(0, ("attitude",))
+    code, errors = program.end()
+    assert code == 0
+    assert errors.count("refused: the node is") >= 5
+    assert "Traceback" not in errors
 
 
 def test_parameters_describe_themselves_and_some_are_live(
