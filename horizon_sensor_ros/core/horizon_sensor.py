@@ -312,8 +312,10 @@ class HorizonSensor:
             with_errors = partial(self._with_errors, figure=figure)
             alone = each_alone(fit, observations, self._sphere, with_errors)
             fit, apart = with_contradiction(fit, alone, observations, self._sphere)
+        estimate = fit
         if aiding.altitude is not None:
-            fit, unused = with_altitude(fit, figure.altitude(aiding.altitude), self._sphere)
+            known = figure.altitude(aiding.altitude)
+            estimate, unused = with_altitude(fit, known, self._sphere)
         refused = refusal(
             fit,
             observations,
@@ -322,6 +324,7 @@ class HorizonSensor:
             layered=detection.layer_rad > 0.0,
             layer_rho_rad=detection.consensus.layer_rho_rad,
             glow_over_usual=max(map(detection.glow_over_usual, range(len(frames)))),
+            estimate=estimate,
         )
         if apart and refused is not None and refused[0] is Status.UNCERTAIN:
             refused = Status.CAMERAS_DISAGREE, apart
@@ -329,7 +332,10 @@ class HorizonSensor:
             none = HorizonFit.none(*refused, self.config.method, fit.num_points)
             return HorizonFix(*refused, none, limbs, ()), {}
         doubts = "; ".join(filter(None, (apart, unused)))
-        return HorizonFix(Status.OK, doubts, figure.estimate(fit), limbs, fit.cameras), {}
+        # The disc stays the one that the frames show, wherever the known altitude puts nadir.
+        disc = Disc(figure, fit.nadir_base, fit.rho_rad)
+        published = replace(figure.estimate(estimate), disc=disc)
+        return HorizonFix(Status.OK, doubts, published, limbs, fit.cameras), {}
 
     def _with_errors(
         self, fit: HorizonFit, observations: Sequence[LimbObservation], figure: Figure

@@ -84,24 +84,29 @@ def refusal(
     layered: bool = False,
     layer_rho_rad: float = math.nan,
     glow_over_usual: float = 0.0,
+    estimate: HorizonFit | None = None,
 ) -> tuple[Status, str] | None:
     """Why a fit is not to be published, or None.
 
+    estimate : what is to be published, where more than the frames is in it, as an altitude known
+    from elsewhere; else the fit itself. Whether the edges are a limb is asked of the fit, whose
+    cone they lie on: a limb that is higher than thought is none of that altitude.
     alone : fits of those cameras that determine a cone by themselves, against which their edges are
     held: what the cameras contradict each other by is claimed. layered : a layer of airglow keeps
     its distance from what was found all along, as it does from nothing but a limb. layer_rho_rad :
     angular radius of its edge, if it was measured. glow_over_usual : the longest as of `Detection`.
     """
+    estimate = fit if estimate is None else estimate
     layer_m = layer_height_m(fit.rho_rad, layer_rho_rad, config.planet)
     if math.isfinite(layer_m) and not _LAYER_HEIGHTS_M[0] < layer_m < _LAYER_HEIGHTS_M[1]:
         return (
             Status.POOR_FIT,
             f"not the ground's limb: the airglow above it would be {layer_m / 1e3:.0f} km high",
         )
-    if not config.altitude_min_m <= fit.altitude_m <= config.altitude_max_m:
+    if not config.altitude_min_m <= estimate.altitude_m <= config.altitude_max_m:
         return (
             Status.ALTITUDE_OUT_OF_RANGE,
-            f"altitude {fit.altitude_m / 1e3:.0f} km is outside "
+            f"altitude {estimate.altitude_m / 1e3:.0f} km is outside "
             f"{config.altitude_min_m / 1e3:.0f} to {config.altitude_max_m / 1e3:.0f} km",
         )
     width = max(observation.view.camera.width for observation in observations)
@@ -129,7 +134,7 @@ def refusal(
             f"cloud, not a limb: what glows beyond the edge in {fit.cameras[0]} fades over "
             f"{glow_over_usual:.0f} times the length of air",
         )
-    sigma = nadir_sigma_rad(fit)
+    sigma = nadir_sigma_rad(estimate)
     if not sigma <= config.max_nadir_sigma_rad:
         return Status.UNCERTAIN, f"nadir is known to {np.degrees(sigma):.2f} deg only"
     if len(fit.cameras) < 2:
@@ -151,11 +156,17 @@ def refusal(
 
 def disagreement_rad(one: HorizonFit, other: HorizonFit) -> float:
     """Angle between two fits' nadirs if it is more than their covariances allow, else 0."""
-    basis = tangent_basis(one.nadir_base)
-    apart = basis.T @ (other.nadir_base - one.nadir_base)
-    cov = basis.T @ (one.cov_nadir_altitude + other.cov_nadir_altitude)[:3, :3] @ basis
-    apart_rad = math.sqrt(apart @ apart)
-    unlikely = float(apart @ np.linalg.solve(cov, apart)) > _DISAGREEMENT_SIGMAS**2
+    chord, sum_ = other.nadir_base - one.nadir_base, other.nadir_base + one.nadir_base
+    apart_rad = 2.0 * math.atan2(math.sqrt(chord @ chord), math.sqrt(sum_ @ sum_))
+    cov = (one.cov_nadir_altitude + other.cov_nadir_altitude)[:3, :3]
+    if apart_rad > 0.5 * math.pi:
+        # The tangent plane ends here: opposite nadirs are one point of it.
+        chi2 = apart_rad**2 / largest_eigenvalue(cov)
+    else:
+        basis = tangent_basis(one.nadir_base)
+        apart = basis.T @ chord
+        chi2 = float(apart @ np.linalg.solve(basis.T @ cov @ basis, apart))
+    unlikely = chi2 > _DISAGREEMENT_SIGMAS**2
     return apart_rad if unlikely and apart_rad > _DISAGREEMENT_RAD else 0.0
 
 

@@ -24,6 +24,7 @@ from horizon_sensor_ros.core.fits import METHODS, fit_horizon
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
+from horizon_sensor_ros.core.limb_curve import limb_curve
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
@@ -397,6 +398,19 @@ def test_the_sensor_on_a_drawn_ellipsoid(vertical: str) -> None:
     assert known.fit.altitude_m == pytest.approx(truth.altitude_m, abs=30.0)
     assert known.fit.cov_nadir_altitude[3, 3] < 10.0**2
     assert np.degrees(angle_between(known.fit.nadir_base, nadir)) < 0.01
+
+
+def test_what_is_kept_of_one_pose_is_not_taken_for_another() -> None:
+    """The limb of a camera is drawn with what was kept of the last one; pixels are alike here."""
+    view = view_at_limb(BARREL, np.array([0.0, 0.0, 1.0]), 1.2, 0.0)
+    nadir = view.rot_base_from_cam @ np.array([0.05, 0.6, 0.8])
+    nadir /= np.linalg.norm(nadir)
+    one, other = (stretched_view(view, axis, 1.0 / 0.9) for axis in np.eye(3)[[0, 2]])
+    assert one.camera != other.camera
+    limb_curve(other, nadir, 1.2)
+    after = limb_curve(one, nadir, 1.2)
+    alone = limb_curve(stretched_view(view, np.eye(3)[0], 1.0 / 0.9), nadir, 1.2)
+    np.testing.assert_array_equal(after.px, alone.px)
 
 
 @pytest.mark.parametrize("vertical", VERTICALS)

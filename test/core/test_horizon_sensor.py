@@ -25,6 +25,7 @@ from limb_frames import (
 from limb_samples import BARREL, FISHEYE, angle_between
 from scipy.spatial.transform import Rotation
 
+from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
@@ -532,6 +533,37 @@ def test_full_scale() -> None:
 
 
 # ---------------------------------------------------------------- judgement by configuration
+
+
+def test_a_camera_mounted_upside_down_is_no_fix() -> None:
+    """Its nadir is opposite to the other's, as if it were the same line."""
+    views = side_views(camera_from_fov(640, 480, np.radians(60.0)))
+    flipped = replace(views[1], rot_base_from_cam=views[1].rot_base_from_cam @ np.diag([-1, -1, 1]))
+    position = np.array([0.0, 0.0, -(PLANET.radius_m + 400e3)])
+    drawn = render_views(
+        (views[0], flipped), np.eye(3), position, EarthScene(), np.random.default_rng(1)
+    )
+    fix = SENSOR.process(as_frames(views, drawn))
+    assert fix.status is Status.CAMERAS_DISAGREE
+    assert "180.0 deg" in fix.reason
+
+
+@pytest.mark.parametrize("cameras", [1, 2])
+def test_a_known_altitude_leaves_the_limb_where_the_frames_show_it(cameras: int) -> None:
+    """A limb higher than thought is that of another altitude, and no less a limb for it."""
+    planet = replace(PLANET, limb_height_m=10e3)
+    views = limb_views(500e3, azimuths_rad=SQUARE[:cameras])
+    drawn = draw(views, 500e3, EarthScene(planet=planet))
+    sensor = HorizonSensor(HorizonConfig(limb_height_sigma_m=10e3))
+    aiding = Aiding(altitude=AltitudeMeasurement(500e3, 100.0))
+    for _ in range(2):
+        fix = sensor.process(as_frames(views, drawn), aiding)
+        assert fix.ok, fix.reason
+        assert fix.fit.altitude_m == pytest.approx(500e3, abs=100.0)
+        assert error_deg(fix, NADIR) < 3.0 * sigma_deg(fix)
+        for view, limb in zip(views, fix.limbs, strict=True):
+            assert fix.residual_px(view, limb) < 0.1
+    assert sensor.following
 
 
 def test_altitude_outside_the_bounds_is_refused() -> None:

@@ -104,3 +104,15 @@ def test_a_camera_contradicts_by_what_it_knows_in_that_direction(
     ]
     expected = pytest.approx(apart_rad, rel=0.01) if contradicts else 0.0
     assert disagreement_rad(*fits) == expected
+
+
+@pytest.mark.parametrize("apart_deg", [120.0, 179.9, 180.0])
+def test_opposite_nadirs_contradict_each_other(apart_deg: float) -> None:
+    """In the tangent plane of the one the other is where it is itself."""
+    cov = np.diag([1e-4, 1e-4, 0.0, 1.0])
+    apart_rad = np.radians(apart_deg)
+    turned = np.array([np.sin(apart_rad), 0.0, np.cos(apart_rad)])
+    one, other = (
+        HorizonFit(Status.OK, "", "", nadir, RHO_RAD, 800e3, cov) for nadir in (NADIR, turned)
+    )
+    assert disagreement_rad(one, other) == pytest.approx(apart_rad, abs=1e-9)
