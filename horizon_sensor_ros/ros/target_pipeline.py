@@ -102,14 +102,12 @@ class TargetPipeline:
         points = points_from_cloud(msg)
         if isinstance(points, Refusal):
             return self._refuse(points)
-        why = ""
         if self._stamp is not None and stamp < self._stamp:
             self.counts["time_jumps"] += 1
         frame_id = str(msg.header.frame_id)
         if self._frame_id is not None and frame_id != self._frame_id:
             # Poses in one frame say nothing about those in another.
-            self._tracker.reset()
-            why = f"the clouds' frame is now {shown(frame_id)}"
+            self._tracker.reset(f"the clouds' frame is now {shown(frame_id)}")
         self._stamp, self._frame_id = stamp, frame_id
         fix = self._tracker.process(points, stamp)
         if fix.status is Status.OK and not _finite(fix):
@@ -120,7 +118,6 @@ class TargetPipeline:
             return TargetStep(fix)
         if fix.new_frame:
             self.counts["target_frames"] += 1
-            fix = replace(fix, reason=why or fix.reason)
         outputs = _outputs(fix, frame_id, self._settings.target_frame)
         self.counts["fixes"] += 1
         return TargetStep(fix, outputs=outputs)

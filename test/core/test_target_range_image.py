@@ -203,6 +203,27 @@ def test_ranges_told_in_whole_steps_are_not_taken_for_exact(
     assert surface_view(image).sigma_m == pytest.approx(np.hypot(noise, step / 12**0.5), rel=0.25)
 
 
+@pytest.mark.parametrize("rounded_m", [None, 1e-3], ids=["as measured", "in mm"])
+@pytest.mark.parametrize(("noise_px", "step_px"), [(0.0, 1 / 16), (0.03, 1 / 16), (0.005, 1 / 32)])
+def test_depths_of_a_stereo_camera_come_in_steps_of_disparity(
+    noise_px: float, step_px: float, rounded_m: float | None
+) -> None:
+    """At 60 px m of focal length and base; noise was taken for a hundredth of a millimetre."""
+    focal_base = 60.0
+    cloud = scan_of("n1", 4, 0.0).points.astype(float)
+    depth = cloud[..., 2]
+    noise = noise_px * np.random.default_rng(0).standard_normal(depth.shape)
+    disparity = np.round((focal_base / depth + noise) / step_px) * step_px
+    found = focal_base / disparity
+    if rounded_m is not None:
+        found = np.round(found / rounded_m) * rounded_m
+    image = range_image((cloud * (found / depth)[..., None]).astype(np.float32))
+    of_pixel = float(np.nanmedian(depth)) ** 2 / focal_base
+    assert image.range_step_m == pytest.approx(step_px * of_pixel, rel=0.1)
+    expected = of_pixel * np.hypot(noise_px, step_px / 12**0.5)
+    assert surface_view(image).sigma_m == pytest.approx(expected, rel=0.4)
+
+
 def test_ranges_that_come_in_no_steps_have_none() -> None:
     for seed, noise in ((1, 0.005), (2, 0.0)):
         assert range_image(scan_of("n5", seed, noise).points).range_step_m == 0

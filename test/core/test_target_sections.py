@@ -160,3 +160,14 @@ def test_compass_search_climbs_a_smooth_hill() -> None:
     )
     assert np.abs(result.best - top).max() < 1e-3
     assert result.evaluations < 1000
+
+
+def test_an_empty_section_is_one_of_three() -> None:
+    """Two parallel plates leave nothing in the plane between them."""
+    x, y = np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-0.5, 0.5, 21))
+    points = np.array([(a, b, z) for a, b in zip(x.flat, y.flat, strict=True) for z in (-0.2, 0.2)])
+    sections = cut(points, 0.05)
+    assert min(pattern.count.sum() for pattern in sections.patterns) == 0
+    still = np.zeros(6)
+    batch = BatchObjective(sections, points)
+    assert batch(still[None])[0] == pytest.approx(objective(sections, points, still))

@@ -191,6 +191,27 @@ def test_stamps_that_repeat_or_jump_back() -> None:
     assert back.reason == "time jumped back"
 
 
+def test_a_callers_bug_changes_nothing() -> None:
+    clouds, _ = tumbling(3, 2)
+    tracker = TargetTracker()
+    tracker.process(clouds[0], STEP_NS)
+    for stamp_ns in (2 * STEP_NS, 0):
+        with pytest.raises(ValueError, match=r"points must be \(H, W, 3\)"):
+            tracker.process(np.zeros((5, 4)), stamp_ns)
+    assert tracker.process(clouds[1], 2 * STEP_NS).delta_previous_from_now is not None
+
+
+def test_the_reason_of_a_new_frame_outlasts_a_bad_first_cloud() -> None:
+    clouds, _ = tumbling(3, 2)
+    tracker = TargetTracker()
+    tracker.process(clouds[0], 10 * STEP_NS)
+    assert tracker.process(clouds[0][:2, :2], 0).status is Status.TOO_FEW_POINTS
+    assert tracker.process(clouds[1], STEP_NS).reason == "time jumped back"
+    tracker.reset("another sensor")
+    assert tracker.process(clouds[0][:2, :2], 2 * STEP_NS).status is Status.TOO_FEW_POINTS
+    assert tracker.process(clouds[1], 3 * STEP_NS).reason == "another sensor"
+
+
 def test_the_same_clouds_give_the_same_fixes() -> None:
     clouds, _ = tumbling(10, 6)
     runs = []

@@ -1,5 +1,5 @@
 """Motions that would look almost alike: a target whose faces stand at right angles, turned by one
-or two of them; a prism of five, six or eight sides, turned by one of those."""
+or two of them; a prism of five to sixteen sides, turned by one of those."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _APART_RAD = np.radians(20.0)
 _LEAST_OVERLAP = 0.45
 # The middle of the target lies so far behind that of the surface seen, in rms radii of it.
 _DEPTHS = np.array([0.0, 0.6, 1.2])
-# From side to side of prisms; those of four are right turns.
-_SIDES_RAD = np.radians([-72.0, -60.0, -45.0, 45.0, 60.0, 72.0])
+# From side to side of prisms, dense enough for those between; those of four are right turns.
+_SIDES_RAD = np.outer(2.0 * np.pi / np.array([5, 6, 7, 8, 9, 10, 12, 14, 16]), [-1.0, 1.0]).ravel()
 # So many faces, of at least such a share of the surface, give a prism's axis.
 _FACES, _LEAST_FACE = 4, 0.03
 
@@ -122,12 +122,16 @@ def right_turned(
 
 
 def prism_turned(
-    b: SurfaceView, rotation: np.ndarray, translation_m: np.ndarray, most_rad: float
+    b: SurfaceView,
+    rotation: np.ndarray,
+    translation_m: np.ndarray,
+    still: np.ndarray,
+    most_rad: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Motions (M, 3, 3), (M, 3) from one side of a prism to another beside the given one, about
-    some middles of it; those that turn by less than ``most_rad``."""
+    some middles of it; those that turn by less than ``most_rad``, if nothing does in ``still``."""
     turns = alike_prism_turns(b)
-    turns = turns[np.einsum("kij,ji->k", turns, rotation) > 1 + 2 * np.cos(most_rad)]
+    turns = turns[np.einsum("kij,ji->k", turns, rotation @ still.T) > 1 + 2 * np.cos(most_rad)]
     front = b.image.centroid_m
     behind = b.size_m * front / np.linalg.norm(front)
     middles = front + np.outer(_DEPTHS, behind)
@@ -141,14 +145,19 @@ def rivals(
     b: SurfaceView,
     rotation: np.ndarray,
     translation_m: np.ndarray,
+    still: np.ndarray,
     starts: tuple[np.ndarray, np.ndarray],
 ) -> list[Rival]:
     """The most consistent motions that ``starts`` (K, 3, 3), (K, 3) lead to, beside the given
-    one."""
+    one; ``still`` : rotation of one that turns nothing."""
     rotations, translations = starts
     if not len(rotations):
         return []
     rotations, translations = align_batch(a, b, rotations, translations, b.size_m * _GATES, 100)
+    away = np.einsum("kij,ij->k", rotations, rotation) < 1.0 + 2.0 * np.cos(_APART_RAD)
+    if not away.any():
+        return []
+    rotations, translations = rotations[away], translations[away]
     seen = view_consistency(a, b, rotations, translations, 150, 2.0)
     kept = np.argsort(-seen.score * np.sqrt(seen.overlap), kind="stable")[:_KEPT]
     rotations, translations = align_batch(
@@ -161,7 +170,7 @@ def rivals(
     for turn, score, overlap in zip(rotations[1:], seen.score[1:], seen.overlap[1:], strict=True):
         apart = float(np.linalg.norm(vector_from_rotation(rotation.T @ turn)))
         if apart > _APART_RAD and overlap > _LEAST_OVERLAP * seen.overlap[0]:
-            whole = float(np.linalg.norm(vector_from_rotation(turn)))
+            whole = float(np.linalg.norm(vector_from_rotation(turn @ still.T)))
             lead = float(score - seen.score[0])
             found.append(Rival(whole, apart, float(score), float(overlap), lead))
     return found

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+LEAST_POINTS = 4  # that may span a body
+
 
 @dataclass(frozen=True)
 class RegistrationConfig:
@@ -37,7 +39,9 @@ class RegistrationConfig:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be positive or None; got {value}")
-        for name in ("min_points", "max_rotation_std_rad", "max_shift_std_m", "search_rad"):
+        if not self.min_points >= LEAST_POINTS:
+            raise ValueError(f"min_points must be at least {LEAST_POINTS}; got {self.min_points}")
+        for name in ("max_rotation_std_rad", "max_shift_std_m", "search_rad"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive; got {getattr(self, name)}")
         for name in ("min_score", "min_overlap"):

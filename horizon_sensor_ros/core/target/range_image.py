@@ -21,6 +21,8 @@ _STEEPEST = 5.0
 _ORGANISED_OFF_PX = 0.45
 # Smallest step of ranges that is still looked for, and the points it is looked for in.
 _SMALLEST_STEP_M, _STEP_POINTS = 5e-4, 2000
+# And of disparity, at the median depth.
+_DISPARITY_STEPS_M = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +38,7 @@ class RangeImage:
     origin : (x/z, y/z) of pixel (column 0, row 0).
     num_points : finite points in the cloud.  num_used : pixels with a return.
     centroid_m : (3,) of the finite points, in the view frame.
-    range_step_m : of a sensor that tells ranges or depths in whole steps; 0: none.
+    range_step_m : of a sensor that tells ranges, depths or disparities in whole steps; 0: none.
     rot_sensor_from_view : (3, 3); the image is taken along z of the view frame, which is the
         sensor's own unless the target lies more than 45 deg off its z axis (a lidar's frame with x
         forward).
@@ -63,6 +65,14 @@ class RangeImage:
         )
 
 
+def cloud_of(points: np.ndarray) -> np.ndarray:
+    """Return points as an array; ValueError where they are neither (H, W, 3) nor (N, 3)."""
+    points = np.asarray(points)
+    if points.ndim not in (2, 3) or points.shape[-1] != 3:
+        raise ValueError(f"points must be (H, W, 3) or (N, 3); got shape {points.shape}")
+    return points
+
+
 def range_image(
     points: np.ndarray, focal_px: float | None = None, min_points: int = 100
 ) -> RangeImage:
@@ -74,9 +84,7 @@ def range_image(
     An organised cloud that is no pinhole image (a scanning lidar's) is treated as a plain one.
     Raises ValueError for another shape or a focal length that is not positive.
     """
-    points = np.asarray(points)
-    if points.ndim not in (2, 3) or points.shape[-1] != 3:
-        raise ValueError(f"points must be (H, W, 3) or (N, 3); got shape {points.shape}")
+    points = cloud_of(points)
     if focal_px is not None and not focal_px > 0:
         raise ValueError(f"focal_px must be positive; got {focal_px}")
     flat = points.reshape(-1, 3)
@@ -303,13 +311,20 @@ def _assemble(
 
 def _range_step(points: np.ndarray) -> float:
     """Step (m) in which the depths or else the ranges of (3, N) points come; 0 where they do
-    not."""
+    not.
+
+    A stereo camera's come in steps of disparity, of inverse depth: that at the median depth, if it
+    is the larger one, as depths may have been rounded since.
+    """
     some = points[:, :: max(1, points.shape[1] // _STEP_POINTS)]
+    unit = quantile(some[2], 0.5) ** 2
+    of_disparity = grid_of(1.0 / some[2], None, _DISPARITY_STEPS_M / unit)
+    step = 0.0 if of_disparity is None else unit * float(of_disparity[0])
     for values in (some[2], np.linalg.norm(some, axis=0)):
         grid = grid_of(values, None, _SMALLEST_STEP_M)
         if grid is not None:
-            return float(grid[0])
-    return 0.0
+            return max(step, float(grid[0]))
+    return step
 
 
 def _likely_frame(inverse: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from horizon_sensor_ros.core.target.attempts import (
     Found,
     odd_share,
 )
-from horizon_sensor_ros.core.target.config import RegistrationConfig
+from horizon_sensor_ros.core.target.config import LEAST_POINTS, RegistrationConfig
 from horizon_sensor_ros.core.target.judgement import weak_directions
 from horizon_sensor_ros.core.target.one_body import part_off_m
 from horizon_sensor_ros.core.target.range_image import RangeImage, range_image
@@ -29,6 +29,9 @@ from horizon_sensor_ros.core.target.surfels import SurfaceView, surface_view
 
 # Scores of two motions so near tell nothing, and so far apart much.
 _SAME_SCORE, _OTHER_SCORE = 0.012, 0.03
+# Times its own turn, up to which that of a prism by another number of sides is as likely: a target
+# that hardly turned may be a prism of however many.
+_AS_LIKELY = 6.0
 # Odd returns in both clouds make two scores differ by so much of their share.
 _SCORE_NOISE = 0.6
 
@@ -90,8 +93,9 @@ def target_view(points: np.ndarray, config: RegistrationConfig | None = None) ->
     if image.status is not Status.OK:
         return TargetView(image.status, image.reason, image, None)
     surface = surface_view(image, config.range_noise_m)
-    if len(surface.surfels.points) < config.min_points // 4:
-        reason = f"{len(surface.surfels.points)} surface elements, {config.min_points // 4} needed"
+    needed = max(config.min_points // 4, LEAST_POINTS)
+    if len(surface.surfels.points) < needed:
+        reason = f"{len(surface.surfels.points)} surface elements, {needed} needed"
         return TargetView(Status.TOO_FEW_POINTS, reason, image, None)
     return TargetView(Status.OK, "", image, surface)
 
@@ -109,21 +113,26 @@ def register(
         search.
     Bad data never raises: status and reason tell (TOO_FEW_POINTS, NOT_CONVERGED, ILL_CONDITIONED
     where a direction cannot be observed, POOR_FIT where the views contradict each other). Raises
-    ValueError for a prior of another shape.
+    ValueError for a prior of another shape, or not finite.
     """
     config = RegistrationConfig() if config is None else config
-    if prior_b_from_a is not None and np.shape(prior_b_from_a) != (4, 4):
-        raise ValueError(f"prior_b_from_a must be (4, 4); got {np.shape(prior_b_from_a)}")
+    if prior_b_from_a is not None:
+        prior_b_from_a = np.asarray(prior_b_from_a, dtype=float)
+        if prior_b_from_a.shape != (4, 4):
+            raise ValueError(f"prior_b_from_a must be (4, 4); got {prior_b_from_a.shape}")
+        if not np.isfinite(prior_b_from_a).all():
+            raise ValueError(f"prior_b_from_a must be finite; got {prior_b_from_a.tolist()}")
     for view in (a, b):
         if view.surface is None:
             return Registration(view.status, view.reason)
     assert a.surface is not None
     assert b.surface is not None
+    turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
     prior = None
     if prior_b_from_a is not None:
-        turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
         prior = (turn_b.T @ prior_b_from_a[:3, :3] @ turn_a, turn_b.T @ prior_b_from_a[:3, 3])
-    found = Finder(a.surface, b.surface, config).find(prior)
+    still = turn_b.T @ turn_a
+    found = Finder(a.surface, b.surface, config, still).find(prior)
     return _judge(found, a, b, config)
 
 
@@ -159,7 +168,8 @@ def _judge(found: Found, a: TargetView, b: TargetView, config: RegistrationConfi
             " biased; is there more than the target in the cloud?"
         )
         return replace(known, status=Status.POOR_FIT, reason=reason, part_off_m=off_m)
-    doubt = "" if found.expected else _doubt(found, a.surface, b.surface, config)
+    still = turn_b.T @ turn_a
+    doubt = "" if found.expected else _doubt(found, a.surface, b.surface, still, config)
     if doubt:
         return replace(known, status=Status.POOR_FIT, reason=doubt)
     pose = pose_matrix(turn_b @ refined.rotation @ turn_a.T, turn_b @ refined.translation_m)
@@ -168,25 +178,30 @@ def _judge(found: Found, a: TargetView, b: TargetView, config: RegistrationConfi
     )
 
 
-def _doubt(found: Found, a: SurfaceView, b: SurfaceView, config: RegistrationConfig) -> str:
+def _doubt(
+    found: Found, a: SurfaceView, b: SurfaceView, still: np.ndarray, config: RegistrationConfig
+) -> str:
     """Why a motion nobody expected may be another one on a target that is nearly symmetric; ""
     where it is not.
 
-    Of a prism's turns, rivals are those that are searched, and need only be as good. One by right
-    angles must be the better one, by more where it is turned beyond what is likely; where the
-    motion itself is beyond the turns that are searched, it is enough to be as good, or better at
-    all.
+    still : as of `Finder`.
+    Of a prism's turns, rivals are those that are searched, and need only be as good where they are
+    as likely. One by right angles must be the better one, by more where it is turned beyond what is
+    likely; where the motion itself is beyond the turns that are searched, it is enough to be as
+    good, or better at all.
     """
     rotation, translation = found.refined.rotation, found.refined.translation_m
-    turn = float(np.linalg.norm(vector_from_rotation(rotation)))
+    turn = float(np.linalg.norm(vector_from_rotation(rotation @ still.T)))
     far = turn > config.search_rad
     odd = odd_share(a, b)
     clear = found.score > BEYOND_DOUBT - SCORE_LOST * odd
     if not far:
-        # Only turns as likely as its own speak against it; they need not be better.
-        starts = prism_turned(b, rotation, translation, config.search_rad)
-        for rival in rivals(a, b, rotation, translation, starts):
-            if rival.turn_rad < config.search_rad and rival.lead > -_OTHER_SCORE:
+        # Turns as likely as its own speak against it and need not be better; others must be.
+        starts = prism_turned(b, rotation, translation, still, config.search_rad)
+        for rival in rivals(a, b, rotation, translation, still, starts):
+            likely = rival.turn_rad < _AS_LIKELY * turn
+            margin = -_OTHER_SCORE if likely else _SAME_SCORE + _SCORE_NOISE * odd
+            if rival.turn_rad < config.search_rad and rival.lead > margin:
                 return _tell_rival(rival, found)
         if clear:
             return ""
@@ -195,7 +210,7 @@ def _doubt(found: Found, a: SurfaceView, b: SurfaceView, config: RegistrationCon
             f"a turn by {np.degrees(turn):.0f} deg, beyond the search, with which the views agree"
             f" to {found.score:.3f} only"
         )
-    for rival in rivals(a, b, rotation, translation, right_turned(a, b, rotation)):
+    for rival in rivals(a, b, rotation, translation, still, right_turned(a, b, rotation)):
         likely = rival.turn_rad < 2 * config.search_rad
         margin = (_SAME_SCORE if likely else _OTHER_SCORE) + _SCORE_NOISE * odd
         if far:

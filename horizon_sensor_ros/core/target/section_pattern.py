@@ -227,7 +227,8 @@ class BatchObjective:
         self._reach *= self._radius
         # Nearest first, and three distances only: in place, beside, across the corner.
         around = np.concatenate(neighbours, axis=1)[[4, 1, 3, 5, 7, 0, 2, 6, 8]]
-        self._around = np.concatenate(cells) + around
+        # A section may be empty.
+        self._around = np.concatenate(cells) + around.astype(np.intp)
         self._weights = np.concatenate(weights)
 
     def __call__(self, candidates: np.ndarray) -> np.ndarray:

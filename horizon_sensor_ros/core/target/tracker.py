@@ -15,6 +15,7 @@ from horizon_sensor_ros.core.rigid import (
 )
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.config import TrackerConfig
+from horizon_sensor_ros.core.target.range_image import cloud_of
 from horizon_sensor_ros.core.target.registration import (
     Registration,
     TargetView,
@@ -88,8 +89,8 @@ class TargetTracker:
         self.config = TrackerConfig() if config is None else config
         self.reset()
 
-    def reset(self) -> None:
-        """Forget everything; the next cloud sets a new target frame."""
+    def reset(self, why: str = "first cloud") -> None:
+        """Forget everything; the next good cloud sets a new target frame, and says why."""
         self._keyframes: list[_Known] = []
         self._last: _Known | None = None
         self._before: _Known | None = None
@@ -97,6 +98,7 @@ class TargetTracker:
         self._odd: TargetView | None = None
         self._agreeing = 0
         self._stamp_ns: int | None = None
+        self._why = why
 
     def process(self, points: np.ndarray, stamp_ns: int) -> TargetFix:
         """Take one cloud, (H, W, 3) organised or (N, 3) plain, metres, in the sensor frame, and
@@ -106,14 +108,15 @@ class TargetTracker:
         repeated stamp is refused; one that lies back in time forgets all there was before. Raises
         ValueError for another shape.
         """
-        why = "first cloud"
+        # Before anything is kept: a caller's bug changes nothing.
+        points = cloud_of(points)
         if self._stamp_ns is not None:
             if stamp_ns == self._stamp_ns:
                 return TargetFix(Status.REPEATED_STAMP, "a cloud of this stamp was there", stamp_ns)
             if stamp_ns < self._stamp_ns:
-                self.reset()
-                why = "time jumped back"
+                self.reset("time jumped back")
         self._stamp_ns = stamp_ns
+        why = self._why
         view = target_view(points, self.config.registration)
         if view.status is not Status.OK:
             return self._refuse(view.status, view.reason, stamp_ns, view, None)
