@@ -22,8 +22,8 @@ def wait():
     sys.stdin.read()
     raise SystemExit
 
-def made(classes):
-    nodes = make(classes)
+def made(classes, **options):
+    nodes = make(classes, **options)
     for node in nodes:
         node.warm_up = wait
     return nodes

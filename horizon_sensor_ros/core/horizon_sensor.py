@@ -32,7 +32,13 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.hidden_air import hidden_air_sigma_m
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.judgement import disagreement_rad, doubt, full_scale, refusal
+from horizon_sensor_ros.core.judgement import (
+    disagreement_rad,
+    doubt,
+    full_scale,
+    nadir_sigma_rad,
+    refusal,
+)
 from horizon_sensor_ros.core.limb.canny_limbs import canny_limbs
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb, follow_limb
@@ -155,6 +161,7 @@ class HorizonSensor:
             seen = [frames[i] for i in rest]
             detection, figure = self._detect(seen, aiding)
             fix, doubtful = self._judge(seen, detection, figure, aiding)
+            fix, detection = self._told_apart(seen, fix, detection, figure, aiding)
             if not doubtful:
                 reason = fix.reason if fix.ok else _reason_and_left_out(frames, limbs, fix.reason)
                 for i, limb in zip(rest, fix.limbs, strict=True):
@@ -213,21 +220,18 @@ class HorizonSensor:
         if fix.status is Status.UNCERTAIN and seen == 1:
             # It is that camera's alone, with what the others' frames say of the light.
             return None
-        found = []
+        found, limbs = [], list(fix.limbs)
         for i, frame in enumerate(frames):
             if fix.limbs[i].status is Status.BAD_IMAGE:
                 continue
             alone, doubtful = self._attempt([frame], aiding)
             if alone.ok and not doubtful:
-                found.append((i, alone))
+                found.append(alone)
             elif not doubtful and alone.status is not Status.NO_LIMB:
                 return None
-        if len(found) != 1:
-            return None
-        i, alone = found[0]
-        limbs = [LimbPoints.none(Status.NO_LIMB, f"not on one cone: {fix.reason}") for _ in frames]
-        limbs[i] = alone.limbs[0]
-        return replace(alone, limbs=tuple(limbs))
+            # Of a camera that is left out, what it says by itself.
+            limbs[i] = doubtful.get(0, alone.limbs[0])
+        return replace(found[0], limbs=tuple(limbs)) if len(found) == 1 else None
 
     def _figure(self, aiding: Aiding) -> Figure:
         planet, vertical = self.config.planet, self.config.vertical
@@ -260,6 +264,7 @@ class HorizonSensor:
         samples = track.samples(images)
         detection = replace(detection, candidates=samples, layer_rad=track.layer_rad)
         fix, doubtful = self._judge(frames, detection, figure, aiding)
+        fix, detection = self._told_apart(frames, fix, detection, figure, aiding)
         if doubtful or fix.cameras_used != track.cameras_used or fix.fit.disc is None:
             return None
         self._track = track.continued(detection, fix.fit)
@@ -336,6 +341,27 @@ class HorizonSensor:
         disc = Disc(figure, fit.nadir_base, fit.rho_rad)
         published = replace(figure.estimate(estimate), disc=disc)
         return HorizonFix(Status.OK, doubts, published, limbs, fit.cameras), {}
+
+    def _told_apart(
+        self,
+        frames: Sequence[Frame],
+        fix: HorizonFix,
+        detection: Detection,
+        figure: Figure,
+        aiding: Aiding,
+    ) -> tuple[HorizonFix, Detection]:
+        """Fix of only those cameras whose limb was told apart from the glow above it, and their
+        detection, where it claims less than the one given, which is of edges in glow.
+        """
+        apart = detection.told_apart
+        if apart is None or not (fix.ok or fix.status is Status.UNCERTAIN):
+            return fix, detection
+        other, doubtful = self._judge(frames, apart, figure, aiding)
+        if not other.ok or doubtful:
+            return fix, detection
+        if fix.ok and nadir_sigma_rad(fix.fit) <= nadir_sigma_rad(other.fit):
+            return fix, detection
+        return other, apart
 
     def _with_errors(
         self, fit: HorizonFit, observations: Sequence[LimbObservation], figure: Figure

@@ -74,6 +74,7 @@ def run(names: Sequence[str] = ()) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     import rclpy  # noqa: PLC0415 - takes time, and signals are taken care of only now
     from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415
+    from rclpy.utilities import remove_ros_args  # noqa: PLC0415
 
     nodes: list[Any] = []
     try:
@@ -81,10 +82,13 @@ def run(names: Sequence[str] = ()) -> int:
         end.immediately = False
         # rclpy's own handlers would take the context from under a callback that is publishing.
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        left = remove_ros_args(sys.argv)[1:]
+        if left:
+            raise ValueError(f"unknown argument {left[0]}: ROS arguments go after --ros-args")
         if not names:
             nodes.append(rclpy.create_node("horizon_sensor"))
             names = _nodes_parameter(nodes[0])
-        managed = _made({name: classes[name] for name in names})
+        managed = _made({name: classes[name] for name in names}, pinned=bool(nodes))
         nodes += managed
         executor = _executor()
         for node in nodes:
@@ -123,12 +127,25 @@ def _load(where: str) -> Any:
     return getattr(import_module(module), name)
 
 
-def _made(classes: dict[str, Any]) -> list[Any]:
-    """Return the nodes of these classes."""
-    shared = {}
+def _made(classes: dict[str, Any], *, pinned: bool) -> list[Any]:
+    """Return the nodes of these classes.
+
+    pinned : they keep their own names where a rule renames every node of the process, as a name in
+    a launch file does.
+    """
+    shared: dict[str, Any] = {}
     if not classes.keys().isdisjoint(_IMAGE_NODES):
         shared["feeds"] = _load("horizon_sensor_ros.ros.image_feed:ImageFeeds")()
-    return [make(**shared) if name in _IMAGE_NODES else make() for name, make in classes.items()]
+    nodes = []
+    for name, make in classes.items():
+        own = ["--ros-args", "-r", f"__node:={name}"] if pinned and _renames_all() else None
+        nodes.append(make(cli_args=own, **(shared if name in _IMAGE_NODES else {})))
+    return nodes
+
+
+def _renames_all() -> bool:
+    """Whether a rule of the command line renames every node of the process."""
+    return any(argument.startswith(("__node:=", "__name:=")) for argument in sys.argv)
 
 
 def _nodes_parameter(node: Any) -> list[str]:

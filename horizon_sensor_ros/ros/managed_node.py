@@ -18,6 +18,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
 from horizon_sensor_ros.ros.parameters.unknown import unknown_parameters
+from horizon_sensor_ros.ros.yaml_file import shown
 
 Settings = TypeVar("Settings")
 
@@ -189,6 +190,9 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
     def _declare_parameters(self) -> Settings:
         # What was given was declared just as it was given; now it is declared as the table has it.
         declared: dict[str, Any] = self.get_parameters_by_prefix("")
+        sim_time = declared.get("use_sim_time")
+        if sim_time is not None and not isinstance(sim_time.value, bool):
+            raise ParameterError(f"use_sim_time must be true or false; got {shown(sim_time.value)}")
         given = {
             name: parameter.value
             for name, parameter in declared.items()

@@ -20,18 +20,30 @@ class YamlFileError(ValueError):
     """A file cannot be used; the message goes after the file's name."""
 
 
+_MERGE = "tag:yaml.org,2002:merge"
 _TOO_DEEP = "is not valid YAML: it is nested too deeply"
 
 
 class _Loader(yaml.SafeLoader):
     """Takes 1e6 for a number, as ROS does; in YAML 1.1 it is a string. Raises YamlFileError where
-    brackets are nested too deeply.
+    brackets are nested too deeply, or a key is there twice: PyYAML would take the last one, rcl
+    both.
     """
 
     def fetch_flow_collection_start(self, token: type[yaml.Token]) -> None:
         if self.flow_level >= _DEEPEST:
             raise YamlFileError(_TOO_DEEP)
         super().fetch_flow_collection_start(token)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.tag != _MERGE:
+                if key.value in seen:
+                    line = key.start_mark.line + 1
+                    raise YamlFileError(f"has the key {shown(key.value)} twice (line {line})")
+                seen.add(key.value)
+        return super().construct_mapping(node, deep)
 
     def construct_bounded_int(self, node: yaml.ScalarNode) -> int:
         number = self.construct_yaml_int(node)

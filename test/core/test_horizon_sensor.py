@@ -646,6 +646,29 @@ def test_shared_scenes_within_bounds_or_no_fix(kind: str, shared_data: Path) -> 
         assert_refused(fix, 2)
 
 
+@pytest.mark.parametrize(("i", "seed"), [(5, 4242), (32, 4242), (76, 6006)])
+def test_a_limb_in_even_glow_is_not_held_to_edges_in_the_others_uneven_glow(
+    i: int, seed: int
+) -> None:
+    """Towards the night one camera's glow cannot be told from the limb, the other's can; by edges
+    in the glow of both nadir was .09 to .18 deg off.
+    """
+    kind = "terminator"
+    scene = hard_scene(kind, i, seed)
+    drawn = zip(scene.views, scene.frames, strict=True)
+    frames = [Frame(view, frame.image) for view, frame in drawn]
+    sensor = HorizonSensor()
+    fix = sensor.process(frames)
+    assert fix.ok, fix.reason
+    assert len(fix.cameras_used) == 1
+    assert error_deg(fix, scene.frames[0].truth.nadir_base) < 0.06
+    assert any("is not told from the glow" in limb.reason for limb in fix.limbs)
+    # Followed it is the same limb.
+    again = sensor.process(frames)
+    assert again.cameras_used == fix.cameras_used
+    assert error_deg(again, fix.fit.nadir_base) < 0.5 * sigma_deg(fix)
+
+
 def test_shared_night(shared_data: Path) -> None:
     truth = shared_truths(shared_data)["night0"]
     assert_refused(SENSOR.process(shared_frames(shared_data, truth)), 2)
@@ -676,6 +699,8 @@ def test_shared_scenes_with_a_blind_camera(kind: str, shared_data: Path) -> None
     assert "camera_1" not in fix.cameras_used
     if fix.ok:
         assert error_deg(fix, np.array(truth["nadir_body"])) < max(0.3, 4.0 * sigma_deg(fix))
+        # What it says is of itself.
+        assert "camera_2" not in fix.limbs[0].reason
 
 
 def photograph(path: Path, focal_length_mm: float) -> Frame:

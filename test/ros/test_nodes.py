@@ -270,6 +270,34 @@ def test_an_argument_that_ros_does_not_know_is_said(start: Callable[..., Program
     assert errors == "attitude_node: unknown ROS argument '--bad'\n"
 
 
+@pytest.mark.parametrize("arguments", [["--bogus"], ["--params-file", "mine.yaml"]])
+def test_arguments_that_are_not_rosses_are_not_ignored(arguments: list[str]) -> None:
+    command = [sys.executable, "-m", "horizon_sensor_ros.ros.attitude_node", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+    assert done.returncode == 1
+    expected = f"unknown argument {arguments[0]}: ROS arguments go after --ros-args"
+    assert done.stderr == f"attitude_node: {expected}\n"
+
+
+def test_a_time_that_is_neither_is_refused(
+    start: Callable[..., Program], params: list[str]
+) -> None:
+    code, errors = start("attitude_node", *params, "-p", "use_sim_time:=3").wait()
+    assert code == 1
+    # rclpy says it too, and goes on by the wall clock.
+    assert errors.endswith("attitude_node: use_sim_time must be true or false; got 3\n")
+
+
+def test_a_name_for_the_process_leaves_its_nodes_theirs(
+    start: Callable[..., Program], craft: Craft, params: list[str]
+) -> None:
+    """As `Node(executable="horizon_sensor", name="sensors")` in a launch file gives it."""
+    start("horizon_sensor", *params, "-r", "__node:=sensors")
+    for name in (*NODES, "target_pose_node"):
+        craft.wait(lambda name=name: craft.state(name) == State.PRIMARY_STATE_ACTIVE, name)
+    assert "sensors" in craft.node.get_node_names()
+
+
 def test_whole_numbers_and_unknown_parameters(
     start: Callable[..., Program], craft: Craft, params: list[str]
 ) -> None:

@@ -286,6 +286,8 @@ def test_a_value_of_any_length_is_shown_in_a_line() -> None:
         ("a: " + 5000 * "- " + "1", "not valid YAML"),
         ("a:\n  " + 5000 * "- " + "1", "nested too deeply"),
         ("\x00", "not valid YAML"),
+        ("/**: {ros__parameters: {slop: 1}}\n/**: {ros__parameters: {}}", r"'/\*\*' twice .line 2"),
+        ("/**: {ros__parameters: {slop: 1, slop: 2}}", "'slop' twice"),
         ("/**: {ros__parameters: {slop: !!bool foo}}", "not of its kind"),
         ("/**: {ros__parameters: {slop: !!timestamp foo}}", "not of its kind"),
         ("/**: {ros__parameters: {slop: !!int ''}}", "not of its kind"),

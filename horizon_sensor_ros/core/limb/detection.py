@@ -33,7 +33,9 @@ class Detection:
     like; none where no model fits it. factors : one per frame, by which it was reduced for the last
     pass. layer_rad : how far above the limb a layer of airglow lies, 0 without one. smears : one
     per frame, motion's in it, None where there is hardly any. steepness : one per frame, that of
-    the limb when it was last asked whether motion smears it. agreed : the search's edges that the
+    the limb when it was last asked whether motion smears it. apart : one per frame, the limbs that
+    were told apart from the glow above them where others were not; empty where all or none were.
+    agreed : the search's edges that the
     consensus is of; None where they are a layer's, or nothing was searched.
     """
 
@@ -48,6 +50,7 @@ class Detection:
     smears: tuple[Smear | None, ...] = ()
     agreed: RayCandidates | None = None
     steepness: tuple[np.ndarray, ...] = ()
+    apart: tuple[LimbObservation, ...] = ()
 
     @property
     def limbs(self) -> tuple[LimbPoints, ...]:
@@ -73,6 +76,22 @@ class Detection:
     def joint(self) -> bool:
         """Whether limb and glow were told apart in every frame that shows a limb."""
         return all(limb.joint for limb in self.limbs if limb.status is Status.OK)
+
+    @property
+    def told_apart(self) -> Detection | None:
+        """The same with only those limbs that were told apart from the glow above them, where
+        others were not; else None.
+
+        Edges in glow lie a pixel or two too far out: in one fit these and the ground's limb are of
+        two cones, so that all limbs of the detection itself are edges.
+        """
+        if not self.apart:
+            return None
+        looks = tuple(
+            kinds if seen.limb.status is Status.OK else ()
+            for seen, kinds in zip(self.apart, self.looks, strict=True)
+        )
+        return replace(self, observations=self.apart, looks=looks, apart=())
 
     @cached_property
     def on_course(self) -> bool:

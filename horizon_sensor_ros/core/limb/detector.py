@@ -117,8 +117,11 @@ def follow_limb(
     ]
     for start, steps in attempts:
         found = look_for(views, frames, planet, (nadir_base, rho_rad), start, steps)
-        if [limb.status is Status.OK for limb in found.limbs] != list(sees):
-            continue
+        if not _sees(found, sees):
+            apart = found.told_apart
+            if apart is None or not _sees(apart, sees):
+                continue
+            found = apart
         if found.modelled and found.on_course:
             if not smeared_alike(views, images, found, smears):
                 return None
@@ -127,6 +130,11 @@ def follow_limb(
                 return None
             return misjudged(replace(found, smears=tuple(smears), steepness=sharp))
     return None
+
+
+def _sees(found: Detection, sees: Sequence[bool]) -> bool:
+    """Whether these cameras see the limb and no others."""
+    return [limb.status is Status.OK for limb in found.limbs] == list(sees)
 
 
 def _seen_at_once(

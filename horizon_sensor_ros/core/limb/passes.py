@@ -15,6 +15,7 @@ from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.refinement import refine_limb
 from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
+from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
@@ -34,6 +35,7 @@ AT_ONCE = replace(_FINAL, at_once=True, joint=False)
 AGAIN = RefinePass(reach_px=10.0, grid_px=0.5, spacing_px=4.0, guess=False)
 # Where it is not known what the edge looks like.
 FRESH = (_NEAR, _GLOW, _FINAL)
+_NOT_TOLD_APART = "the ground's limb is not told from the glow above it"
 # Jumps from edge to edge of a limb that shows itself well at once.
 _STEADY_PX = 0.3
 
@@ -63,7 +65,9 @@ def look_for(
         ):
             continue
         seen, held = refined(views, frames, (nadir, rho), step, looks)
+        apart: tuple[LimbObservation, ...] = ()
         if step.joint and _of_two_limbs(seen, held):
+            apart = _told_apart(seen, held)
             seen, held = refined(views, frames, (nadir, rho), replace(step, joint=False), looks)
         looks = [kinds or before for kinds, before in zip(held, looks, strict=True)]
         found = Detection(
@@ -73,6 +77,7 @@ def look_for(
             # The search's pass guesses, and fits no model.
             looks=tuple(() if step is SEARCH else kinds for kinds in held),
             factors=tuple(frame.factor for frame in frames),
+            apart=apart,
         )
         if step in (EXPECTED, _FINAL) and (found.on_course or not found.modelled):
             break
@@ -131,9 +136,27 @@ def _of_two_limbs(seen: Sequence[LimbObservation], held: Sequence[tuple[EdgeLook
     """Whether some cameras have the ground's limb and others the edge of the glow above it."""
     limbs = [(found.limb, kinds) for found, kinds in zip(seen, held, strict=True)]
     limbs = [(limb, kinds) for limb, kinds in limbs if limb.status is Status.OK]
-    sharp = [bool(kinds) and kinds[0].glow_px == 0.0 for _, kinds in limbs]
-    joint = [limb.joint for limb, _ in limbs]
-    return any(joint) and not all(a or b for a, b in zip(joint, sharp, strict=True))
+    return any(limb.joint for limb, _ in limbs) and not all(
+        _of_ground(limb, kinds) for limb, kinds in limbs
+    )
+
+
+def _of_ground(limb: LimbPoints, kinds: Sequence[EdgeLook]) -> bool:
+    """Whether it is the ground's limb: told apart from the glow above it, or without any."""
+    return limb.joint or (bool(kinds) and kinds[0].glow_px == 0.0)
+
+
+def _told_apart(
+    seen: Sequence[LimbObservation], held: Sequence[tuple[EdgeLook, ...]]
+) -> tuple[LimbObservation, ...]:
+    """`Detection.apart` of the limbs of one pass."""
+    none = LimbPoints.none(Status.NO_LIMB, _NOT_TOLD_APART)
+    return tuple(
+        LimbObservation(found.view, none)
+        if found.limb.status is Status.OK and not _of_ground(found.limb, kinds)
+        else found
+        for found, kinds in zip(seen, held, strict=True)
+    )
 
 
 def shows_all(found: Detection, looks: Sequence[tuple[EdgeLook, ...]], steady_px: float) -> bool:

@@ -66,6 +66,9 @@ def without_smear(
 
 def misjudged(found: Detection) -> Detection:
     """The same with the errors that points of smeared limbs really share."""
+    if any(found.smears):
+        # How far a fit of limb and glow is misled by a smear is known of all limbs together.
+        found = replace(found, apart=())
     return found.with_limbs(
         [
             limb.misjudged(_MISJUDGED) if smear else limb

@@ -101,7 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--rate", type=_positive, default=5.0, help="image pairs and clouds a second"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of noise and the ground")
+    parser.add_argument("--seed", type=int, default=0, help="of the noise")
     parser.add_argument(
         "--output", type=Path, default=Path("demo_output"), help="directory of report, bag and logs"
     )
