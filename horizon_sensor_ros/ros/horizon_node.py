@@ -89,6 +89,9 @@ class HorizonNode(ReportingNode[HorizonSettings]):
     def start(self) -> None:
         """Subscribe."""
         assert self._feed is not None
+        shared = self._feeds.get(self._feed_key(self.settings))
+        if shared is not None and shared.in_use:
+            self._feed = shared
         self._working = True
         self._feed.join(self)
         self.report()
@@ -113,7 +116,7 @@ class HorizonNode(ReportingNode[HorizonSettings]):
             return
         self._monitor.stale_after_ns = settings.stale_after_ns
         self.report_every(settings.diagnostics_period_s)
-        feed = self._feed_of(settings, self._feed.pipeline)
+        feed = self._feed_of(settings, self._feed)
         if feed is self._feed:
             # To subscribe anew would cost frames and the track.
             return
@@ -147,15 +150,14 @@ class HorizonNode(ReportingNode[HorizonSettings]):
             words = f"{type(error).__name__}: {error}"
             self.get_logger().error(f"no debug image, internal error: {words}", once=True)
 
-    def _feed_of(
-        self, settings: HorizonSettings, previous: HorizonPipeline | None = None
-    ) -> ImageFeed:
+    def _feed_of(self, settings: HorizonSettings, previous: ImageFeed | None = None) -> ImageFeed:
         key = self._feed_key(settings)
         feed = self._feeds.get(key)
-        if feed is not None:
+        # One that a paused node holds has not seen what this one's has since.
+        if feed is not None and (previous is None or feed is previous or feed.in_use):
             return feed
         if previous is not None:
-            pipeline = previous.with_settings(settings.pipeline)
+            pipeline = previous.pipeline.with_settings(settings.pipeline)
         elif None in settings.pipeline.rotations:
             self._tf = TfExtrinsics(self, settings.pipeline.base_frame)
             pipeline = HorizonPipeline(settings.pipeline, self._tf)

@@ -45,6 +45,11 @@ class ImageFeed:
         self._host: FeedMember | None = None
         self._subscriptions: list[Subscription] = []
 
+    @property
+    def in_use(self) -> bool:
+        """Whether it has members; without, it knows nothing of what came since."""
+        return bool(self._members)
+
     def join(self, member: FeedMember) -> None:
         """Send a member all results from now on."""
         if not self._members:

@@ -148,3 +148,29 @@ def test_a_parameter_of_the_reports_leaves_the_subscriptions_alone(make: Callabl
     # One that the estimates depend on does not.
     assert node.set_parameters([Parameter("max_residual", value=3.0)])[0].successful
     assert [s is before for s in subscriptions(node)] == [False]
+
+
+def test_what_a_paused_node_holds_is_not_taken_for_the_present(make: Callable) -> None:
+    """Its pipeline has not seen the stamps and calibrations that came meanwhile."""
+    paused, node = make(LocalVerticalNode), make(AttitudeNode)
+    slop = [Parameter("slop", value=0.03)]
+    assert paused.set_parameters(slop)[0].successful
+    paused.trigger_deactivate()
+    assert sent_pair(node) == 1
+    assert node.set_parameters(slop)[0].successful
+    assert sent_pair(node) == 0
+    # And when it comes back it shares what the others know.
+    paused.trigger_activate()
+    assert paused._feed is node._feed
+    assert subscriptions(paused) == []
+
+
+def sent_pair(node: HorizonNode) -> int:
+    """How many estimates one and the same pair of frames gives."""
+    pipeline = node._feed.pipeline
+    results = 0
+    for camera in CAMERAS:
+        pipeline.on_camera_info(camera, camera_info_of(camera=camera))
+        step = pipeline.on_image(camera, image_of(horizon_gray(camera, nadir_of(0.0, 0.0)), 0))
+        results += len(step.results)
+    return results
