@@ -298,6 +298,18 @@ def test_view_takes_only_rotations() -> None:
             CameraView("left", make("pinhole"), bad)
 
 
+def test_beside_a_pole_of_the_lens_model_there_are_no_rays_or_right_ones() -> None:
+    """Newton's steps are small there wherever they lead: 512 pixels had the ray of the pole."""
+    lens = (-1.082, -0.138, -0.011, -0.064, -0.063, -0.51, -0.594, -0.388)
+    camera = Camera(320, 240, 155.0, 155.0, 160.0, 118.0, "rational_polynomial", lens)
+    x, y = np.meshgrid(np.arange(0.0, 320.0, 4.0), np.arange(0.0, 240.0, 4.0))
+    px = np.stack([x.ravel(), y.ravel()], axis=1)
+    rays = camera.rays(px)
+    found = np.isfinite(rays[:, 0])
+    assert 0.5 < np.mean(found) < 1.0
+    np.testing.assert_allclose(camera.pixels(rays[found]), px[found], atol=1e-3)
+
+
 def test_rays_below_a_pole_of_the_lens_model() -> None:
     """The table of radii ended beyond the pole, and every search in it began there."""
     lens = (*(0.0,) * 7, -0.0234375)

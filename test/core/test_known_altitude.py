@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -89,3 +91,17 @@ def test_an_altitude_that_contradicts_the_frames_is_not_used_and_said_so() -> No
         same, unused = with_altitude(fit, far, PLANET)
         assert same is fit
         assert f"{far.altitude_m / 1e3:.1f} +- 1.0 km" in unused
+
+
+def test_an_altitude_below_the_limb_is_not_used() -> None:
+    """Nothing is seen from there, and there would be no disc."""
+    planet = Planet(limb_height_m=30e3)
+    rho = planet.rho_from_altitude(32e3)
+    view = view_at_limb(BARREL, NADIR, rho, 0.4)
+    fit = fit_horizon([observe(view, NADIR, rho, 0.1, np.random.default_rng(0))], planet)
+    cov = fit.cov_nadir_altitude.copy()
+    cov[3, 3] += 2e3**2
+    fit = replace(fit, cov_nadir_altitude=cov)
+    same, unused = with_altitude(fit, AltitudeMeasurement(28e3, 500.0), planet)
+    assert same is fit
+    assert "28.0 km, is not used: it lies below the limb" in unused

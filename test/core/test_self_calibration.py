@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 from calibration_sets import ROTATIONS, frame_sets, swinging
@@ -218,6 +221,27 @@ def test_cameras_that_do_not_belong_together_are_refused() -> None:
     found = calibrate(frame_sets(swinging(40), rotations), ROTATIONS, PLANET)
     assert found.status is Status.POOR_FIT
     assert "scatter" in found.reason
+
+
+def test_a_camera_that_is_turned_by_half_a_circle_is_no_calibration() -> None:
+    """In what is left across nadir the opposite one is as good."""
+    truth = dict(ROTATIONS)
+    axis = ROTATIONS["camera_2"][:, 2]
+    truth["camera_2"] = rotation_from_vector(np.pi * axis) @ ROTATIONS["camera_2"]
+    sets = frame_sets(swinging(60, 0.2), truth, np.random.default_rng(1))
+    found = calibrate(sets, ROTATIONS, PLANET)
+    assert found.status is Status.POOR_FIT
+    assert "opposite" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("rho_rad", np.nan), ("nadir_cam", np.full(3, np.nan)), ("cov_noise", np.zeros((3, 3)))],
+)
+def test_horizons_that_no_fit_gives_are_the_callers_bug(name: str, value: Any) -> None:
+    (horizon, _) = frame_sets(swinging(1), ROTATIONS)[0].horizons
+    with pytest.raises(ValueError, match=name):
+        replace(horizon, **{name: value})
 
 
 def test_arguments() -> None:

@@ -321,7 +321,9 @@ def test_typing_errors_in_names_are_found() -> None:
     values["nodes"] = ["attitude_node"]
     values["camera_9.mask"] = "/mask.png"
     values["qos_overrides./attitude.publisher.depth"] = 3
-    assert unknown_parameters(values) == ["planet_raduis"]
+    ignored = "qos_overrides./attitude.publisher.durability"
+    values[ignored] = "transient_local"
+    assert unknown_parameters(values) == ["planet_raduis", ignored]
 
 
 def test_the_shipped_file_is_made_from_the_table() -> None:

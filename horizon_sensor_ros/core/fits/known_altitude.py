@@ -24,7 +24,7 @@ def with_altitude(
     hang together on a short arc, so both gain. The minimum-variance update of a Gaussian estimate
     (Kalman 1960) with ``H = (0, 0, 0, 1)``. Where the two contradict each other by more than
     `_CONTRADICTION` sigmas the fit comes back as it was, and the contradiction in words: a stale
-    orbit would turn nadir.
+    orbit would turn nadir. So it does where no limb is seen from that altitude.
     """
     cov = fit.cov_nadir_altitude
     variance = float(cov[3, 3]) + known.sigma_m**2
@@ -37,6 +37,12 @@ def with_altitude(
         )
     gain = cov[:, 3] / variance
     step = gain * apart_m
+    rho_rad = sphere.rho_from_altitude(float(fit.altitude_m + step[3]))
+    if not math.isfinite(rho_rad):
+        return fit, (
+            f"the known altitude, {known.altitude_m / 1e3:.1f} km, is not used: it lies below the "
+            "limb"
+        )
     nadir = fit.nadir_base + step[:3]
     nadir /= np.linalg.norm(nadir)
     altitude = float(fit.altitude_m + step[3])
@@ -46,7 +52,7 @@ def with_altitude(
     updated = replace(
         fit,
         nadir_base=nadir,
-        rho_rad=sphere.rho_from_altitude(altitude),
+        rho_rad=rho_rad,
         altitude_m=altitude,
         cov_nadir_altitude=across @ cov @ across.T,
     )

@@ -125,6 +125,7 @@ def rays_of(view: CameraView, limb: LimbPoints) -> LimbRays:
     normal = np.asarray(limb.normal_px, dtype=float)
     sigma = np.asarray(limb.sigma_px, dtype=float)
     keep = np.isfinite(rays[:, 0] + normal[:, 0] + normal[:, 1]) & (sigma > 0) & (sigma < 1e6)
+    keep &= normal.any(axis=1)
     if not keep.any():
         return no_rays(len(px))
     if not keep.all():

@@ -19,6 +19,7 @@ _STEEPEST_RAD = np.radians(89.9)
 _FARTHEST = 1e100
 _NEWTON_STEPS = 30
 _CONVERGED = 1e-13
+_MOST_OFF = 1e-6  # of a point that is found, from where it should be, over its radius and one
 
 
 class PerspectiveLens(Lens):
@@ -246,11 +247,16 @@ class PerspectiveLens(Lens):
         todo = np.flatnonzero(~(change <= _CONVERGED))
         for _ in range(_NEWTON_STEPS):
             if todo.size == 0:
-                return x, y
+                break
             x[todo], y[todo], change = self._newton_step(x[todo], y[todo], x_raw[todo], y_raw[todo])
             todo = todo[~(change <= _CONVERGED)]
         x[todo] = np.nan
         y[todo] = np.nan
+        if any(self._coefficients[5:8]):
+            # Steps are small beside a pole too, wherever it leads.
+            x_now, y_now = self._distort(x, y)[:2]
+            off = ~(np.hypot(x_now - x_raw, y_now - y_raw) < _MOST_OFF * (1.0 + r_raw))
+            x[off] = y[off] = np.nan
         return x, y
 
     def _newton_step(

@@ -134,6 +134,13 @@ def calibrate(
     if adjustment.scale > _MAX_SCALE:
         reason = f"the frame sets scatter {adjustment.scale:.0f} times as much as their limbs claim"
         return _none(Status.POOR_FIT, reason, unknowns, nominal, telling)
+    opposite = adjustment.opposite()
+    if opposite:
+        reason = (
+            f"{', '.join(opposite)} would see nadir opposite to where the frames show it: mounted "
+            "otherwise than the rotations say?"
+        )
+        return _none(Status.POOR_FIT, reason, unknowns, nominal, telling)
     return adjustment.result(telling, nominal)
 
 
@@ -178,6 +185,19 @@ class _Adjustment:
         self.scale = scale
         self._state = state
         self._equations, self._weight = equations, weight
+
+    def opposite(self) -> list[str]:
+        """Cameras in whose frames nadir comes out opposite to where they measured it: in residuals
+        across it that is the same.
+        """
+        state, found = self._state, set()
+        for each, nadir, weight in zip(
+            self._model.sets, state.nadir_base, self._weight, strict=True
+        ):
+            for horizon in each.horizons if weight > 0.0 else ():
+                if (state.rot_base_from_cam[horizon.camera] @ horizon.nadir_cam) @ nadir < 0.0:
+                    found.add(horizon.camera)
+        return sorted(found)
 
     def _free_unknowns(self) -> np.ndarray:
         """Indices of what may move: without a reference the first camera holds still."""

@@ -33,6 +33,7 @@ class CameraHorizon:
     those that frames shortly after each other have in common (air, clouds at the limb).
     steady_share : share of one sigma of the shared errors that stays the same all along.
     focal_slope : (3,) derivative of the same three by the relative error of the focal length.
+    Raises ValueError where nadir or rho are not finite, or the covariance is none.
     """
 
     camera: str
@@ -42,6 +43,15 @@ class CameraHorizon:
     cov_shared: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
     steady_share: float = 0.0
     focal_slope: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        """Refuse what no fit gives."""
+        if not (np.isfinite(self.nadir_cam).all() and np.isfinite(self.rho_rad)):
+            got = f"{np.asarray(self.nadir_cam).tolist()} and {self.rho_rad}"
+            raise ValueError(f"nadir_cam and rho_rad must be finite; got {got}")
+        if not (np.linalg.eigvalsh(self.cov_noise + self.cov_shared) > 0.0).all():
+            got = np.asarray(self.cov_noise).tolist()
+            raise ValueError(f"cov_noise and cov_shared must be positive definite; got {got}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,10 @@ from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
 from horizon_sensor_ros.ros.parameters.target import TARGET_PARAMETERS
 
 # Declared by rclpy itself, and the same in every node.
-_OF_RCLPY = re.compile(r"use_sim_time|start_type_description_service|qos_overrides\..*")
+_OF_RCLPY = re.compile(
+    r"use_sim_time|start_type_description_service"
+    r"|qos_overrides\..+\.(publisher|subscription)\.(history|depth|reliability)"
+)
 
 
 def unknown_parameters(values: Mapping[str, Any]) -> list[str]:
