@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -23,6 +24,8 @@ _CONTRADICTION = 4.0
 _OF_ALTITUDE = 3.0  # the same of their altitudes, from which on these are enlarged for as well
 _HALVINGS = 30
 _MOST_TURNED_RAD = math.pi
+_STEPS, _CONVERGED = 10, 1e-3
+_LEAST_SHARE = 1e-12  # of a covariance's largest variance; less is rounding
 
 
 def each_alone(
@@ -61,43 +64,132 @@ def with_contradiction(
     the covariance by its chi squared (Birge, Phys. Rev. 40 (1932) 207). They are taken to be
     mounted as badly as explains what nadir is apart by beyond that.
     """
-    pairs = [_Apart.of(one, other) for one, other in combinations(alone, 2)]
+    arcs = [_Arc.of(one, observations, sphere) for one in alone]
+    pairs = [_Apart.of(one, other) for one, other in combinations(arcs, 2)]
+    # The exact distance takes longer, and is hardly ever the larger one.
+    pairs = [pair for pair in pairs if pair.linear_chi2() > _CONTRADICTION**2]
     worst = max(pairs, key=_Apart.chi2, default=None)
     if worst is None or not worst.chi2() > _CONTRADICTION**2:
         return fit, ""
     birge = worst.chi2_altitude() if worst.chi2_altitude() > _OF_ALTITUDE**2 else 1.0
     fit = replace(fit, cov_nadir_altitude=birge * fit.cov_nadir_altitude)
-    turned_rad = replace(worst, cov=birge * worst.cov).turned_rad()
+    turned_rad = worst.enlarged(birge).turned_rad()
     fit = with_calibration_error(fit, observations, sphere, mounting_sigma_rad=turned_rad)
     return fit, worst.words()
 
 
 @dataclass(frozen=True, eq=False)
-class _Apart:
-    """What two cameras' estimates differ by: (3,) two components of nadir, and altitude; and the
-    covariance (3, 3) of that.
+class _Arc:
+    """One camera's limb, by what it says of a cone: how far that lies off the limb in three
+    directions along it.
+
+    These errors are the points' own, and add up evenly. In nadir and rho a short arc's are large
+    along a curve, off which it knows nadir a hundred times better: another estimate far along it
+    looks like a contradiction in their covariance.
+    rays : (3, 3) directions. cov : (3, 3) of the tangent components of the fit's nadir and rho.
     """
 
-    cameras: tuple[str, ...]
-    apart: np.ndarray
+    fit: HorizonFit
+    rays: np.ndarray
     cov: np.ndarray
 
     @classmethod
-    def of(cls, one: HorizonFit, other: HorizonFit) -> _Apart:
-        """Return what separates two fits."""
-        to_tangent = tangent_rows(tangent_basis(one.nadir_base))
-        nadir = other.nadir_base - one.nadir_base
+    def of(cls, fit: HorizonFit, seen: Sequence[LimbObservation], sphere: Planet) -> _Arc:
+        """Return that of a camera's fit by itself."""
+        rays = next(each.rays for each in seen if each.view.name in fit.cameras)
+        along = rays.rays_base[rays.along_limb(fit.nadir_base)]
+        last = len(along) - 1
+        to_cone = tangent_rows(tangent_basis(fit.nadir_base))
+        to_cone[2] /= sphere.altitude_slope(fit.rho_rad)
         return cls(
-            one.cameras + other.cameras,
-            to_tangent @ np.append(nadir, other.altitude_m - one.altitude_m),
-            to_tangent @ (one.cov_nadir_altitude + other.cov_nadir_altitude) @ to_tangent.T,
+            fit,
+            along[[last // 6, last // 2, last - last // 6]],
+            to_cone @ fit.cov_nadir_altitude @ to_cone.T,
         )
 
-    def chi2(self, turned_rad: float = 0.0) -> float:
-        """Square of the distance in sigmas, if each camera is turned by so much, one sigma."""
-        cov = self.cov + 2.0 * turned_rad**2 * np.diag([1.0, 1.0, 0.0])
-        chi2 = float(self.apart @ np.linalg.solve(cov, self.apart))
+    def off(self, nadir: np.ndarray, rho_rad: float) -> np.ndarray:
+        """Angles (3,) from the cone's limb out to the directions."""
+        return np.asarray(np.arccos(np.clip(self.rays @ nadir, -1.0, 1.0)) - rho_rad)
+
+    def slopes(self, nadir: np.ndarray) -> np.ndarray:
+        """Derivative (3, 3) of `off` by nadir's tangent components and rho."""
+        cosine = self.rays @ nadir
+        out = np.full((3, 3), -1.0)
+        out[:, :2] = self.rays @ tangent_basis(nadir) / -np.sqrt(1.0 - cosine**2)[:, None]
+        return out
+
+    def whitening(self, turned_rad: float, times: float) -> np.ndarray:
+        """Matrix (3, 3) that whitens what `off` differs by from the fit's own; turned_rad : one
+        sigma of the camera's turn. times : the covariance is as large as that.
+        """
+        slopes = self.slopes(self.fit.nadir_base)
+        cov = times * self.cov + turned_rad**2 * np.diag([1.0, 1.0, 0.0])
+        variance, axes = np.linalg.eigh(slopes @ cov @ slopes.T)
+        return np.asarray(axes / np.sqrt(np.maximum(variance, _LEAST_SHARE * variance[-1]))).T
+
+
+@dataclass(frozen=True, eq=False)
+class _Apart:
+    """Two cameras' estimates, each by itself, whose covariances are `times` as large."""
+
+    arcs: tuple[_Arc, _Arc]
+    times: float = 1.0
+
+    @classmethod
+    def of(cls, one: _Arc, other: _Arc) -> _Apart:
+        """Return what separates two cameras."""
+        return cls((one, other))
+
+    def enlarged(self, times: float) -> _Apart:
+        """The same with larger covariances."""
+        return _Apart(self.arcs, times)
+
+    @cached_property
+    def apart(self) -> np.ndarray:
+        """(3,) by how much two components of nadir, and altitude, differ."""
+        one, other = (arc.fit for arc in self.arcs)
+        nadir = other.nadir_base - one.nadir_base
+        return self._to_tangent @ np.append(nadir, other.altitude_m - one.altitude_m)
+
+    @cached_property
+    def cov(self) -> np.ndarray:
+        """Covariance (3, 3) of that."""
+        one, other = (arc.fit.cov_nadir_altitude for arc in self.arcs)
+        return self.times * (self._to_tangent @ (one + other) @ self._to_tangent.T)
+
+    @cached_property
+    def _to_tangent(self) -> np.ndarray:
+        return tangent_rows(tangent_basis(self.arcs[0].fit.nadir_base))
+
+    def linear_chi2(self) -> float:
+        """Square of the distance in sigmas, as the covariances of nadir and altitude have it."""
+        chi2 = float(self.apart @ np.linalg.solve(self.cov, self.apart))
         return chi2 if chi2 < math.inf else 0.0
+
+    def chi2(self, turned_rad: float = 0.0) -> float:
+        """Square of the distance in sigmas of both limbs from the cone that is nearest to both, if
+        each camera is turned by so much, one sigma.
+        """
+        whiten = [arc.whitening(turned_rad, self.times) for arc in self.arcs]
+        own = [arc.off(arc.fit.nadir_base, arc.fit.rho_rad) for arc in self.arcs]
+        # Where less is known the cone is the other's.
+        start = min((arc.fit for arc in self.arcs), key=lambda fit: fit.cov_nadir_altitude.trace())
+        nadir, rho = start.nadir_base, start.rho_rad
+        best = math.inf
+        for _ in range(_STEPS):
+            seen = zip(whiten, own, self.arcs, strict=True)
+            off = np.concatenate([w @ (arc.off(nadir, rho) - o) for w, o, arc in seen])
+            chi2 = float(off @ off)
+            if not chi2 < (1.0 - _CONVERGED) * best:
+                break
+            best = chi2
+            pairs = zip(whiten, self.arcs, strict=True)
+            slopes = np.concatenate([w @ arc.slopes(nadir) for w, arc in pairs])
+            step = np.linalg.lstsq(slopes, -off, rcond=None)[0]
+            nadir = nadir + tangent_basis(nadir) @ step[:2]
+            nadir /= np.linalg.norm(nadir)
+            rho += float(step[2])
+        return best if best < math.inf else 0.0
 
     def chi2_altitude(self) -> float:
         """The same of the altitudes alone."""
@@ -105,7 +197,7 @@ class _Apart:
 
     def words(self) -> str:
         """Return the contradiction for a person."""
-        names = " and ".join(self.cameras)
+        names = " and ".join(name for arc in self.arcs for name in arc.fit.cameras)
         nadir_deg = math.degrees(math.hypot(*self.apart[:2]))
         return (
             f"{names}, each by itself, are {math.sqrt(self.chi2()):.0f} sigma apart "
