@@ -94,6 +94,11 @@ class HorizonFix:
         return root_mean_square(residual[inliers(residual)]) if len(residual) else np.nan
 
 
+# Points count by what each is off by on its own; where one camera's are off together by much more
+# than another's, both together may be off by more than the one. It is taken by itself where it
+# claims less than so much of that.
+_MUCH_SURER = 0.5
+_LESS_SURE = "the other camera is surer without it"
 # Sets of frames followed before the whole frames are searched again: a track that had slipped off
 # the limb, or a camera that has come to see it, is noticed after so many at the latest.
 _LONGEST_TRACK = 50
@@ -143,7 +148,8 @@ class HorizonSensor:
             and fix.fit.disc is not None
             and detection.modelled
         ):
-            self._track = Track.started([frame.view for frame in frames], detection, fix.fit)
+            views = [frame.view for frame in frames]
+            self._track = Track.started(views, detection, fix.fit, _on_one_cone(views, fix))
         return fix
 
     def _search(
@@ -265,7 +271,8 @@ class HorizonSensor:
         detection = replace(detection, candidates=samples, layer_rad=track.layer_rad)
         fix, doubtful = self._judge(frames, detection, figure, aiding)
         fix, detection = self._told_apart(frames, fix, detection, figure, aiding)
-        if doubtful or fix.cameras_used != track.cameras_used or fix.fit.disc is None:
+        seen = _on_one_cone([frame.view for frame in frames], fix)
+        if doubtful or seen != track.cameras or fix.fit.disc is None:
             return None
         self._track = track.continued(detection, fix.fit)
         return replace(fix, predicted=Disc(figure, nadir, rho))
@@ -311,16 +318,60 @@ class HorizonSensor:
         if doubtful:
             return HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), doubtful
         fit = self._with_errors(fit, observations, figure)
-        apart = unused = ""
+        apart = ""
         alone: tuple[HorizonFit, ...] = ()
         if len(fit.cameras) > 1 and self.config.limb == "subpixel":
             with_errors = partial(self._with_errors, figure=figure)
             alone = each_alone(fit, observations, self._sphere, with_errors)
             fit, apart = with_contradiction(fit, alone, observations, self._sphere)
+        published = partial(
+            self._published,
+            observations=observations,
+            detection=detection,
+            figure=figure,
+            aiding=aiding,
+            alone=alone,
+            apart=apart,
+        )
+        fix = published(fit)
+        surest = min(alone, key=nadir_sigma_rad, default=fit)
+        if (
+            surest.method != fit.method
+            or apart
+            or not nadir_sigma_rad(surest) < _MUCH_SURER * nadir_sigma_rad(fit)
+        ):
+            return fix, {}
+        if fix.ok or fix.status is Status.UNCERTAIN:
+            other = published(surest)
+            return (_with_reasons(other, views) if other.ok else fix), {}
+        return fix, {}
+
+    def _published(
+        self,
+        fit: HorizonFit,
+        *,
+        observations: Sequence[LimbObservation],
+        detection: Detection,
+        figure: Figure,
+        aiding: Aiding,
+        alone: Sequence[HorizonFit],
+        apart: str,
+    ) -> HorizonFix:
+        """Fix of a fit with its errors, with what else is known, if it may be published.
+
+        alone : as of `each_alone`. apart : what cameras contradict each other by, in words.
+        """
+        limbs = tuple(seen.limb for seen in observations)
+        unused = ""
         estimate = fit
         if aiding.altitude is not None:
             known = figure.altitude(aiding.altitude)
             estimate, unused = with_altitude(fit, known, self._sphere)
+        glows = [
+            detection.glow_over_usual(i)
+            for i, seen in enumerate(observations)
+            if seen.view.name in fit.cameras
+        ]
         refused = refusal(
             fit,
             observations,
@@ -328,19 +379,19 @@ class HorizonSensor:
             alone=alone,
             layered=detection.layer_rad > 0.0,
             layer_rho_rad=detection.consensus.layer_rho_rad,
-            glow_over_usual=max(map(detection.glow_over_usual, range(len(frames)))),
+            glow_over_usual=max(glows, default=0.0),
             estimate=estimate,
         )
         if apart and refused is not None and refused[0] is Status.UNCERTAIN:
             refused = Status.CAMERAS_DISAGREE, apart
         if refused is not None:
             none = HorizonFit.none(*refused, self.config.method, fit.num_points)
-            return HorizonFix(*refused, none, limbs, ()), {}
+            return HorizonFix(*refused, none, limbs, ())
         doubts = "; ".join(filter(None, (apart, unused)))
         # The disc stays the one that the frames show, wherever the known altitude puts nadir.
         disc = Disc(figure, fit.nadir_base, fit.rho_rad)
-        published = replace(figure.estimate(estimate), disc=disc)
-        return HorizonFix(Status.OK, doubts, published, limbs, fit.cameras), {}
+        found = replace(figure.estimate(estimate), disc=disc)
+        return HorizonFix(Status.OK, doubts, found, limbs, fit.cameras)
 
     def _told_apart(
         self,
@@ -420,6 +471,26 @@ class HorizonSensor:
             if reason:
                 doubts[i] = LimbPoints.none(Status.NO_LIMB, reason)
         return doubts
+
+
+def _on_one_cone(views: Sequence[CameraView], fix: HorizonFix) -> tuple[str, ...]:
+    """Names of the cameras whose limbs agree, also of those without which the fix is surer."""
+    return tuple(
+        view.name
+        for view, limb in zip(views, fix.limbs, strict=True)
+        if view.name in fix.cameras_used or limb.reason == _LESS_SURE
+    )
+
+
+def _with_reasons(fix: HorizonFix, views: Sequence[CameraView]) -> HorizonFix:
+    """The same, and limbs that are not in it say why."""
+    limbs = tuple(
+        replace(limb, reason=_LESS_SURE)
+        if limb.status is Status.OK and view.name not in fix.cameras_used
+        else limb
+        for view, limb in zip(views, fix.limbs, strict=True)
+    )
+    return replace(fix, limbs=limbs)
 
 
 def _unusable(frame: Frame) -> LimbPoints | None:

@@ -20,18 +20,18 @@ from horizon_sensor_ros.core.status import Status
 class Track:
     """The limb of the last set of frames, and what it looked like.
 
-    views, cameras_used : of that set. nadir_base, rho_rad : its disc's cone. last_cone : those of
-    the set before, None right after a search. sees : whether each frame's camera saw the limb.
-    looks : of its edge, one per frame, with the air above it; empty where no model fits. factors :
-    one per frame, by which it is reduced where the limb is followed. smears : one per frame,
-    motion's in it, None where there is hardly any. steepness : of the limbs, when it was last asked
-    whether motion smears them. skies : one per frame, level and noise of empty
-    space as the search measured them. layer_rad : height of airglow above the limb. age : sets
-    since the search.
+    views : of that set. cameras : names of those whose limbs lie on one cone. nadir_base,
+    rho_rad : its disc's cone. last_cone : those of the set before, None right after a search.
+    sees : whether each frame's camera saw the limb. looks : of its edge, one per frame, with
+    the air above it; empty where no model fits. factors : one per frame, by which it is reduced
+    where the limb is followed. smears : one per frame, motion's in it, None where there is
+    hardly any. steepness : of the limbs, when it was last asked whether motion smears them.
+    skies : one per frame, level and noise of empty space as the search measured them. layer_rad
+    : height of airglow above the limb. age : sets since the search.
     """
 
     views: tuple[CameraView, ...]
-    cameras_used: tuple[str, ...]
+    cameras: tuple[str, ...]
     nadir_base: np.ndarray
     rho_rad: float
     sees: tuple[bool, ...]
@@ -45,8 +45,14 @@ class Track:
     age: int = 0
 
     @classmethod
-    def started(cls, views: Sequence[CameraView], detection: Detection, fit: HorizonFit) -> Track:
-        """Track from a fit, with its disc, of what a search found."""
+    def started(
+        cls,
+        views: Sequence[CameraView],
+        detection: Detection,
+        fit: HorizonFit,
+        cameras: tuple[str, ...],
+    ) -> Track:
+        """Track from a fit, with its disc, of what a search found. cameras : as of the track."""
         assert fit.disc is not None
         skies = tuple(
             LimbCandidates(pitch_px=c.pitch_px, space_level=c.space_level, noise=c.noise)
@@ -56,7 +62,7 @@ class Track:
         sees = tuple(limb.status is Status.OK for limb in detection.limbs)
         return cls(
             tuple(views),
-            fit.cameras,
+            cameras,
             disc.nadir,
             disc.rho_rad,
             sees,
