@@ -65,7 +65,7 @@ def with_contradiction(
     mounted as badly as explains what nadir is apart by beyond that.
     """
     arcs = [_Arc.of(one, observations, sphere) for one in alone]
-    pairs = [_Apart.of(one, other) for one, other in combinations(arcs, 2)]
+    pairs = [_Apart(pair) for pair in combinations(arcs, 2)]
     # The exact distance takes longer, and is hardly ever the larger one.
     pairs = [pair for pair in pairs if pair.linear_chi2() > _CONTRADICTION**2]
     worst = max(pairs, key=_Apart.chi2, default=None)
@@ -73,7 +73,7 @@ def with_contradiction(
         return fit, ""
     birge = worst.chi2_altitude() if worst.chi2_altitude() > _OF_ALTITUDE**2 else 1.0
     fit = replace(fit, cov_nadir_altitude=birge * fit.cov_nadir_altitude)
-    turned_rad = worst.enlarged(birge).turned_rad()
+    turned_rad = worst.turned_rad(birge)
     fit = with_calibration_error(fit, observations, sphere, mounting_sigma_rad=turned_rad)
     return fit, worst.words()
 
@@ -118,31 +118,18 @@ class _Arc:
         out[:, :2] = self.rays @ tangent_basis(nadir) / -np.sqrt(1.0 - cosine**2)[:, None]
         return out
 
-    def whitening(self, turned_rad: float, times: float) -> np.ndarray:
-        """Matrix (3, 3) that whitens what `off` differs by from the fit's own; turned_rad : one
-        sigma of the camera's turn. times : the covariance is as large as that.
-        """
+    def whitening(self) -> np.ndarray:
+        """Matrix (3, 3) that whitens what `off` differs by from the fit's own."""
         slopes = self.slopes(self.fit.nadir_base)
-        cov = times * self.cov + turned_rad**2 * np.diag([1.0, 1.0, 0.0])
-        variance, axes = np.linalg.eigh(slopes @ cov @ slopes.T)
+        variance, axes = np.linalg.eigh(slopes @ self.cov @ slopes.T)
         return np.asarray(axes / np.sqrt(np.maximum(variance, _LEAST_SHARE * variance[-1]))).T
 
 
 @dataclass(frozen=True, eq=False)
 class _Apart:
-    """Two cameras' estimates, each by itself, whose covariances are `times` as large."""
+    """What separates two cameras' estimates, each by itself."""
 
     arcs: tuple[_Arc, _Arc]
-    times: float = 1.0
-
-    @classmethod
-    def of(cls, one: _Arc, other: _Arc) -> _Apart:
-        """Return what separates two cameras."""
-        return cls((one, other))
-
-    def enlarged(self, times: float) -> _Apart:
-        """The same with larger covariances."""
-        return _Apart(self.arcs, times)
 
     @cached_property
     def apart(self) -> np.ndarray:
@@ -155,22 +142,23 @@ class _Apart:
     def cov(self) -> np.ndarray:
         """Covariance (3, 3) of that."""
         one, other = (arc.fit.cov_nadir_altitude for arc in self.arcs)
-        return self.times * (self._to_tangent @ (one + other) @ self._to_tangent.T)
+        return np.asarray(self._to_tangent @ (one + other) @ self._to_tangent.T)
 
     @cached_property
     def _to_tangent(self) -> np.ndarray:
         return tangent_rows(tangent_basis(self.arcs[0].fit.nadir_base))
 
-    def linear_chi2(self) -> float:
-        """Square of the distance in sigmas, as the covariances of nadir and altitude have it."""
-        chi2 = float(self.apart @ np.linalg.solve(self.cov, self.apart))
+    def linear_chi2(self, turned_rad: float = 0.0, times: float = 1.0) -> float:
+        """Square of the distance in sigmas, as the covariances of nadir and altitude have it, if
+        these are `times` as large and each camera is turned by so much, one sigma.
+        """
+        cov = times * self.cov + 2.0 * turned_rad**2 * np.diag([1.0, 1.0, 0.0])
+        chi2 = float(self.apart @ np.linalg.solve(cov, self.apart))
         return chi2 if chi2 < math.inf else 0.0
 
-    def chi2(self, turned_rad: float = 0.0) -> float:
-        """Square of the distance in sigmas of both limbs from the cone that is nearest to both, if
-        each camera is turned by so much, one sigma.
-        """
-        whiten = [arc.whitening(turned_rad, self.times) for arc in self.arcs]
+    def chi2(self) -> float:
+        """Square of the distance in sigmas of both limbs from the cone that is nearest to both."""
+        whiten = [arc.whitening() for arc in self.arcs]
         own = [arc.off(arc.fit.nadir_base, arc.fit.rho_rad) for arc in self.arcs]
         # Where less is known the cone is the other's.
         start = min((arc.fit for arc in self.arcs), key=lambda fit: fit.cov_nadir_altitude.trace())
@@ -205,13 +193,17 @@ class _Apart:
             "are they mounted and calibrated as the parameters say?"
         )
 
-    def turned_rad(self) -> float:
-        """By how much cameras must be turned, one sigma, to see nadir as far apart as they do."""
-        expected = 2.0 + self.chi2_altitude()
+    def turned_rad(self, times: float) -> float:
+        """By how much cameras must be turned, one sigma, to see nadir as far apart as they do, if
+        covariances are `times` as large.
+        """
+        expected = 2.0 + self.chi2_altitude() / times
         low, high = 0.0, _MOST_TURNED_RAD
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if self.chi2(middle) > expected else (low, middle)
+            low, high = (
+                (middle, high) if self.linear_chi2(middle, times) > expected else (low, middle)
+            )
             if high - low < 1e-3 * high:
                 break
         return high
