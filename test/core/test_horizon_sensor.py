@@ -669,10 +669,12 @@ def test_a_limb_in_even_glow_is_not_held_to_edges_in_the_others_uneven_glow(
     assert error_deg(again, fix.fit.nadir_base) < 0.5 * sigma_deg(fix)
 
 
-@pytest.mark.parametrize(("kind", "i"), [("terminator", 12), ("high", 29)])
-def test_a_camera_that_is_surer_alone_is_taken_alone(kind: str, i: int) -> None:
-    """What the other's limb is off by along all of it drew nadir .06 to .13 deg away."""
-    scene = hard_scene(kind, i, 4242)
+@pytest.mark.parametrize(
+    ("kind", "i", "seed"), [("high", 130, 6006), ("high", 226, 6006), ("terminator", 110, 4242)]
+)
+def test_a_camera_that_is_surer_alone_is_taken_alone(kind: str, i: int, seed: int) -> None:
+    """What the other's limb is off by along all of it drew nadir .04 deg away."""
+    scene = hard_scene(kind, i, seed)
     drawn = zip(scene.views, scene.frames, strict=True)
     frames = [Frame(view, frame.image) for view, frame in drawn]
     sensor = HorizonSensor()
@@ -684,10 +686,9 @@ def test_a_camera_that_is_surer_alone_is_taken_alone(kind: str, i: int) -> None:
         limb for view, limb in zip(scene.views, fix.limbs, strict=True) if view.name != used
     ]
     assert (other.status, other.reason) == (Status.OK, "the other camera is surer without it")
-    # Looked at about that limb the other camera's may do.
     again = sensor.process(frames)
     assert sensor.following
-    assert error_deg(again, scene.frames[0].truth.nadir_base) < 0.05
+    assert error_deg(again, scene.frames[0].truth.nadir_base) < 0.02
 
 
 def test_shared_night(shared_data: Path) -> None:
