@@ -13,6 +13,7 @@ import numpy as np
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.fits.assessment import tangent_rows
+from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
@@ -64,12 +65,11 @@ def with_contradiction(
     the covariance by its chi squared (Birge, Phys. Rev. 40 (1932) 207). They are taken to be
     mounted as badly as explains what nadir is apart by beyond that.
     """
-    arcs = [_Arc.of(one, observations, sphere) for one in alone]
-    pairs = [_Apart(pair) for pair in combinations(arcs, 2)]
+    pairs = [_Apart(pair, observations, sphere) for pair in combinations(alone, 2)]
     # The exact distance takes longer, and is hardly ever the larger one.
     pairs = [pair for pair in pairs if pair.linear_chi2() > _CONTRADICTION**2]
-    worst = max(pairs, key=_Apart.chi2, default=None)
-    if worst is None or not worst.chi2() > _CONTRADICTION**2:
+    worst = max(pairs, key=lambda pair: pair.chi2, default=None)
+    if worst is None or not worst.chi2 > _CONTRADICTION**2:
         return fit, ""
     birge = worst.chi2_altitude() if worst.chi2_altitude() > _OF_ALTITUDE**2 else 1.0
     fit = replace(fit, cov_nadir_altitude=birge * fit.cov_nadir_altitude)
@@ -86,37 +86,34 @@ class _Arc:
     These errors are the points' own, and add up evenly. In nadir and rho a short arc's are large
     along a curve, off which it knows nadir a hundred times better: another estimate far along it
     looks like a contradiction in their covariance.
-    rays : (3, 3) directions. cov : (3, 3) of the tangent components of the fit's nadir and rho.
+    rays : the three directions. cov : (3, 3) of the tangent components of the fit's nadir and rho.
     """
 
     fit: HorizonFit
-    rays: np.ndarray
+    rays: LimbRays
     cov: np.ndarray
 
     @classmethod
     def of(cls, fit: HorizonFit, seen: Sequence[LimbObservation], sphere: Planet) -> _Arc:
         """Return that of a camera's fit by itself."""
         rays = next(each.rays for each in seen if each.view.name in fit.cameras)
-        along = rays.rays_base[rays.along_limb(fit.nadir_base)]
+        along = rays.along_limb(fit.nadir_base)
         last = len(along) - 1
         to_cone = tangent_rows(tangent_basis(fit.nadir_base))
         to_cone[2] /= sphere.altitude_slope(fit.rho_rad)
         return cls(
             fit,
-            along[[last // 6, last // 2, last - last // 6]],
+            rays.take(along[[last // 6, last // 2, last - last // 6]]),
             to_cone @ fit.cov_nadir_altitude @ to_cone.T,
         )
 
     def off(self, nadir: np.ndarray, rho_rad: float) -> np.ndarray:
         """Angles (3,) from the cone's limb out to the directions."""
-        return np.asarray(np.arccos(np.clip(self.rays @ nadir, -1.0, 1.0)) - rho_rad)
+        return self.rays.angles(nadir)[0] - rho_rad
 
     def slopes(self, nadir: np.ndarray) -> np.ndarray:
         """Derivative (3, 3) of `off` by nadir's tangent components and rho."""
-        cosine = self.rays @ nadir
-        out = np.full((3, 3), -1.0)
-        out[:, :2] = self.rays @ tangent_basis(nadir) / -np.sqrt(1.0 - cosine**2)[:, None]
-        return out
+        return self.rays.design(nadir, tangent_basis(nadir))
 
     def whitening(self) -> np.ndarray:
         """Matrix (3, 3) that whitens what `off` differs by from the fit's own."""
@@ -127,26 +124,28 @@ class _Arc:
 
 @dataclass(frozen=True, eq=False)
 class _Apart:
-    """What separates two cameras' estimates, each by itself."""
+    """What separates two cameras' estimates, each by itself, of these limbs of a sphere."""
 
-    arcs: tuple[_Arc, _Arc]
+    fits: tuple[HorizonFit, HorizonFit]
+    seen: Sequence[LimbObservation]
+    sphere: Planet
 
     @cached_property
     def apart(self) -> np.ndarray:
         """(3,) by how much two components of nadir, and altitude, differ."""
-        one, other = (arc.fit for arc in self.arcs)
+        one, other = self.fits
         nadir = other.nadir_base - one.nadir_base
         return self._to_tangent @ np.append(nadir, other.altitude_m - one.altitude_m)
 
     @cached_property
     def cov(self) -> np.ndarray:
         """Covariance (3, 3) of that."""
-        one, other = (arc.fit.cov_nadir_altitude for arc in self.arcs)
+        one, other = (fit.cov_nadir_altitude for fit in self.fits)
         return np.asarray(self._to_tangent @ (one + other) @ self._to_tangent.T)
 
     @cached_property
     def _to_tangent(self) -> np.ndarray:
-        return tangent_rows(tangent_basis(self.arcs[0].fit.nadir_base))
+        return tangent_rows(tangent_basis(self.fits[0].nadir_base))
 
     def linear_chi2(self, turned_rad: float = 0.0, times: float = 1.0) -> float:
         """Square of the distance in sigmas, as the covariances of nadir and altitude have it, if
@@ -156,22 +155,24 @@ class _Apart:
         chi2 = float(self.apart @ np.linalg.solve(cov, self.apart))
         return chi2 if chi2 < math.inf else 0.0
 
+    @cached_property
     def chi2(self) -> float:
         """Square of the distance in sigmas of both limbs from the cone that is nearest to both."""
-        whiten = [arc.whitening() for arc in self.arcs]
-        own = [arc.off(arc.fit.nadir_base, arc.fit.rho_rad) for arc in self.arcs]
+        arcs = [_Arc.of(fit, self.seen, self.sphere) for fit in self.fits]
+        whiten = [arc.whitening() for arc in arcs]
+        own = [arc.off(arc.fit.nadir_base, arc.fit.rho_rad) for arc in arcs]
         # Where less is known the cone is the other's.
-        start = min((arc.fit for arc in self.arcs), key=lambda fit: fit.cov_nadir_altitude.trace())
+        start = min(self.fits, key=lambda fit: fit.cov_nadir_altitude.trace())
         nadir, rho = start.nadir_base, start.rho_rad
         best = math.inf
         for _ in range(_STEPS):
-            seen = zip(whiten, own, self.arcs, strict=True)
+            seen = zip(whiten, own, arcs, strict=True)
             off = np.concatenate([w @ (arc.off(nadir, rho) - o) for w, o, arc in seen])
             chi2 = float(off @ off)
             if not chi2 < (1.0 - _CONVERGED) * best:
                 break
             best = chi2
-            pairs = zip(whiten, self.arcs, strict=True)
+            pairs = zip(whiten, arcs, strict=True)
             slopes = np.concatenate([w @ arc.slopes(nadir) for w, arc in pairs])
             step = np.linalg.lstsq(slopes, -off, rcond=None)[0]
             nadir = nadir + tangent_basis(nadir) @ step[:2]
@@ -185,10 +186,10 @@ class _Apart:
 
     def words(self) -> str:
         """Return the contradiction for a person."""
-        names = " and ".join(name for arc in self.arcs for name in arc.fit.cameras)
+        names = " and ".join(name for fit in self.fits for name in fit.cameras)
         nadir_deg = math.degrees(math.hypot(*self.apart[:2]))
         return (
-            f"{names}, each by itself, are {math.sqrt(self.chi2()):.0f} sigma apart "
+            f"{names}, each by itself, are {math.sqrt(self.chi2):.0f} sigma apart "
             f"(nadir {nadir_deg:.2f} deg, altitude {abs(self.apart[2]) / 1e3:.1f} km): "
             "are they mounted and calibrated as the parameters say?"
         )

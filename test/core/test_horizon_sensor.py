@@ -655,8 +655,7 @@ def test_a_limb_in_even_glow_is_not_held_to_edges_in_the_others_uneven_glow(
     """
     kind = "terminator"
     scene = hard_scene(kind, i, seed)
-    drawn = zip(scene.views, scene.frames, strict=True)
-    frames = [Frame(view, frame.image) for view, frame in drawn]
+    frames = as_frames(scene.views, scene.frames)
     sensor = HorizonSensor()
     fix = sensor.process(frames)
     assert fix.ok, fix.reason
@@ -675,8 +674,7 @@ def test_a_limb_in_even_glow_is_not_held_to_edges_in_the_others_uneven_glow(
 def test_a_camera_that_is_surer_alone_is_taken_alone(kind: str, i: int, seed: int) -> None:
     """What the other's limb is off by along all of it drew nadir .04 deg away."""
     scene = hard_scene(kind, i, seed)
-    drawn = zip(scene.views, scene.frames, strict=True)
-    frames = [Frame(view, frame.image) for view, frame in drawn]
+    frames = as_frames(scene.views, scene.frames)
     sensor = HorizonSensor()
     fix = sensor.process(frames)
     assert fix.ok, fix.reason

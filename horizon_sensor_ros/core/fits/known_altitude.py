@@ -37,7 +37,8 @@ def with_altitude(
         )
     gain = cov[:, 3] / variance
     step = gain * apart_m
-    rho_rad = sphere.rho_from_altitude(float(fit.altitude_m + step[3]))
+    altitude = float(fit.altitude_m + step[3])
+    rho_rad = sphere.rho_from_altitude(altitude)
     if not math.isfinite(rho_rad):
         return fit, (
             f"the known altitude, {known.altitude_m / 1e3:.1f} km, is not used: it lies below the "
@@ -45,7 +46,6 @@ def with_altitude(
         )
     nadir = fit.nadir_base + step[:3]
     nadir /= np.linalg.norm(nadir)
-    altitude = float(fit.altitude_m + step[3])
     cov = cov - np.outer(gain, gain) * variance
     across = np.eye(4)
     across[:3, :3] -= np.outer(nadir, nadir)

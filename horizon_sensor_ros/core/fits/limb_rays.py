@@ -37,6 +37,17 @@ class LimbRays:
     def __len__(self) -> int:
         return len(self.rays_base)
 
+    def take(self, which: np.ndarray) -> LimbRays:
+        """Some of them, by number (M,)."""
+        return LimbRays(
+            self.rays_base[which],
+            self.outward_base[which],
+            self.sigma_px[which],
+            self.camera[which],
+            self.cameras,
+            len(which),
+        )
+
     @cached_property
     def sigma_rad(self) -> np.ndarray:
         """(N,) one sigma of the angle between ray and limb."""
