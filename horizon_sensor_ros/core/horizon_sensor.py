@@ -335,15 +335,14 @@ class HorizonSensor:
         )
         fix = published(fit)
         surest = min(alone, key=nadir_sigma_rad, default=fit)
-        if (
-            surest.method != fit.method
-            or apart
-            or not nadir_sigma_rad(surest) < _MUCH_SURER * nadir_sigma_rad(fit)
-        ):
-            return fix, {}
-        if fix.ok or fix.status is Status.UNCERTAIN:
+        surer = (
+            surest.method == fit.method
+            and not apart
+            and nadir_sigma_rad(surest) < _MUCH_SURER * nadir_sigma_rad(fit)
+        )
+        if surer and (fix.ok or fix.status is Status.UNCERTAIN):
             other = published(surest)
-            return (_with_reasons(other, views) if other.ok else fix), {}
+            fix = _with_reasons(other, views) if other.ok else fix
         return fix, {}
 
     def _published(

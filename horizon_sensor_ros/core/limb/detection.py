@@ -35,8 +35,8 @@ class Detection:
     per frame, motion's in it, None where there is hardly any. steepness : one per frame, that of
     the limb when it was last asked whether motion smears it. apart : one per frame, the limbs that
     were told apart from the glow above them where others were not; empty where all or none were.
-    agreed : the search's edges that the
-    consensus is of; None where they are a layer's, or nothing was searched.
+    agreed : the search's edges that the consensus is of; None where they are a layer's, or nothing
+    was searched.
     """
 
     observations: tuple[LimbObservation, ...]

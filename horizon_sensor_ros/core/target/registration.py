@@ -133,10 +133,12 @@ def register(
         prior = (turn_b.T @ prior_b_from_a[:3, :3] @ turn_a, turn_b.T @ prior_b_from_a[:3, 3])
     still = turn_b.T @ turn_a
     found = Finder(a.surface, b.surface, config, still).find(prior)
-    return _judge(found, a, b, config)
+    return _judge(found, a, b, still, config)
 
 
-def _judge(found: Found, a: TargetView, b: TargetView, config: RegistrationConfig) -> Registration:
+def _judge(
+    found: Found, a: TargetView, b: TargetView, still: np.ndarray, config: RegistrationConfig
+) -> Registration:
     assert a.surface is not None
     assert b.surface is not None
     refined = found.refined
@@ -168,7 +170,6 @@ def _judge(found: Found, a: TargetView, b: TargetView, config: RegistrationConfi
             " biased; is there more than the target in the cloud?"
         )
         return replace(known, status=Status.POOR_FIT, reason=reason, part_off_m=off_m)
-    still = turn_b.T @ turn_a
     doubt = "" if found.expected else _doubt(found, a.surface, b.surface, still, config)
     if doubt:
         return replace(known, status=Status.POOR_FIT, reason=doubt)
