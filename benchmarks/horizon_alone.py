@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
-from horizon_sensor_ros.sim.hard_scenes import KINDS, hard_scenes
+from horizon_sensor_ros.sim.hard_scenes import ALL_KINDS, hard_scenes
 
 _COLUMNS = (
     "kind",
@@ -25,8 +25,8 @@ _COLUMNS = (
 
 def run(options: Options) -> list[Table]:
     """One row a kind, and all of them."""
-    limbs = dict.fromkeys(KINDS, 0)
-    fixes: dict[str, list[FitErrors]] = {kind: [] for kind in KINDS}
+    limbs = dict.fromkeys(ALL_KINDS, 0)
+    fixes: dict[str, list[FitErrors]] = {kind: [] for kind in ALL_KINDS}
     sigmas_deg = []
     scenes = hard_scenes(options.hard_scenes, options.seed, options.kinds)
     for scene in tqdm(scenes, total=options.hard_scenes, desc="Cameras alone", unit="scene"):
@@ -40,7 +40,7 @@ def run(options: Options) -> list[Table]:
                 truth = frame.truth
                 fixes[scene.kind].append(fit_errors(found.fit, truth.nadir_base, truth.altitude_m))
                 sigmas_deg.append(nadir_sigma_deg(found.fit.cov_nadir_altitude[:3, :3]))
-    rows = [_row(kind, limbs[kind], fixes[kind]) for kind in KINDS if limbs[kind]]
+    rows = [_row(kind, limbs[kind], fixes[kind]) for kind in ALL_KINDS if limbs[kind]]
     every = [fix for some in fixes.values() for fix in some]
     rows.append(_row("all", sum(limbs.values()), every))
     notes = (

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix, HorizonSensor
-from horizon_sensor_ros.sim.hard_scenes import KINDS, HardScene, hard_scenes
+from horizon_sensor_ros.sim.hard_scenes import ALL_KINDS, HardScene, hard_scenes
 
 WRONG_DEG, WRONG_SIGMAS = 1.0, 3.0
 FIXED_BAR = 0.98  # of the solvable
@@ -103,7 +103,7 @@ class _Sensors:
 
 def run(options: Options) -> list[Table]:
     """One row a kind, and all of them; what the judgement's limits cost and spare."""
-    tallies = {kind: _Tally() for kind in KINDS}
+    tallies = {kind: _Tally() for kind in ALL_KINDS}
     everything = _Tally()
     believed: list[Fixed] = []
     sensors = _Sensors()

@@ -401,10 +401,11 @@ class HorizonSensor:
         aiding: Aiding,
     ) -> tuple[HorizonFix, Detection]:
         """Fix of only those cameras whose limb was told apart from the glow above it, and their
-        detection, where it claims less than the one given, which is of edges in glow.
+        detection, where it claims less than the one given, which is of edges in glow, or where
+        these are not a limb's.
         """
         apart = detection.told_apart
-        if apart is None or not (fix.ok or fix.status is Status.UNCERTAIN):
+        if apart is None or not (fix.ok or fix.status in (Status.UNCERTAIN, Status.POOR_FIT)):
             return fix, detection
         other, doubtful = self._judge(frames, apart, figure, aiding)
         if not other.ok or doubtful:

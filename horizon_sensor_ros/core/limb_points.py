@@ -41,7 +41,8 @@ class LimbPoints:
     infinite where that was not measured.
     predicted : the limb all along which these were looked for; None where it was not drawn.
     offset_px : (N,) how far outside it these lie, in order along it.
-    cov_cone : (4, 4) covariance of nadir (base frame) and rho of the cone that they lie on, where
+    cone_errors : (4, K) errors of nadir (base frame) and rho of the cone that they lie on, each
+    column one sigma, independent of the others, and the same in the limbs of all cameras, where
     limb and glow were told apart by one fit: these are the ground's limb, where edges found one by
     one lie in its glow, all of them higher by a pixel or two. None for those.
     modelled : False where these are sharp edges that follow no model of one.
@@ -63,7 +64,7 @@ class LimbPoints:
     jumps_px: float = np.inf
     predicted: LimbCurve | None = None
     offset_px: np.ndarray = field(default_factory=lambda: np.empty(0))
-    cov_cone: np.ndarray | None = None
+    cone_errors: np.ndarray | None = None
     modelled: bool = True
     height_px: float = 0.0
     steepness: np.ndarray = field(default_factory=lambda: np.empty(0))
@@ -71,17 +72,17 @@ class LimbPoints:
     @property
     def joint(self) -> bool:
         """Whether limb and glow were told apart."""
-        return self.cov_cone is not None
+        return self.cone_errors is not None
 
     def misjudged(self, times: float) -> LimbPoints:
         """These with errors so many times as large that they share."""
-        cov = self.cov_cone
+        errors = self.cone_errors
         return replace(
             self,
             coherent_px=times * self.coherent_px,
             shift_px=times * self.shift_px,
             height_px=times * self.height_px,
-            cov_cone=None if cov is None else times**2 * cov,
+            cone_errors=None if errors is None else times * errors,
         )
 
     @classmethod

@@ -72,7 +72,7 @@ def _with_shared(
         limb = observation.limb
         claimed_px = limb.coherent_px if len(rays) >= 2 * _STRETCHES else 0.0
         own2 = _MEDIAN_VARIANCE * median(rays.sigma_px) ** 2 * _STRETCHES / len(rays)
-        if limb.cov_cone is not None:
+        if limb.cone_errors is not None:
             negligible = False
         elif claimed_px > 0.0:
             negligible &= claimed_px**2 < _NEGLIGIBLE * own2 and bend_px(fit, rays) ** 2 < own2
@@ -83,7 +83,7 @@ def _with_shared(
     to_tangent = tangent_rows(basis)
     rows = [camera[1].design_sigmas(fit.nadir_base, basis) for camera in cameras]
     gain = inverse(sum((a.T @ a for a in rows), np.zeros((3, 3))))
-    cov, height = np.zeros((3, 3)), np.zeros(3)
+    cov, height, of_cones = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 1))
     variance = np.diag(fit.cov_nadir_altitude).copy()
     variance[3] /= sphere.altitude_slope(fit.rho_rad) ** 2
     # Of the points' own errors, over those that they claim.
@@ -98,17 +98,16 @@ def _with_shared(
             order = rays.along_limb(fit.nadir_base)
             left = _left(a[order] * rays.sigma_px[order, None], by_px[order])
             coherent2 = max(claimed2, bend_px(fit, rays) ** 2 / left - _SURE * own2)
-        if limb.cov_cone is not None:
-            more = max(coherent2 / limb.coherent_px**2, 1.0)
-            turned = by_sigma.T @ a @ to_tangent
-            cov += more * turned @ limb.cov_cone @ turned.T
+        if limb.cone_errors is not None:
+            more = math.sqrt(max(coherent2 / limb.coherent_px**2, 1.0))
+            of_cones = of_cones + more * by_sigma.T @ a @ to_tangent @ limb.cone_errors
             continue
         of_all = by_px.sum(axis=0)
         shift = limb.shift_px * of_all
         height += limb.height_px * of_all
         cov += more_own * by_sigma.T @ by_sigma + np.outer(shift, shift)
         cov += coherent2 * len(rays) / _STRETCHES * by_px.T @ by_px
-    cov += np.outer(height, height)
+    cov += np.outer(height, height) + of_cones @ of_cones.T
     return covariance_nadir_altitude(cov, basis, fit.rho_rad, sphere)
 
 

@@ -130,7 +130,7 @@ class _World:
                 scene.air_scale_height_m,
                 self.radius_m,
             )
-            glow *= scene.air_dn * scene.air_inside * self._air_light(points)
+            glow *= scene.air_dn * scene.air_inside * self._air_light(points, sight.rays)
             light += glow.astype(np.float32)
         if scene.airglow_dn > 0.0:
             # The ground hides the far half of the layer.
@@ -157,7 +157,8 @@ class _World:
             glow = glow_above_limb(
                 height[near], ahead[near], scene.air_scale_height_m, self.radius_m
             )
-            out[near] += scene.air_dn * glow * self._air_light(self._lowest(sight.take(near)))
+            seen = sight.take(near)
+            out[near] += scene.air_dn * glow * self._air_light(self._lowest(seen), seen.rays)
         if scene.airglow_dn > 0.0:
             near = ~up & (height < scene.airglow_height_m + 4.0 * scene.airglow_thickness_m)
             layer = airglow_layer(height[near], scene.airglow_height_m, scene.airglow_thickness_m)
@@ -173,12 +174,16 @@ class _World:
         normals = points / self.axes
         return normals / np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None]
 
-    def _air_light(self, points: FloatArray) -> FloatArray | float:
-        """Share of sunlight that the air over surface points gets, twilight included."""
+    def _air_light(self, points: FloatArray, rays: FloatArray) -> FloatArray | float:
+        """Share of sunlight that the air over surface points gets, twilight included, and scatters
+        against rays (N, 3).
+        """
         if self.lamp is None:
             return 1.0
         day = np.clip((self._normals(points) @ self.lamp + 0.10) / 0.35, 0.0, 1.0)
-        return np.maximum(day * day * (3.0 - 2.0 * day), self.scene.night_light)
+        light = np.maximum(day * day * (3.0 - 2.0 * day), self.scene.night_light)
+        scattered = 0.75 * (1.0 + np.square(rays @ self.lamp)) - 1.0
+        return np.asarray(light * (1.0 + self.scene.air_rayleigh * scattered))
 
 
 @lru_cache(maxsize=2)

@@ -50,6 +50,7 @@ class EarthScene:
     air_dn: float = 0.0  # glow of the lit air just above the limb
     air_scale_height_m: float = 9000.0
     air_inside: float = 1.0  # glow just inside the limb over that just outside; thin air: 0.5
+    air_rayleigh: float = 0.0  # share of it that goes with Rayleigh's phase function of the Sun
     airglow_dn: float = 0.0  # emitting layer above the night side, brightest seen edge-on
     airglow_height_m: float = 95e3
     airglow_thickness_m: float = 6e3

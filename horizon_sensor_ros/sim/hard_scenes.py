@@ -83,7 +83,7 @@ class _Draft:
 def hard_scenes(n: int, seed: int = 0, kinds: tuple[str, ...] | None = None) -> Iterator[HardScene]:
     """Draw n scenes, the kinds in turn; scene i of a seed is the same whatever n is.
 
-    kinds : of `KINDS`, default all; ValueError for others.
+    kinds : of `KINDS`, default all of these, or of `ALL_KINDS`; ValueError for others.
     """
     kinds = tuple(KINDS) if kinds is None else kinds
     _check(kinds)
@@ -91,16 +91,16 @@ def hard_scenes(n: int, seed: int = 0, kinds: tuple[str, ...] | None = None) -> 
 
 
 def _check(kinds: tuple[str, ...]) -> None:
-    unknown = set(kinds) - set(KINDS)
+    unknown = set(kinds) - set(ALL_KINDS)
     if unknown:
-        raise ValueError(f"unknown kinds {sorted(unknown)}; known are {', '.join(KINDS)}")
+        raise ValueError(f"unknown kinds {sorted(unknown)}; known are {', '.join(ALL_KINDS)}")
 
 
 def hard_scene(kind: str, i: int, seed: int = 0) -> HardScene:
-    """Draw scene i of a seed alone. kind : of `KINDS`; ValueError for another."""
+    """Draw scene i of a seed alone. kind : as of `hard_scenes`."""
     _check((kind,))
     rng = np.random.default_rng([seed, i, 0x4A8D])
-    draft = KINDS[kind](_plain(rng), rng)
+    draft = ALL_KINDS[kind](_plain(rng), rng)
     planet = draft.scene.planet
     nadir_body = _nadir_body(draft, planet)
     rot_world_from_body, position = _place(rng, nadir_body, draft.altitude_m, planet)
@@ -356,6 +356,14 @@ def _banding(draft: _Draft, rng: np.random.Generator) -> _Draft:
     )
 
 
+def _daylight(draft: _Draft, rng: np.random.Generator) -> _Draft:
+    """Air that scatters sunlight by its angle, which changes along every limb."""
+    shown = draft.show(
+        air_dn=float(rng.uniform(60.0, 200.0)), air_rayleigh=float(rng.uniform(0.3, 0.8))
+    )
+    return replace(shown, sun_zenith_rad=float(rng.uniform(0.0, 1.2)))
+
+
 KINDS: dict[str, Callable[[_Draft, np.random.Generator], _Draft]] = {
     "flat": _flat,
     "clouds": _clouds,
@@ -382,3 +390,5 @@ KINDS: dict[str, Callable[[_Draft, np.random.Generator], _Draft]] = {
     "banding": _banding,
     "saturated": _saturated,
 }
+# Some are drawn only when they are named, and not in turn with the others.
+ALL_KINDS = KINDS | {"daylight": _daylight}

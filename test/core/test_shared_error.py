@@ -79,8 +79,7 @@ def test_one_cameras_cone_is_known_as_it_says() -> None:
     root = np.array([[1.0, 0.0, 0.0], [0.3, 0.8, 0.0], [0.5, -0.2, 0.4]]) * 1e-4
     to_base = np.zeros((4, 3))
     to_base[:3, :2], to_base[3, 2] = BASIS, 1.0
-    cone = to_base @ root @ root.T @ to_base.T
-    seen = [limb_of(0, coherent_px=0.1, shift_px=0.1, cov_cone=cone)]
+    seen = [limb_of(0, coherent_px=0.1, shift_px=0.1, cone_errors=to_base @ root)]
     fit = with_shared_error(fit_horizon(seen, PLANET), seen, MeanSphere(PLANET, "geocentric"))
     assert np.allclose(cov_of_cone(fit.cov_nadir_altitude), root @ root.T, rtol=1e-4, atol=1e-13)
 
@@ -90,10 +89,10 @@ def test_two_cameras_cones_are_weighed_as_their_points_are() -> None:
     root = np.diag([2.0, 1.0, 0.5]) * 1e-4
     to_base = np.zeros((4, 3))
     to_base[:3, :2], to_base[3, 2] = BASIS, 1.0
-    cone = to_base @ root @ root.T @ to_base.T
+    alone, none = to_base @ root, np.zeros((4, 3))
     seen = [
-        limb_of(0, coherent_px=0.1, cov_cone=cone),
-        limb_of(1, coherent_px=0.1, cov_cone=4.0 * cone),
+        limb_of(0, coherent_px=0.1, cone_errors=np.hstack([alone, none])),
+        limb_of(1, coherent_px=0.1, cone_errors=np.hstack([none, 2.0 * alone])),
     ]
     seen[1] = replace(seen[1], limb=replace(seen[1].limb, sigma_px=2.0 * seen[1].limb.sigma_px))
     fit = with_shared_error(fit_horizon(seen, PLANET), seen, MeanSphere(PLANET, "geocentric"))

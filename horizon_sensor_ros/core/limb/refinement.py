@@ -24,6 +24,7 @@ from horizon_sensor_ros.core.limb.edges import (
     limb_of_edges,
     modelled_edges,
 )
+from horizon_sensor_ros.core.limb.glow.errors import points_alone
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb, fit_glow, usual_length_px
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, RefinePass, sample_limb
 from horizon_sensor_ros.core.limb_points import LimbPoints
@@ -114,18 +115,8 @@ def _with_glow(
     joint = fit_glow(gray, view, *cone, look, factor, in_part=step.in_part)
     if not isinstance(joint, GlowLimb):
         return None, joint is not None
-    points = LimbPoints(
-        Status.OK,
-        "",
-        joint.px,
-        joint.normal_px,
-        np.full(len(joint.px), joint.sigma_px * factor),
-        joint.coherent_px * factor,
-        joint.shift_px * factor,
-        joint.stretch_px * factor,
-        jumps_px * factor,
-        joint.curve,
-        cov_cone=joint.cov_cone,
-    )
+    if step.blur_open_px > 0.0:
+        joint = replace(joint, smeared=True)
+    points = replace(points_alone(joint), jumps_px=jumps_px * factor)
     points = replace(points, offset_px=rays_of(view, points).residuals_px(*cone))
     return (points, (replace(look, air=joint.air),)), False

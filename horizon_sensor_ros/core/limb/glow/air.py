@@ -18,6 +18,10 @@ from horizon_sensor_ros.core.limb.glow.fading import FADING_SIGMA
 LIMB, BACKGROUND, BLUR, LOG_GLOW, LOG_HEIGHT, SHARE, FADING = slice(3), 3, 4, slice(5, 8), 8, 9, 10
 STRAY = slice(11, 13)
 NUM = 13
+# What of one frame's fit is of use to other frames: limb, blur and log A, and where these stand
+# among them.
+KEPT = np.array([0, 1, 2, BLUR, 5, 6, 7])
+KEPT_BLUR, KEPT_LOG_GLOW = 3, np.array([4, 5, 6])
 _LOGS, _OF_AIR = slice(5, 9), slice(5, 11)
 # What is known beforehand, one sigma each: the scale height over the radius (of its logarithm), the
 # blur about that of the edges, the air in front of the ground over that above it; slope and bend of
@@ -31,7 +35,7 @@ _STRAY_SIGMA = np.array([0.05, 0.001])
 BLURS_PX, SHARES = (0.35, 1.7), (0.0, 1.2)  # what can be told, and what air may be
 WHOLE = 0.0, 1.0  # limb, from one end in sight to the other
 _MOST_CHANGE = 0.3  # of logarithms, in a step
-_NEAR, _NEAR_BLUR_PX = 0.15, 0.05  # changes in the last step: of logarithms and shares, of the blur
+_NEAR, _NEAR_BLUR_PX = 0.15, 0.02  # changes in the last step: of logarithms and shares, of the blur
 
 
 @dataclass(frozen=True)

@@ -27,9 +27,11 @@ from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.glow.air import (
-    BLUR_SIGMA_PX,
     BLURS_PX,
-    SHARE_SIGMA,
+    KEPT,
+    KEPT_BLUR,
+    KEPT_LOG_GLOW,
+    LIMB,
     SHARES,
     USUAL_HEIGHT,
     USUAL_SHARE,
@@ -47,7 +49,7 @@ _FROM_PX = 2.0  # beyond the edge, from where on there is hardly anything but gl
 _LENGTHS, _SHORTEST_PX, _LONGEST_PX = 3.5, 6.0, 40.0  # of glow that is looked at, beyond that
 _HEIGHTS = np.exp(np.linspace(np.log(4e3), np.log(16e3), 25)) / 6371e3  # to start from
 _THIN_PX, _THIN_GLOW = 1.0, 0.5  # glow so short hides in the blur: its brightness, over the ground
-_STEPS, _NEAR_PX, _FAR_PX = 12, 0.1, 4.0  # moves of the limb that are the last, or too far
+_STEPS, _NEAR_PX, _FAR_PX = 16, 0.05, 4.0  # moves of the limb that are the last, or too far
 _AHEAD = 0.3, 0.8  # shares of the last step between which it is looked ahead
 _AFRESH_PX = 1.0  # off the cone about which the limb was drawn, from where on it is drawn again
 _FAINTEST, _BRIGHTEST = 0.2, 5.0  # glow over the usual one that may still be the same air's
@@ -56,53 +58,38 @@ _TWILIGHT = 1.0  # slope or bend of the logarithm of A, at first sight, that no 
 _MOST_SLOPE, _MOST_BEND = 0.3, 0.15  # of the logarithm of A: steeper towards the terminator
 _MOST_FADING = 0.5  # of that logarithm along the brightest part of a limb
 _OUTLIER, _MISFIT = 5.0, 1.4  # cost over the degrees of freedom: of a stretch, of all
-# One sigma of slope and of bend of a limb whose six stretches are off independently by one; and of
-# its mean.
-_SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
-# Clouds are no Gaussian process, nor is glow quite a polynomial's exponential: errors of the limb's
-# mean, slope and bend beside the truth of simulated ones, in sigmas, by what they grow with; all of
-# them also with powers of the length of glow. However exact the fit, it is off by a share of that.
-_MISJUDGED = np.array(
-    [
-        [2.2, 0.5, 0.75],  # even glow
-        [29.0, 37.0, 4.5],  # slope of the logarithm of A
-        [0.0, 0.0, 35.0],  # its bend
-        [0.0, 0.0, 1.5],  # logarithm of what the lens fades
-        [4.4, 2.0, 2.3],  # a part of the limb only
-        [8.0, 4.0, 4.0],  # ripple
-        [3.0, 0.0, 0.0],  # blur off the edges' one, in sigmas of what is known of it
-        [13.5, 0.0, 0.0],  # share of the air in front of the ground below the usual one, likewise
-        [0.0, 0.0, 1.0],  # glare
-    ]
-)
-_MOST_BLURRED, _LEAST_SHARE = 1.0, 0.5  # sigmas from where on these two grow no more
-_FINE_PX, _FINER = 2.5, np.array([0.45, 0.6, 0.6])
-_OF_LENGTH = np.array([0.03, 0.02, 0.01])
-# Ripple of glow along the limb, as under flickering light through which rows are exposed one after
-# the other: beyond what five of six even limbs show, and the most.
-_RIPPLE, _MOST_RIPPLE = 0.4, 1.0
-_POINT_SHARE = 0.5  # sigma of a point by itself, over what would explain all of the limb's
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GlowLimb:
-    """The limb that fits a frame.
+    """The limb that fits a frame, by what that tells by itself.
 
-    px, normal_px (M, 2) : points of it and their normals, in the full image. sigma_px, coherent_px,
-    shift_px : as of `LimbPoints`, and stretch_px, length of limb of each point, in the reduced one.
-    cov_cone : as of `LimbPoints`.
-    curve : all along which it was looked for. air : that glows above it.
+    px, normal_px (M, 2) : points of it and their normals, in the full image. rows (M, 3) : how they
+    move along these with nadir's two tangent components, about nadir_base, and rho, pixels of the
+    reduced one. along : (M,) their places along the limb, -1 to 1. stretch_px : length of limb of
+    each, in the reduced image. curve : all along which it was looked for.
+    air : that glows above it, and length_px over which that fades. value (7,), cov (7, 7) : of the
+    `KEPT` unknowns, the limb's three as they are off these points; beforehand : (7,) information on
+    blur, slope and bend of log A that is in them. ripple : as of `GlowStep`. glaring : the Sun's
+    glare was taken off. smeared : motion blurs the frame.
     """
 
     px: np.ndarray
     normal_px: np.ndarray
-    sigma_px: float
-    coherent_px: float
-    shift_px: float
+    rows: np.ndarray
+    along: np.ndarray
+    factor: int
     stretch_px: float
-    cov_cone: np.ndarray
     curve: LimbCurve
+    nadir_base: np.ndarray
     air: Air
+    length_px: float
+    value: np.ndarray
+    cov: np.ndarray
+    beforehand: np.ndarray
+    ripple: float
+    glaring: bool
+    smeared: bool = False
 
 
 class UnevenGlow:
@@ -303,51 +290,26 @@ def _first_guess(sight: GlowSight, look: EdgeLook, air: Air | None) -> tuple[Air
 def _limb(
     sight: GlowSight, found: GlowStep, keep: np.ndarray, air: Air, nadir_base: np.ndarray
 ) -> GlowLimb:
-    """Points of the limb, with the errors of its mean, slope and bend as points have them."""
-    length_px = air.height / median(sight.rise[keep])
-    rows = sight.rows[keep]
-    to_shape = np.linalg.pinv(powers(sight.along)[keep]) @ rows
-    of_shape = np.linalg.inv(to_shape)
-    misjudged = _misjudged(air, found.ripple, length_px, bool(sight.glare.any()))
-    more = of_shape @ (misjudged[:, None] * to_shape)
-    left = of_shape * (length_px * _OF_LENGTH)
-    cov = more @ found.cov @ more.T + left @ left.T
-    shape = np.sqrt(np.diag(to_shape @ cov @ to_shape.T))
-    mean = rows.mean(axis=0)
-    coherent = max(shape[1] / _SLOPE_OF_STRETCHES, shape[2] / _BEND_OF_STRETCHES)
-    shift2 = float(mean @ cov @ mean) - (_MEAN_OF_STRETCHES * coherent) ** 2
-    each2 = np.einsum("ij,jk,ik->i", rows, cov, rows)
-    sigma = math.sqrt(float(each2.mean()) * len(rows) / 3.0)
-    normal_px = sight.normal_px[keep]
-    to_cone = np.zeros((4, 3))
-    to_cone[:3, :2], to_cone[3, 2] = tangent_basis(nadir_base), 1.0
+    """What the last step found of kept stretches (M,)."""
+    normal_px, rows = sight.normal_px[keep], sight.rows[keep]
+    beforehand = air.beforehand()[0][KEPT]
+    air = air.changed(found.change)
+    value = np.zeros(len(KEPT))
+    value[KEPT_BLUR], value[KEPT_LOG_GLOW] = air.psf_px, air.log_glow
     return GlowLimb(
-        sight.px[keep] + (sight.factor * (rows @ found.change[:3]))[:, None] * normal_px,
+        sight.px[keep] + (sight.factor * (rows @ found.change[LIMB]))[:, None] * normal_px,
         normal_px,
-        _POINT_SHARE * sigma,
-        float(coherent),
-        math.sqrt(max(shift2, 0.0)),
+        rows,
+        sight.along[keep],
+        sight.factor,
         sight.stretch_px,
-        to_cone @ cov @ to_cone.T,
         sight.curve,
-        air.changed(found.change),
+        nadir_base,
+        air,
+        air.height / median(sight.rise[keep]),
+        value,
+        found.cov,
+        beforehand,
+        found.ripple,
+        bool(sight.glare.any()),
     )
-
-
-def _misjudged(air: Air, ripple: float, length_px: float, glaring: bool) -> np.ndarray:
-    """Errors (3,) of a limb's mean, slope and bend, in sigmas of its fit."""
-    grown = np.array(
-        [
-            1.0,
-            air.log_glow[1],
-            air.log_glow[2],
-            air.fading,
-            float(air.part != WHOLE),
-            min(max(ripple - _RIPPLE, 0.0), _MOST_RIPPLE),
-            min(abs(air.psf_px - air.edge_psf_px) / BLUR_SIGMA_PX, _MOST_BLURRED),
-            min(max((USUAL_SHARE - air.share) / SHARE_SIGMA, 0.0), _LEAST_SHARE),
-            float(glaring),
-        ]
-    )
-    finer = max(1.0, length_px / _FINE_PX) ** _FINER
-    return finer * np.asarray(np.linalg.norm(_MISJUDGED * grown[:, None], axis=0))

@@ -16,6 +16,7 @@ from horizon_sensor_ros.core.limb.glow.air import (
     BACKGROUND,
     BLUR,
     FADING,
+    KEPT,
     LIMB,
     LOG_GLOW,
     LOG_HEIGHT,
@@ -52,7 +53,7 @@ def powers(along: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class GlowStep:
-    """Change (13,) of the unknowns and covariance (3, 3) of the limb's. cost : (M,) of the
+    """Change (13,) of the unknowns and covariance (7, 7) of `KEPT` ones. cost : (M,) of the
     stretches, over the degrees of freedom; infinite of those left out. ripple : how far the glow of
     neighbouring stretches is off the model alike; about 0, one sigma 1, where each is by itself.
     """
@@ -192,7 +193,8 @@ def step_towards(sight: GlowSight, air: Air, keep: np.ndarray) -> GlowStep:
     far, weight = left[:, num:], 1.0 / (lit.variance + lit.doubt)[:, num:]
     cost[keep] += (weight * far * far).sum(axis=1)
     cost /= left.shape[1] - 2.0
-    return GlowStep(change, cov[LIMB, LIMB], cost, _ripple(far, weight, lit.glow[:, num:]))
+    ripple = _ripple(far, weight, lit.glow[:, num:])
+    return GlowStep(change, cov[KEPT[:, None], KEPT], cost, ripple)
 
 
 def _ripple(left: np.ndarray, weight: np.ndarray, glow: np.ndarray) -> float:

@@ -1,0 +1,135 @@
+"""Limb points under glowing air, of all cameras together, and what these are off by together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.limb.glow.air import (
+    BLUR_SIGMA_PX,
+    LIMB,
+    SHARE_SIGMA,
+    USUAL_SHARE,
+    WHOLE,
+)
+from horizon_sensor_ros.core.limb.glow.limb import GlowLimb
+from horizon_sensor_ros.core.limb.glow.model import powers
+from horizon_sensor_ros.core.limb.glow.one_sky import Together, under_one_sky
+from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.status import Status
+
+# One sigma of slope and of bend of a limb whose six stretches are off independently by one; and of
+# its mean.
+_SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
+# No model is quite right: errors of the limb's mean, slope and bend beside the truth of simulated
+# ones, in sigmas, by what they grow with; all of them also with powers of the length of glow.
+# However exact the fit, it is off by a share of that.
+_MISJUDGED = np.array(
+    [
+        [1.0, 0.85, 0.6],  # even glow
+        [6.0, 8.0, 4.0],  # slope of the logarithm of A
+        [0.0, 0.0, 6.0],  # its bend
+        [0.0, 0.0, 1.5],  # logarithm of what the lens fades
+        [0.7, 1.0, 1.2],  # a part of the limb only
+        [1.5, 1.5, 2.0],  # ripple
+        [1.7, 0.0, 0.0],  # blur off the edges' one, in sigmas of what is known of it
+        [4.0, 0.0, 0.0],  # share of the air in front of the ground below the usual one, likewise
+        [0.3, 0.8, 0.5],  # glare
+    ]
+)
+_MOST_BLURRED, _LEAST_SHARE = 1.0, 0.5  # sigmas from where on these two grow no more
+_FINE_PX, _FINER = 2.5, np.array([0.35, 0.55, 0.4])
+_OF_LENGTH = np.array([0.02, 0.012, 0.01])
+# Ripple of glow along the limb, as under flickering light through which rows are exposed one after
+# the other: beyond what five of six even limbs show, and the most.
+_RIPPLE, _MOST_RIPPLE = 0.4, 1.0
+_POINT_SHARE = 0.5  # sigma of a point by itself, over what would explain all of the limb's
+
+
+@dataclass(frozen=True)
+class GlowPoints(LimbPoints):
+    """Points of a limb under glowing air. alone : what its frame says by itself."""
+
+    alone: GlowLimb | None = None
+
+
+def points_alone(limb: GlowLimb) -> GlowPoints:
+    """Points of a limb as its own frame's fit has them.
+
+    Where it was expected is not known here: without `LimbPoints.offset_px`.
+    """
+    as_fitted = Together(np.zeros((1, 3)), np.linalg.cholesky(limb.cov[LIMB, LIMB]))
+    return GlowPoints(Status.OK, **_points(limb, as_fitted, 0), predicted=limb.curve, alone=limb)
+
+
+def told_together(seen: Sequence[LimbObservation]) -> tuple[LimbObservation, ...]:
+    """Return limbs of simultaneous frames, those under glowing air by what all tell of it."""
+    glowing = [
+        (i, one.limb, one.limb.alone)
+        for i, one in enumerate(seen)
+        if isinstance(one.limb, GlowPoints) and one.limb.alone is not None
+    ]
+    out = list(seen)
+    if glowing:
+        views = [seen[i].view for i, _, _ in glowing]
+        together = under_one_sky(views, [alone for _, _, alone in glowing])
+        for place, (i, limb, alone) in enumerate(glowing):
+            points = replace(limb, **_points(alone, together, place))
+            out[i] = LimbObservation(seen[i].view, points)
+    return tuple(out)
+
+
+def _points(limb: GlowLimb, together: Together, index: int) -> dict[str, Any]:
+    """Fields of `LimbPoints` of one limb, whose place among those told together is given."""
+    change, errors = together.change[index], together.errors[3 * index : 3 * (index + 1)]
+    factor, rows = limb.factor, limb.rows
+    to_shape = np.linalg.pinv(powers(limb.along)) @ rows
+    of_shape = np.linalg.inv(to_shape)
+    # Of each column of errors, all of them independent; the last are this limb's own.
+    common = of_shape @ (_misjudged(limb)[:, None] * (to_shape @ errors))
+    own = np.zeros((3, errors.shape[1]))
+    own[:, 3 * index : 3 * index + 3] = of_shape * (limb.length_px * _OF_LENGTH)
+    errors = np.concatenate([common, own], axis=1)
+    shape = np.linalg.norm(to_shape @ errors, axis=1)
+    coherent = float(max(shape[1] / _SLOPE_OF_STRETCHES, shape[2] / _BEND_OF_STRETCHES))
+    mean = rows.mean(axis=0) @ errors
+    shift2 = float(mean @ mean) - (_MEAN_OF_STRETCHES * coherent) ** 2
+    each = rows @ errors
+    sigma = math.sqrt(float(np.einsum("ij,ij->", each, each)) / 3.0)
+    to_cone = np.zeros((4, 3))
+    to_cone[:3, :2], to_cone[3, 2] = tangent_basis(limb.nadir_base), 1.0
+    return {
+        "px": limb.px + (factor * (rows @ change))[:, None] * limb.normal_px,
+        "normal_px": limb.normal_px,
+        "sigma_px": np.full(len(rows), _POINT_SHARE * sigma * factor),
+        "coherent_px": coherent * factor,
+        "shift_px": math.sqrt(max(shift2, 0.0)) * factor,
+        "spacing_px": limb.stretch_px * factor,
+        "cone_errors": to_cone @ errors,
+    }
+
+
+def _misjudged(limb: GlowLimb) -> np.ndarray:
+    """Errors (3,) of a limb's mean, slope and bend, in sigmas of its fit."""
+    air = limb.air
+    grown = np.array(
+        [
+            1.0,
+            air.log_glow[1],
+            air.log_glow[2],
+            air.fading,
+            float(air.part != WHOLE),
+            min(max(limb.ripple - _RIPPLE, 0.0), _MOST_RIPPLE),
+            min(abs(air.psf_px - air.edge_psf_px) / BLUR_SIGMA_PX, _MOST_BLURRED),
+            min(max((USUAL_SHARE - air.share) / SHARE_SIGMA, 0.0), _LEAST_SHARE),
+            float(limb.glaring),
+        ]
+    )
+    finer = max(1.0, limb.length_px / _FINE_PX) ** _FINER
+    return finer * np.asarray(np.linalg.norm(_MISJUDGED * grown[:, None], axis=0))
