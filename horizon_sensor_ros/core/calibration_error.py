@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.common_cone import cone_shares
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
@@ -67,19 +68,26 @@ class _Cameras:
         ]
         self._rows = [seen.rays.design_sigmas(fit.nadir_base, basis) for seen in self._seen]
         self._informations = [rows.T @ rows for rows in self._rows]
-        self._gain = inverse(sum(self._informations, np.zeros((3, 3))))
+        shares = [share for _, share in cone_shares(fit, observations)]
+        if shares:
+            seen = zip(shares, self._informations, strict=True)
+            self._gains = [share @ inverse(each) for share, each in seen]
+        else:
+            gain = inverse(sum(self._informations, np.zeros((3, 3))))
+            self._gains = [gain] * len(self._seen)
 
     def by_turns(self) -> np.ndarray:
         """Covariance (3, 3) of the cone where each camera is turned by one sigma of 1 rad."""
         if len(self._rows) < 2:
             return np.diag([1.0, 1.0, 0.0])
-        shares = [(self._gain @ each)[:, :2] for each in self._informations]
+        seen = zip(self._gains, self._informations, strict=True)
+        shares = [(gain @ each)[:, :2] for gain, each in seen]
         return np.asarray(sum(share @ share.T for share in shares))
 
     def by_lens(self) -> np.ndarray:
         """The same where corners of each frame are off by one sigma of 1 px, along the radius."""
         cov = np.zeros((3, 3))
-        for seen, rows in zip(self._seen, self._rows, strict=True):
+        for seen, rows, gain in zip(self._seen, self._rows, self._gains, strict=True):
             rays, view = seen.rays, seen.view
             theta, growth = rays.angles(self._nadir)[0], rays.growth(self._nadir)
             px = view.camera.pixels(rays.rays_base @ view.rot_base_from_cam)
@@ -91,6 +99,6 @@ class _Cameras:
                 shift_px = (np.arccos(np.clip(cosine, -1.0, 1.0)) - theta) / (_SMALL_PX * growth)
                 # Beyond the lens's edge there are no rays.
                 shift_px = np.nan_to_num(shift_px)
-                off = self._gain @ (rows.T @ (shift_px / rays.sigma_px))
+                off = gain @ (rows.T @ (shift_px / rays.sigma_px))
                 cov += np.outer(off, off)
         return cov

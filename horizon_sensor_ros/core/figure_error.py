@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.common_cone import cone_shares
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb_points import LimbPoints
@@ -35,9 +36,27 @@ def figure_influence(
     """(3, 6): how nadir's two tangent components, rad, and the altitude, m, answer to K.
 
     fit : of the sphere that stands for the planet, to these observations' limbs, weighted as the
-    maximum-likelihood fit does. vertical : the published one, geocentric or geodetic.
+    maximum-likelihood fit does, or as cones. vertical : the published one, geocentric or geodetic.
     """
-    rays = gather([_thinned(o) for o in observations if o.view.name in fit.cameras])
+    shares = cone_shares(fit, observations)
+    if shares:
+        moved = sum((share @ _moved(fit, [one]) for one, share in shares), np.zeros((3, 6)))
+    else:
+        moved = _moved(fit, [one for one in observations if one.view.name in fit.cameras])
+    # Bringing the position back, and from it to the vertical.
+    distance = planet.mean_radius_m + fit.altitude_m
+    tilt = 2.0 * planet.mean_radius_m / distance - 1.0 if vertical == "geodetic" else -1.0
+    moved[2] *= planet.altitude_slope(fit.rho_rad)
+    moved[0, 4] += tilt
+    moved[1, 5] += tilt
+    moved[2, 2] -= fit.altitude_m
+    equator = planet.radius_m + planet.limb_height_m
+    return (equator / (planet.polar_radius_m + planet.limb_height_m) - 1.0) * moved
+
+
+def _moved(fit: HorizonFit, observations: Sequence[LimbObservation]) -> np.ndarray:
+    """(3, 6): how nadir's tangent components and rho that fit these limbs answer to K."""
+    rays = gather([_thinned(one) for one in observations])
     axes = np.column_stack((tangent_basis(fit.nadir_base), fit.nadir_base))
     theta, growth = rays.angles(fit.nadir_base)
     near = np.abs(theta - fit.rho_rad) < _OUTLIER_PX * growth
@@ -60,16 +79,8 @@ def figure_influence(
     gained /= sine[:, None]
     weighted = design * weight[:, None]
     # A ray that seems farther out by `gained` moves nadir and rho by as much as fits it again.
-    moved = -np.linalg.pinv(weighted.T @ design, hermitian=True) @ (weighted.T @ gained)
-    # Bringing the position back, and from it to the vertical.
-    distance = planet.mean_radius_m + fit.altitude_m
-    tilt = 2.0 * planet.mean_radius_m / distance - 1.0 if vertical == "geodetic" else -1.0
-    moved[2] *= planet.altitude_slope(fit.rho_rad)
-    moved[0, 4] += tilt
-    moved[1, 5] += tilt
-    moved[2, 2] -= fit.altitude_m
-    equator = planet.radius_m + planet.limb_height_m
-    return (equator / (planet.polar_radius_m + planet.limb_height_m) - 1.0) * moved
+    fitted = np.linalg.pinv(weighted.T @ design, hermitian=True)
+    return np.asarray(-fitted @ (weighted.T @ gained))
 
 
 def _thinned(observation: LimbObservation) -> LimbObservation:

@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.common_cone import nearest_to_cones
 from horizon_sensor_ros.core.figure import Figure
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude, tangent_rows
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
@@ -32,8 +33,13 @@ def with_shared_error(
 
     Those are what stretches of the limb have in common (`LimbPoints.coherent_px`), or what is known
     of the cone that they lie on, and what the figure that was fitted leaves out of the planet's.
+    Where all cameras' limbs are cones' the fit moves to that which is nearest to these.
     """
-    cov = _with_shared(fit, observations, figure.sphere)
+    nearest = nearest_to_cones(fit, observations, figure.sphere)
+    if nearest is None:
+        cov = _with_shared(fit, observations, figure.sphere)
+    else:
+        fit, cov = nearest, nearest.cov_nadir_altitude
     cov = cov + figure.covariance(fit, observations)
     return replace(fit, cov_nadir_altitude=cov)
 
