@@ -19,6 +19,7 @@ FIGURES = (
     "drift",
     "mounting",
     "edge",
+    "one_sky",
     "watching",
 )
 

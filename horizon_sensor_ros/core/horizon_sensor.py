@@ -33,6 +33,7 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.hidden_air import hidden_air_sigma_m
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.judgement import (
+    bends_by_itself,
     disagreement_rad,
     doubt,
     full_scale,
@@ -96,8 +97,13 @@ class HorizonFix:
 
 # Points count by what each is off by on its own; where one camera's are off together by much more
 # than another's, both together may be off by more than the one. It is taken by itself where it
-# claims less than so much of that.
-_MUCH_SURER = 0.5
+# claims less than so much of that: of edges found one by one, and of a limb told from its glow
+# beside such, which of 24 pairs was nearer to the truth by itself in all but three. Limbs that all
+# are told from their glow are weighed by what they are off by together.
+_SURER, _SURER_IN_GLOW = 0.5, 0.95
+# Edges in glow lie too high, by more than they know: of simulated scenes limbs that were told from
+# it are nearer to the truth even where they claim so much more.
+_NOT_LESS_SURE = 1.5
 _LESS_SURE = "the other camera is surer without it"
 # Sets of frames followed before the whole frames are searched again: a track that had slipped off
 # the limb, or a camera that has come to see it, is noticed after so many at the latest.
@@ -323,6 +329,10 @@ class HorizonSensor:
         if len(fit.cameras) > 1 and self.config.limb == "subpixel":
             with_errors = partial(self._with_errors, figure=figure)
             alone = each_alone(fit, observations, self._sphere, with_errors)
+            bent = bends_by_itself(fit, observations, alone)
+            if bent:
+                none = {i: LimbPoints.none(Status.NO_LIMB, why) for i, why in bent.items()}
+                return HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), none
             fit, apart = with_contradiction(fit, alone, observations, self._sphere)
         published = partial(
             self._published,
@@ -335,10 +345,12 @@ class HorizonSensor:
         )
         fix = published(fit)
         surest = min(alone, key=nadir_sigma_rad, default=fit)
+        told = {seen.view.name for seen in observations if seen.limb.joint}
         surer = (
             surest.method == fit.method
-            and not apart
-            and nadir_sigma_rad(surest) < _MUCH_SURER * nadir_sigma_rad(fit)
+            and not (apart or told.issuperset(fit.cameras))
+            and nadir_sigma_rad(surest)
+            < (_SURER_IN_GLOW if told.issuperset(surest.cameras) else _SURER) * nadir_sigma_rad(fit)
         )
         if surer and (fix.ok or fix.status is Status.UNCERTAIN):
             other = published(surest)
@@ -401,8 +413,8 @@ class HorizonSensor:
         aiding: Aiding,
     ) -> tuple[HorizonFix, Detection]:
         """Fix of only those cameras whose limb was told apart from the glow above it, and their
-        detection, where it claims less than the one given, which is of edges in glow, or where
-        these are not a limb's.
+        detection, where it claims hardly more than the one given, which is of edges in glow, or
+        where these are not a limb's.
         """
         apart = detection.told_apart
         if apart is None or not (fix.ok or fix.status in (Status.UNCERTAIN, Status.POOR_FIT)):
@@ -410,7 +422,7 @@ class HorizonSensor:
         other, doubtful = self._judge(frames, apart, figure, aiding)
         if not other.ok or doubtful:
             return fix, detection
-        if fix.ok and nadir_sigma_rad(fix.fit) <= nadir_sigma_rad(other.fit):
+        if fix.ok and nadir_sigma_rad(other.fit) > _NOT_LESS_SURE * nadir_sigma_rad(fix.fit):
             return fix, detection
         return other, apart
 

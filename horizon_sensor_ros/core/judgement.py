@@ -114,15 +114,13 @@ def refusal(
     if not fit.rms_residual_px <= limit_px:
         return Status.POOR_FIT, f"residual {fit.rms_residual_px:.2f} px, above {limit_px:.2f}"
     for observation in observations if fit.method == METHOD else ():
-        shared_px = observation.limb.coherent_px
         rays = gather([observation])
-        if shared_px == 0.0 or len(rays) < MIN_POINTS or observation.view.name not in fit.cameras:
+        if not _to_be_held(observation, fit):
             continue
         by_itself = next((one for one in alone if one.cameras == (observation.view.name,)), fit)
-        bend = bend_px(by_itself, rays)
-        if bend > max(_MAX_BEND * shared_px, _LEAST_BEND_PX):
-            name = observation.view.name
-            return Status.POOR_FIT, f"the edge in {name} bends unlike a limb, by {bend:.2f} px"
+        bends = _bends(observation, by_itself)
+        if bends:
+            return Status.POOR_FIT, bends
         scatter_px = fit.rms_residual_px / median(rays.sigma_px)
         held_by_nothing = not (observation.limb.modelled or len(fit.cameras) > 1 or layered)
         if held_by_nothing and scatter_px > _MOST_SCATTER:
@@ -152,6 +150,41 @@ def refusal(
                 f"the limb in {observation.view.name} lies {off:.1f} px off the common cone",
             )
     return None
+
+
+def bends_by_itself(
+    fit: HorizonFit, observations: Sequence[LimbObservation], alone: Sequence[HorizonFit]
+) -> dict[int, str]:
+    """Which of the observations that others share a fit with are no limb, whatever these are: they
+    bend as no cone of their own camera does. And why.
+
+    alone : as of `refusal`. None of them where they all do, which then is the fit's to tell.
+    """
+    bent = {}
+    for i, observation in enumerate(observations):
+        cone = next((one for one in alone if one.cameras == (observation.view.name,)), None)
+        if cone is not None and _to_be_held(observation, fit):
+            bends = _bends(observation, cone)
+            if bends:
+                bent[i] = bends
+    return bent if len(bent) < len(fit.cameras) else {}
+
+
+def _to_be_held(observation: LimbObservation, fit: HorizonFit) -> bool:
+    """Whether a camera's edges are of a fit, and lie off its cone by more than their own errors."""
+    return (
+        observation.limb.coherent_px > 0.0
+        and len(gather([observation])) >= MIN_POINTS
+        and observation.view.name in fit.cameras
+    )
+
+
+def _bends(observation: LimbObservation, cone: HorizonFit) -> str:
+    """Why a camera's edges are no limb's, by how they lie to a cone; empty if they may be."""
+    bend = bend_px(cone, gather([observation]))
+    if not bend > max(_MAX_BEND * observation.limb.coherent_px, _LEAST_BEND_PX):
+        return ""
+    return f"the edge in {observation.view.name} bends unlike a limb, by {bend:.2f} px"
 
 
 def disagreement_rad(one: HorizonFit, other: HorizonFit) -> float:

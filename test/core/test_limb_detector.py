@@ -148,7 +148,7 @@ def test_a_limb_towards_the_night_is_known_less_than_it_shows(air_dn: float) -> 
 
 
 def test_a_limb_beside_the_night_is_not_believed_more_by_leaving_the_night_out() -> None:
-    frames = beside_the_night(0, 90.0)
+    frames = beside_the_night(1, 90.0)
     both, alone = (HorizonSensor().process(seen) for seen in (frames, frames[:1]))
     assert both.cameras_used == alone.cameras_used
     sigmas_rad = [nadir_sigma_rad(fix.fit) for fix in (both, alone)]

@@ -11,7 +11,6 @@ from limb_samples import PINHOLE, observe, view_at_limb
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.figure import MeanSphere
 from horizon_sensor_ros.core.fits import LimbObservation, fit_horizon
-from horizon_sensor_ros.core.fits.observation import gather
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.shared_error import with_shared_error
 
@@ -82,33 +81,3 @@ def test_one_cameras_cone_is_known_as_it_says() -> None:
     seen = [limb_of(0, coherent_px=0.1, shift_px=0.1, cone_errors=to_base @ root)]
     fit = with_shared_error(fit_horizon(seen, PLANET), seen, MeanSphere(PLANET, "geocentric"))
     assert np.allclose(cov_of_cone(fit.cov_nadir_altitude), root @ root.T, rtol=1e-4, atol=1e-13)
-
-
-def test_two_cameras_cones_are_weighed_as_their_points_are() -> None:
-    """The fit by a second method: normal equations of both cameras' points, one pixel at a time."""
-    root = np.diag([2.0, 1.0, 0.5]) * 1e-4
-    to_base = np.zeros((4, 3))
-    to_base[:3, :2], to_base[3, 2] = BASIS, 1.0
-    alone, none = to_base @ root, np.zeros((4, 3))
-    seen = [
-        limb_of(0, coherent_px=0.1, cone_errors=np.hstack([alone, none])),
-        limb_of(1, coherent_px=0.1, cone_errors=np.hstack([none, 2.0 * alone])),
-    ]
-    seen[1] = replace(seen[1], limb=replace(seen[1].limb, sigma_px=2.0 * seen[1].limb.sigma_px))
-    fit = with_shared_error(fit_horizon(seen, PLANET), seen, MeanSphere(PLANET, "geocentric"))
-    information = []
-    for one in seen:
-        rays = gather([one])
-        step = 1e-6
-        columns = []
-        for moved in (*BASIS.T, None):
-            nadir = NADIR if moved is None else NADIR + step * moved
-            rho = RHO_RAD + (step if moved is None else 0.0)
-            nadir = nadir / np.linalg.norm(nadir)
-            columns.append(rays.residuals_px(nadir, rho) / (step * rays.sigma_px))
-        rows = np.column_stack(columns)
-        information.append(rows.T @ rows)
-    gains = [np.linalg.solve(sum(information), each) for each in information]
-    covs = (root @ root.T, 4.0 * root @ root.T)
-    expected = sum(gain @ cov @ gain.T for gain, cov in zip(gains, covs, strict=True))
-    assert np.allclose(cov_of_cone(fit.cov_nadir_altitude), expected, rtol=2e-3, atol=1e-12)

@@ -32,19 +32,20 @@ _SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
 # However exact the fit, it is off by a share of that.
 _MISJUDGED = np.array(
     [
-        [1.0, 0.85, 0.6],  # even glow
-        [6.0, 8.0, 4.0],  # slope of the logarithm of A
-        [0.0, 0.0, 6.0],  # its bend
+        [1.0, 0.85, 0.55],  # even glow
+        [4.0, 9.0, 5.0],  # amplitude of the logarithm of A around nadir, all along the limb
         [0.0, 0.0, 1.5],  # logarithm of what the lens fades
-        [0.7, 1.0, 1.2],  # a part of the limb only
+        [1.5, 1.3, 1.3],  # a part of the limb only
         [1.5, 1.5, 2.0],  # ripple
         [1.7, 0.0, 0.0],  # blur off the edges' one, in sigmas of what is known of it
         [4.0, 0.0, 0.0],  # share of the air in front of the ground below the usual one, likewise
         [0.3, 0.8, 0.5],  # glare
     ]
 )
+_EVEN = 0.06  # amplitude up to where glow is as good as even
 _MOST_BLURRED, _LEAST_SHARE = 1.0, 0.5  # sigmas from where on these two grow no more
 _FINE_PX, _FINER = 2.5, np.array([0.35, 0.55, 0.4])
+_THIN_PX, _THINNER = 1.0, np.array([0.0, 1.0, 1.0])
 _OF_LENGTH = np.array([0.02, 0.012, 0.01])
 # Ripple of glow along the limb, as under flickering light through which rows are exposed one after
 # the other: beyond what five of six even limbs show, and the most.
@@ -64,7 +65,7 @@ def points_alone(limb: GlowLimb) -> GlowPoints:
 
     Where it was expected is not known here: without `LimbPoints.offset_px`.
     """
-    as_fitted = Together(np.zeros((1, 3)), np.linalg.cholesky(limb.cov[LIMB, LIMB]))
+    as_fitted = Together(np.zeros((1, 3)), np.linalg.cholesky(limb.cov[LIMB, LIMB]), 0.0)
     return GlowPoints(Status.OK, **_points(limb, as_fitted, 0), predicted=limb.curve, alone=limb)
 
 
@@ -92,7 +93,7 @@ def _points(limb: GlowLimb, together: Together, index: int) -> dict[str, Any]:
     to_shape = np.linalg.pinv(powers(limb.along)) @ rows
     of_shape = np.linalg.inv(to_shape)
     # Of each column of errors, all of them independent; the last are this limb's own.
-    common = of_shape @ (_misjudged(limb)[:, None] * (to_shape @ errors))
+    common = of_shape @ (_misjudged(limb, together.amplitude)[:, None] * (to_shape @ errors))
     own = np.zeros((3, errors.shape[1]))
     own[:, 3 * index : 3 * index + 3] = of_shape * (limb.length_px * _OF_LENGTH)
     errors = np.concatenate([common, own], axis=1)
@@ -115,14 +116,13 @@ def _points(limb: GlowLimb, together: Together, index: int) -> dict[str, Any]:
     }
 
 
-def _misjudged(limb: GlowLimb) -> np.ndarray:
-    """Errors (3,) of a limb's mean, slope and bend, in sigmas of its fit."""
+def _misjudged(limb: GlowLimb, amplitude: float) -> np.ndarray:
+    """Errors (3,) of a limb's mean, slope and bend, in sigmas of its fit. amplitude : of log A."""
     air = limb.air
     grown = np.array(
         [
             1.0,
-            air.log_glow[1],
-            air.log_glow[2],
+            max(amplitude - _EVEN, 0.0) if air.part == WHOLE else 0.0,
             air.fading,
             float(air.part != WHOLE),
             min(max(limb.ripple - _RIPPLE, 0.0), _MOST_RIPPLE),
@@ -132,4 +132,5 @@ def _misjudged(limb: GlowLimb) -> np.ndarray:
         ]
     )
     finer = max(1.0, limb.length_px / _FINE_PX) ** _FINER
+    finer *= min(1.0, limb.length_px / _THIN_PX) ** _THINNER
     return finer * np.asarray(np.linalg.norm(_MISJUDGED * grown[:, None], axis=0))

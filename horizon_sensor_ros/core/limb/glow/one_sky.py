@@ -24,7 +24,13 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.limb.glow.air import BLUR_SIGMA_PX, KEPT, KEPT_BLUR, KEPT_LOG_GLOW
+from horizon_sensor_ros.core.limb.glow.air import (
+    BLUR_SIGMA_PX,
+    KEPT,
+    KEPT_BLUR,
+    KEPT_LOG_GLOW,
+    WHOLE,
+)
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb
 from horizon_sensor_ros.core.limb.glow.model import powers
 
@@ -34,6 +40,7 @@ _MISJUDGED = 2.5
 # Amplitudes of log A around nadir, and how its square is shared among the harmonics.
 _AMPLITUDES = 0.02 * 2.0 ** np.arange(7.0)
 _HARMONICS = (0.75, 0.2, 0.05)
+_LEAST_IN_PART = 0.3  # amplitude where glow is too uneven for the whole of a limb
 _ANY_BRIGHTNESS = 5.0  # one sigma of log A itself
 # Blurs of two lenses differ by so much, one sigma: of one make, and of any.
 _ALIKE_PX, _UNLIKE_PX = 0.03, math.sqrt(2.0) * BLUR_SIGMA_PX
@@ -47,11 +54,12 @@ _NOTHING = 1e-9  # information, over all of it
 @dataclass(frozen=True)
 class Together:
     """By what the limbs' three unknowns (N, 3) change by what all frames say, and a factor
-    (3 N, K) of their covariance: it times its transpose.
+    (3 N, K) of their covariance: it times its transpose. amplitude : of log A around nadir.
     """
 
     change: np.ndarray
     errors: np.ndarray
+    amplitude: float
 
 
 def under_one_sky(views: Sequence[CameraView], limbs: Sequence[GlowLimb]) -> Together:
@@ -66,7 +74,9 @@ def under_one_sky(views: Sequence[CameraView], limbs: Sequence[GlowLimb]) -> Tog
     for i, limb in enumerate(limbs):
         of_limb = slice(_NUM * i, _NUM * (i + 1))
         information[of_limb, of_limb], towards[of_limb] = _seen(limb, float(focus_px[i]))
-    of_blur, of_glow = _blur_beforehand(alike), _glow_beforehand(views, limbs)
+    in_part = any(limb.air.part != WHOLE for limb in limbs)
+    amplitudes = _AMPLITUDES[_AMPLITUDES > _LEAST_IN_PART] if in_part else _AMPLITUDES
+    of_blur, of_glow = _blur_beforehand(alike), _glow_beforehand(views, limbs, amplitudes)
     known = np.broadcast_to(information, (len(of_blur), len(of_glow), *information.shape)).copy()
     known[:, :, blurs[:, None], blurs] += np.linalg.inv(of_blur)[:, None]
     known[:, :, glows[:, None], glows] += np.linalg.inv(of_glow)
@@ -83,7 +93,8 @@ def under_one_sky(views: Sequence[CameraView], limbs: Sequence[GlowLimb]) -> Tog
     off = (found - mean).reshape(-1, len(places))
     spread = np.tensordot(share, cov[..., places[:, None], places], 2)
     spread += (share.reshape(-1, 1) * off).T @ off
-    return Together(mean.reshape(count, 3), np.linalg.cholesky(spread))
+    amplitude = math.exp(share.sum(axis=0) @ np.log(amplitudes))
+    return Together(mean.reshape(count, 3), np.linalg.cholesky(spread), amplitude)
 
 
 def _seen(limb: GlowLimb, focus_px: float) -> tuple[np.ndarray, np.ndarray]:
@@ -137,8 +148,10 @@ def _blur_beforehand(alike: np.ndarray) -> np.ndarray:
     return np.asarray((apart2 + _ROUNDING) * alone + (BLUR_SIGMA_PX**2 - apart2) * alike)
 
 
-def _glow_beforehand(views: Sequence[CameraView], limbs: Sequence[GlowLimb]) -> np.ndarray:
-    """Covariances (A, 3 N, 3 N) of the polynomials of log A, for each amplitude."""
+def _glow_beforehand(
+    views: Sequence[CameraView], limbs: Sequence[GlowLimb], amplitudes: np.ndarray
+) -> np.ndarray:
+    """Covariances (A, 3 N, 3 N) of the polynomials of log A, for each amplitude (A,)."""
     nadir = np.sum([limb.nadir_base for limb in limbs], axis=0)
     across = tangent_basis(nadir / np.linalg.norm(nadir))
     waves = []
@@ -153,4 +166,4 @@ def _glow_beforehand(views: Sequence[CameraView], limbs: Sequence[GlowLimb]) -> 
     common = np.zeros(len(even))
     common[::3] = _ANY_BRIGHTNESS
     own = np.outer(common, common) + _ROUNDING * np.eye(len(even))
-    return np.asarray(np.square(_AMPLITUDES)[:, None, None] * even + own)
+    return np.asarray(np.square(amplitudes)[:, None, None] * even + own)
