@@ -689,6 +689,16 @@ def test_a_camera_that_is_surer_alone_is_taken_alone(kind: str, i: int, seed: in
     assert error_deg(again, scene.frames[0].truth.nadir_base) < 0.02
 
 
+def test_a_camera_whose_edge_bends_unlike_a_limb_by_itself_is_left_out() -> None:
+    """There was no fix, where the other camera's is good."""
+    scene = hard_scene("flare", 306, 0)
+    fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
+    assert fix.ok, fix.reason
+    assert fix.cameras_used == ("camera_1",)
+    assert "bends unlike a limb" in fix.limbs[1].reason
+    assert error_deg(fix, scene.frames[0].truth.nadir_base) < 0.05
+
+
 def test_shared_night(shared_data: Path) -> None:
     truth = shared_truths(shared_data)["night0"]
     assert_refused(SENSOR.process(shared_frames(shared_data, truth)), 2)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -193,6 +195,25 @@ def test_air_fades_with_its_scale_height() -> None:
     slope, level = np.polyfit(height[beside], np.log(light[beside]), 1)
     assert -1.0 / slope == pytest.approx(20e3, rel=0.01)
     assert np.exp(level) == pytest.approx(120.0, rel=0.01)
+
+
+def test_air_scatters_sunlight_by_rayleighs_law() -> None:
+    rot, position = looking_at_limb(Planet(), 800e3, turn_rad=0.0)
+    zenith = position / np.linalg.norm(position)
+    sun = unit_vector(zenith + 0.5 * rot[:, 0] - 0.3 * rot[:, 1])
+    clear = Imaging(psf_sigma_px=0.0, noise_dn=0.0, background_dn=0.0, bits=16)
+    scene = EarthScene(uniform_dn=0.0, air_dn=120.0, air_scale_height_m=20e3, sun_direction=sun)
+    even, scattered = (
+        render(PINHOLE, rot, position, each, np.random.default_rng(0), imaging=clear)
+        for each in (scene, replace(scene, air_rayleigh=1.0))
+    )
+    x, y = np.meshgrid(np.arange(320.0), np.arange(240.0))
+    rays = PINHOLE.rays(np.stack([x.ravel(), y.ravel()], axis=1))
+    lit = (grey(even).ravel() > 60.0) & (rays @ even.truth.nadir_cam < np.cos(even.truth.rho_rad))
+    law = 0.75 * (1.0 + np.square(rays @ rot.T @ np.array(sun)))
+    found = (grey(scattered).ravel() / np.maximum(grey(even).ravel(), 1.0))[lit]
+    assert np.ptp(law[lit]) > 0.05
+    np.testing.assert_allclose(found, law[lit], atol=0.02)
 
 
 def test_sunlight_leaves_the_night_side_dark_and_the_truth_knows() -> None:

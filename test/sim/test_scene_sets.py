@@ -78,6 +78,15 @@ def test_two_camera_set_is_perpendicular_and_agrees() -> None:
             assert frame.truth.limb.visible_length_px(10.0) > 0.3 * frame.truth.camera.width
 
 
+def test_kinds_that_are_named_are_drawn_and_no_others() -> None:
+    (scene,) = hard_scenes(1, 3, ("daylight",))
+    assert scene.kind == "daylight"
+    assert scene.scene.air_rayleigh > 0.0
+    assert scene.limb_cameras == ("camera_1", "camera_2")
+    with pytest.raises(ValueError, match=r"unknown kinds \['dusk'\]; known are flat"):
+        next(hard_scenes(1, 3, ("dusk",)))
+
+
 def test_every_kind_is_drawn_and_judged(every_kind: list[HardScene]) -> None:
     assert [scene.kind for scene in every_kind] == list(KINDS)
     for scene in every_kind:
