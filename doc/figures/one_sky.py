@@ -10,7 +10,7 @@ from matplotlib import pyplot as plt
 from figures.drawing import BLUE, ORANGE, save
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
-from horizon_sensor_ros.core.limb.glow.errors import GlowPoints, points_alone
+from horizon_sensor_ros.core.limb.glow.points import GlowPoints, points_alone
 from horizon_sensor_ros.sim.hard_scenes import hard_scenes
 
 _KINDS, _SCENES, _SEED = ("air", "boom", "lens", "moon"), 80, 8

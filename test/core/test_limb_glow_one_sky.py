@@ -15,9 +15,9 @@ from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.glow.errors import points_alone, told_together
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb, fit_glow, usual_length_px
 from horizon_sensor_ros.core.limb.glow.one_sky import under_one_sky
+from horizon_sensor_ros.core.limb.glow.points import points_alone, told_together
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status

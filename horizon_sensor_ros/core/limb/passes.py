@@ -12,7 +12,7 @@ from horizon_sensor_ros.core.fits.maximum_likelihood import refine
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.glow.errors import told_together
+from horizon_sensor_ros.core.limb.glow.points import told_together
 from horizon_sensor_ros.core.limb.refinement import refine_limb
 from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb.sized_frame import SizedFrame

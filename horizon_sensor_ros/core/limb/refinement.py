@@ -24,8 +24,8 @@ from horizon_sensor_ros.core.limb.edges import (
     limb_of_edges,
     modelled_edges,
 )
-from horizon_sensor_ros.core.limb.glow.errors import points_alone
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb, fit_glow, usual_length_px
+from horizon_sensor_ros.core.limb.glow.points import points_alone
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, RefinePass, sample_limb
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status

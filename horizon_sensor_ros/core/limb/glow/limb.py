@@ -43,6 +43,7 @@ from horizon_sensor_ros.core.limb.glow.model import GlowStep, powers, step_towar
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight, look_along
 from horizon_sensor_ros.core.limb_curve import LimbCurve
 from horizon_sensor_ros.core.robust import median
+from horizon_sensor_ros.core.symmetric3 import is_positive
 
 _LEAST_STRETCHES, _KEEP_SHARE = 10, 0.5
 _FROM_PX = 2.0  # beyond the edge, from where on there is hardly anything but glow
@@ -163,7 +164,8 @@ def _fitted(
         if np.count_nonzero(keep) < max(_LEAST_STRETCHES, _KEEP_SHARE * len(sight)):
             return None
         found = step_towards(sight, air, keep)
-        if not np.isfinite(found.change).all():
+        known = np.isfinite(found.change).all() and np.isfinite(found.cov).all()
+        if not (known and is_positive(found.cov[LIMB, LIMB])):
             return None
         shift = sight.rows @ found.change[:3]
         share = _share(shift, last)

@@ -94,7 +94,9 @@ def under_one_sky(views: Sequence[CameraView], limbs: Sequence[GlowLimb]) -> Tog
     spread = np.tensordot(share, cov[..., places[:, None], places], 2)
     spread += (share.reshape(-1, 1) * off).T @ off
     amplitude = math.exp(share.sum(axis=0) @ np.log(amplitudes))
-    return Together(mean.reshape(count, 3), np.linalg.cholesky(spread), amplitude)
+    variance, axes = np.linalg.eigh(spread)
+    errors = axes * np.sqrt(np.maximum(variance, 0.0))
+    return Together(mean.reshape(count, 3), errors, amplitude)
 
 
 def _seen(limb: GlowLimb, focus_px: float) -> tuple[np.ndarray, np.ndarray]:
