@@ -152,6 +152,20 @@ def test_cameras_of_unlike_exposure_leave_open_whether_glow_is_even() -> None:
     assert claims[1] > 1.1 * claims[0]
 
 
+def test_lenses_that_blur_unlike_each_other_claim_what_they_are_off_by() -> None:
+    nees = []
+    for seed in range(8):
+        views = limb_views(_ALTITUDE_M, azimuths_rad=(0.9 * seed, 0.9 * seed + 1.6))
+        scene = EarthScene(texture="clouds", texture_seed=seed, air_dn=110.0)
+        imaging = tuple(Imaging(noise_dn=1.5, psf_sigma_px=psf) for psf in (0.65, 1.0))
+        fix = HorizonSensor().process(
+            as_frames(views, draw(views, _ALTITUDE_M, scene, imaging, seed))
+        )
+        assert fix.ok, fix.reason
+        nees.append(nadir_nees(fix.fit, _NADIR))
+    assert np.mean(nees) < 3.0
+
+
 @pytest.mark.parametrize("kind", ["air", "daylight"])
 def test_two_cameras_claim_what_they_are_off_by_under_even_and_uneven_glow(kind: str) -> None:
     nees = []
