@@ -21,6 +21,7 @@ from horizon_sensor_ros.core.fits.assessment import (
     root_mean_square,
     tangent_rows,
 )
+from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD as MAXIMUM_LIKELIHOOD
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
@@ -33,8 +34,11 @@ def cone_shares(
     """Each camera of a fit, and by how much (3, 3) its cone, by the tangent components of nadir and
     rho, counts in the one that is nearest to all; together the unit matrix.
 
-    Empty for one camera, and where some camera's limb is no cone's.
+    Empty for one camera, where some camera's limb is no cone's, and for fits of other methods than
+    maximum likelihood, which are as they are published.
     """
+    if fit.method != MAXIMUM_LIKELIHOOD:
+        return []
     seen = [one for one in observations if one.view.name in fit.cameras and len(one.rays)]
     errors = [one.limb.cone_errors for one in seen]
     cones = [each for each in errors if each is not None]

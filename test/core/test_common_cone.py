@@ -13,6 +13,7 @@ from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.common_cone import cone_shares, nearest_to_cones
 from horizon_sensor_ros.core.figure import MeanSphere
+from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
@@ -108,13 +109,15 @@ def test_cones_farther_apart_than_they_claim_are_known_less() -> None:
     )
 
 
-def test_one_camera_and_edges_found_one_by_one_are_left_to_their_points() -> None:
+def test_one_camera_edges_and_other_methods_are_left_as_they_are() -> None:
     seen = cones(np.zeros(6))
     points = fit_maximum_likelihood(seen, PLANET)
     assert nearest_to_cones(points, seen[:1], PLANET) is None
     edges = LimbObservation(seen[1].view, replace(seen[1].limb, cone_errors=None))
     assert cone_shares(points, [seen[0], edges]) == []
     assert nearest_to_cones(points, [seen[0], edges], PLANET) is None
+    circle = fit_horizon(seen, PLANET, "cone")
+    assert nearest_to_cones(circle, seen, PLANET) is None
     both = with_shared_error(points, seen, MeanSphere(PLANET, "geocentric"))
     assert np.allclose(both.nadir_base, fitted(seen)[1].nadir_base)
 

@@ -123,7 +123,7 @@ def _alike(views: Sequence[CameraView], limbs: Sequence[GlowLimb]) -> np.ndarray
     """Which lenses (N, N) may be of one make, and blur these frames alike."""
     return np.array(
         [
-            [one is other or _of_one_make(*one, *other) for other in zip(views, limbs, strict=True)]
+            [_of_one_make(*one, *other) for other in zip(views, limbs, strict=True)]
             for one in zip(views, limbs, strict=True)
         ],
         dtype=float,
