@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -96,6 +98,18 @@ def observe(
     if noise is not None:
         px = px + normal * noise.normal(0.0, sigma_px, len(px))[:, None]
     return LimbObservation(view, LimbPoints(Status.OK, "", px, normal, np.full(len(px), sigma_px)))
+
+
+def turned(
+    observations: list[LimbObservation], sigma_rad: float, rng: np.random.Generator
+) -> list[LimbObservation]:
+    """The same limbs, seen by cameras that are each turned by a random angle about every axis."""
+    out = []
+    for seen in observations:
+        turn = Rotation.from_rotvec(rng.normal(0.0, sigma_rad, 3)).as_matrix()
+        view = replace(seen.view, rot_base_from_cam=turn @ seen.view.rot_base_from_cam)
+        out.append(LimbObservation(view, seen.limb))
+    return out
 
 
 def angle_between(a: np.ndarray, b: np.ndarray) -> float:

@@ -117,8 +117,7 @@ def refusal(
         rays = gather([observation])
         if not _to_be_held(observation, fit):
             continue
-        by_itself = next((one for one in alone if one.cameras == (observation.view.name,)), fit)
-        bends = _bends(observation, by_itself)
+        bends = _bends(observation, _by_itself(observation, alone) or fit)
         if bends:
             return Status.POOR_FIT, bends
         scatter_px = fit.rms_residual_px / median(rays.sigma_px)
@@ -162,12 +161,17 @@ def bends_by_itself(
     """
     bent = {}
     for i, observation in enumerate(observations):
-        cone = next((one for one in alone if one.cameras == (observation.view.name,)), None)
+        cone = _by_itself(observation, alone)
         if cone is not None and _to_be_held(observation, fit):
             bends = _bends(observation, cone)
             if bends:
                 bent[i] = bends
     return bent if len(bent) < len(fit.cameras) else {}
+
+
+def _by_itself(observation: LimbObservation, alone: Sequence[HorizonFit]) -> HorizonFit | None:
+    """Fit of a camera by itself, if it determines a cone."""
+    return next((one for one in alone if one.cameras == (observation.view.name,)), None)
 
 
 def _to_be_held(observation: LimbObservation, fit: HorizonFit) -> bool:

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from limb_frames import PLANET
-from limb_samples import observe, view_at_limb
-from scipy.spatial.transform import Rotation
+from limb_samples import observe, turned, view_at_limb
 
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.camera_view import CameraView
@@ -72,14 +71,7 @@ def test_nadir_and_altitude_scatter_as_said_when_cameras_are_turned(
 ) -> None:
     observations = exact_limbs(azimuths_deg)
     rng = np.random.default_rng(3)
-    drawn = []
-    for _ in range(400):
-        turned = []
-        for seen in observations:
-            turn = Rotation.from_rotvec(rng.normal(0.0, SIGMA_RAD, 3)).as_matrix()
-            view = replace(seen.view, rot_base_from_cam=turn @ seen.view.rot_base_from_cam)
-            turned.append(LimbObservation(view, seen.limb))
-        drawn.append(turned)
+    drawn = [turned(observations, SIGMA_RAD, rng) for _ in range(400)]
     said, scatter = said_and_scatter(observations, drawn, mounting_sigma_rad=SIGMA_RAD)
     assert said[3, 3] == pytest.approx(scatter[3, 3], rel=0.3, abs=1e-16)
 

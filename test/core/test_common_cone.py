@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from limb_samples import PINHOLE, observe, view_at_limb
-from scipy.spatial.transform import Rotation
+from limb_samples import PINHOLE, observe, turned, view_at_limb
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
@@ -126,14 +125,7 @@ def test_mounting_errors_move_it_as_said() -> None:
     """Fits with cameras that are really turned."""
     sigma_rad, rng = np.radians(0.05), np.random.default_rng(3)
     seen = cones(np.zeros(6))
-    offs = []
-    for _ in range(300):
-        turned = []
-        for one in seen:
-            turn = Rotation.from_rotvec(rng.normal(0.0, sigma_rad, 3)).as_matrix()
-            view = replace(one.view, rot_base_from_cam=turn @ one.view.rot_base_from_cam)
-            turned.append(LimbObservation(view, one.limb))
-        offs.append(off_truth(fitted(turned)[1]))
+    offs = [off_truth(fitted(turned(seen, sigma_rad, rng))[1]) for _ in range(300)]
     nearest = fitted(seen)[1]
     said = with_calibration_error(nearest, seen, PLANET, mounting_sigma_rad=sigma_rad)
     added = cov_of_cone(said) - cov_of_cone(nearest)

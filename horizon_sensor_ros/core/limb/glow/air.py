@@ -20,8 +20,8 @@ STRAY = slice(11, 13)
 NUM = 13
 # What of one frame's fit is of use to other frames: limb, blur and log A, and where these stand
 # among them.
-KEPT = np.array([0, 1, 2, BLUR, 5, 6, 7])
-KEPT_BLUR, KEPT_LOG_GLOW = 3, np.array([4, 5, 6])
+KEPT = np.r_[LIMB, BLUR, LOG_GLOW]
+KEPT_LIMB, KEPT_BLUR, KEPT_LOG_GLOW = np.arange(3), 3, np.arange(4, 7)
 _LOGS, _OF_AIR = slice(5, 9), slice(5, 11)
 # What is known beforehand, one sigma each: the scale height over the radius (of its logarithm), the
 # blur about that of the edges, the air in front of the ground over that above it; slope and bend of

@@ -28,6 +28,7 @@ from horizon_sensor_ros.core.limb.glow.air import (
     BLUR_SIGMA_PX,
     KEPT,
     KEPT_BLUR,
+    KEPT_LIMB,
     KEPT_LOG_GLOW,
     WHOLE,
 )
@@ -45,7 +46,6 @@ _ANY_BRIGHTNESS = 5.0  # one sigma of log A itself
 # Blurs of two lenses differ by so much, one sigma: of one make, and of any.
 _ALIKE_PX, _UNLIKE_PX = 0.03, math.sqrt(2.0) * BLUR_SIGMA_PX
 _SAME_FOCAL = 0.1  # difference of the focal lengths up to which they may be of one make
-_LIMB = np.arange(3)
 _NUM = len(KEPT)
 _ROUNDING = 1e-8  # variance
 _NOTHING = 1e-9  # information, over all of it
@@ -66,7 +66,7 @@ def under_one_sky(views: Sequence[CameraView], limbs: Sequence[GlowLimb]) -> Tog
     """Limbs of simultaneous frames, one a view, by what all of them tell of glow and blur."""
     count = len(limbs)
     first = _NUM * np.arange(count)[:, None]
-    places, blurs, glows = ((first + of).ravel() for of in (_LIMB, KEPT_BLUR, KEPT_LOG_GLOW))
+    places, blurs, glows = ((first + of).ravel() for of in (KEPT_LIMB, KEPT_BLUR, KEPT_LOG_GLOW))
     alike = _alike(views, limbs)
     focus_px = alike @ [limb.air.edge_psf_px for limb in limbs] / alike.sum(axis=1)
     information = np.zeros((_NUM * count, _NUM * count))
