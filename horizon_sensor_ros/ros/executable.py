@@ -25,6 +25,7 @@ NODES = {
     "target_pose_node": "horizon_sensor_ros.ros.target_node:TargetPoseNode",
 }
 
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _WAKE_UP_S = 0.5
 
 _WHAT = {
@@ -52,13 +53,19 @@ class _QuietEnd:
     def __init__(self) -> None:
         self.immediately = True
         self.asked_for = False
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in _SIGNALS:
             signal.signal(number, self._on_signal)
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
         self.asked_for = True
         if self.immediately:
             os._exit(0)
+
+    @staticmethod
+    def begin() -> None:
+        """Take no more signals: Python gives its handlers back as it ends, and one would kill it."""
+        for number in _SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def run(names: Sequence[str] = ()) -> int:
@@ -77,6 +84,7 @@ def run(names: Sequence[str] = ()) -> int:
     from rclpy.utilities import remove_ros_args  # noqa: PLC0415
 
     nodes: list[Any] = []
+    executor = None
     try:
         classes = {name: _load(NODES[name]) for name in names or NODES}
         end.immediately = False
@@ -110,6 +118,10 @@ def run(names: Sequence[str] = ()) -> int:
         print(f"{program}: {words}", file=sys.stderr)
         return 1
     finally:
+        end.begin()
+        # First: it has callbacks in the middleware's threads, which would find the nodes gone.
+        if executor is not None:
+            executor.shutdown()
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()

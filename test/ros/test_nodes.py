@@ -213,6 +213,19 @@ def test_signals_end_a_node_quietly(
     assert time.monotonic() - began < 5.0
 
 
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_signals_that_come_again_while_a_node_ends_do_not_kill_it(
+    start: Callable[..., Program], craft: Craft, params: list[str], how: int
+) -> None:
+    # A terminal's Ctrl-C reaches the node by itself and once more from `ros2 launch`.
+    program = start("attitude_node", *params)
+    craft.wait(craft.statuses, "diagnostics")
+    while program.process.poll() is None:
+        program.process.send_signal(how)
+        time.sleep(0.002)
+    assert program.end(how) == (0, "")
+
+
 @pytest.mark.parametrize(
     ("how", "delay_s"),
     [(signal.SIGINT, 0.0), (signal.SIGTERM, 0.1), (signal.SIGINT, 0.3), (signal.SIGTERM, 0.6)],
