@@ -63,7 +63,7 @@ class _QuietEnd:
 
     @staticmethod
     def begin() -> None:
-        """Take no more signals: Python gives its handlers back as it ends, and one would kill it."""
+        """Take no more signals: Python, as it ends, drops its handlers, and one would kill it."""
         for number in _SIGNALS:
             signal.signal(number, signal.SIG_IGN)
 

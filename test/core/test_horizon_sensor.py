@@ -690,6 +690,18 @@ def test_a_camera_that_is_surer_alone_is_taken_alone(kind: str, i: int, seed: in
     assert error_deg(again, scene.frames[0].truth.nadir_base) < 0.02
 
 
+@pytest.mark.parametrize(("i", "index"), [(10, 1), (13, 1)])
+def test_a_limb_under_glow_whose_blur_is_far_from_its_edges_claims_less(i: int, index: int) -> None:
+    """From a balloon glow and blur are mistaken for each other, and with them how the limb bends:
+    nadir was off by 3 and 4.3 sigma.
+    """
+    scene = hard_scene("balloon", i, 4321)
+    fix = SENSOR.process(as_frames(scene.views[index : index + 1], scene.frames[index : index + 1]))
+    assert fix.ok, fix.reason
+    assert fix.limbs[0].joint
+    assert nees(fix, scene.frames[index].truth.nadir_base) < 9.0
+
+
 def test_a_camera_whose_edge_bends_unlike_a_limb_by_itself_is_left_out() -> None:
     """There was no fix, where the other camera's is good."""
     scene = hard_scene("flare", 306, 0)

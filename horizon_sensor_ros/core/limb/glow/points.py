@@ -38,12 +38,13 @@ _MISJUDGED = np.array(
         [1.5, 1.3, 1.3],  # a part of the limb only
         [1.5, 1.5, 2.0],  # ripple
         [1.7, 0.0, 0.0],  # blur off the edges' one, in sigmas of what is known of it
+        [0.0, 0.8, 0.9],  # blur farther off than that, as seen from a balloon
         [4.0, 0.0, 0.0],  # share of the air in front of the ground below the usual one, likewise
         [0.3, 0.8, 0.5],  # glare
     ]
 )
 _EVEN = 0.06  # amplitude up to where glow is as good as even
-_MOST_BLURRED, _LEAST_SHARE = 1.0, 0.5  # sigmas from where on these two grow no more
+_MOST_BLURRED, _FAR_BLURRED, _LEAST_SHARE = 1.0, 1.0, 0.5  # sigmas from where on they grow no more
 _FINE_PX, _FINER = 2.5, np.array([0.35, 0.55, 0.4])
 _THIN_PX, _THINNER = 1.0, np.array([0.0, 1.0, 1.0])
 _OF_LENGTH = np.array([0.02, 0.012, 0.01])
@@ -119,6 +120,7 @@ def _points(limb: GlowLimb, together: Together, index: int) -> dict[str, Any]:
 def _misjudged(limb: GlowLimb, amplitude: float) -> np.ndarray:
     """Errors (3,) of a limb's mean, slope and bend, in sigmas of its fit. amplitude : of log A."""
     air = limb.air
+    blur_off = abs(air.psf_px - air.edge_psf_px) / BLUR_SIGMA_PX
     grown = np.array(
         [
             1.0,
@@ -126,7 +128,8 @@ def _misjudged(limb: GlowLimb, amplitude: float) -> np.ndarray:
             air.fading,
             float(air.part != WHOLE),
             min(max(limb.ripple - _RIPPLE, 0.0), _MOST_RIPPLE),
-            min(abs(air.psf_px - air.edge_psf_px) / BLUR_SIGMA_PX, _MOST_BLURRED),
+            min(blur_off, _MOST_BLURRED),
+            min(max(blur_off - _MOST_BLURRED, 0.0), _FAR_BLURRED),
             min(max((USUAL_SHARE - air.share) / SHARE_SIGMA, 0.0), _LEAST_SHARE),
             float(limb.glaring),
         ]
