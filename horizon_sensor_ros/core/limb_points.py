@@ -17,10 +17,13 @@ def _empty(columns: int) -> np.ndarray:
 
 
 class SharedError(NamedTuple):
-    """Sigmas of what points of a limb are off by together: of a stretch of it, and of the whole."""
+    """Sigmas of what points of a limb are off by together: of a stretch of it, of the whole, and of
+    its ends, by which it is turned.
+    """
 
     coherent_px: float
     shift_px: float
+    slope_px: float = 0.0
 
     def besides(self, other: SharedError) -> SharedError:
         """Both errors together, which know nothing of each other."""
@@ -36,6 +39,7 @@ class LimbPoints:
     sigma_px : (N,) one sigma of each point along its normal, on its own.
     coherent_px : one sigma of the error that neighbours share (air glow bends long stretches).
     shift_px : one sigma of what the whole limb is off by besides (cameras see different air).
+    slope_px : one sigma of what its ends are off by besides, one of them outwards, one inwards.
     spacing_px : length of limb that each point stands for.
     jumps_px : by how much neighbouring edges differ, one sigma, before any model smooths them;
     infinite where that was not measured.
@@ -60,6 +64,7 @@ class LimbPoints:
     sigma_px: np.ndarray = field(default_factory=lambda: np.empty(0))
     coherent_px: float = 0.0
     shift_px: float = 0.0
+    slope_px: float = 0.0
     spacing_px: float = 1.0
     jumps_px: float = np.inf
     predicted: LimbCurve | None = None
@@ -81,6 +86,7 @@ class LimbPoints:
             self,
             coherent_px=times * self.coherent_px,
             shift_px=times * self.shift_px,
+            slope_px=times * self.slope_px,
             height_px=times * self.height_px,
             cone_errors=None if errors is None else times * errors,
         )

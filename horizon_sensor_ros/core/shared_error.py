@@ -112,6 +112,10 @@ def _with_shared(
         shift = limb.shift_px * of_all
         height += limb.height_px * of_all
         cov += more_own * by_sigma.T @ by_sigma + np.outer(shift, shift)
+        if limb.slope_px > 0.0:
+            along = np.linspace(-1.0, 1.0, len(rays))
+            ends = limb.slope_px * along @ by_px[rays.along_limb(fit.nadir_base)]
+            cov += np.outer(ends, ends)
         cov += coherent2 * len(rays) / _STRETCHES * by_px.T @ by_px
     cov += np.outer(height, height) + of_cones @ of_cones.T
     return covariance_nadir_altitude(cov, basis, fit.rho_rad, sphere)

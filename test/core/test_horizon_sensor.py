@@ -702,6 +702,16 @@ def test_a_limb_under_glow_whose_blur_is_far_from_its_edges_claims_less(i: int, 
     assert nees(fix, scene.frames[index].truth.nadir_base) < 9.0
 
 
+@pytest.mark.parametrize(("i", "index"), [(26, 0), (45, 0)])
+def test_edges_in_glow_say_how_far_they_turn_a_limb(i: int, index: int) -> None:
+    """One overexposed camera: they turned it by 3.9 and 3.6 sigma."""
+    scene = hard_scene("saturated", i, 4321)
+    fix = SENSOR.process(as_frames(scene.views[index : index + 1], scene.frames[index : index + 1]))
+    assert fix.ok, fix.reason
+    assert not fix.limbs[0].joint
+    assert nees(fix, scene.frames[index].truth.nadir_base) < 9.0
+
+
 def test_a_camera_whose_edge_bends_unlike_a_limb_by_itself_is_left_out() -> None:
     """There was no fix, where the other camera's is good."""
     scene = hard_scene("flare", 306, 0)

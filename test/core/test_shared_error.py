@@ -40,6 +40,7 @@ def drawn(exact: LimbObservation, rng: np.random.Generator) -> LimbObservation:
     off = limb.sigma_px * rng.standard_normal(num) + limb.shift_px * rng.standard_normal()
     stretch = np.minimum(np.arange(num) * STRETCHES // num, STRETCHES - 1)
     off += limb.coherent_px * rng.standard_normal(STRETCHES)[stretch]
+    off += limb.slope_px * rng.standard_normal() * np.linspace(-1.0, 1.0, num)
     return replace(exact, limb=replace(limb, px=limb.px + off[:, None] * limb.normal_px))
 
 
@@ -52,10 +53,12 @@ def cov_of_cone(cov: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("cameras", [1, 2])
 @pytest.mark.parametrize("even", [True, False], ids=["alike", "unequal"])
-def test_errors_are_as_large_as_claimed(cameras: int, even: bool) -> None:
+@pytest.mark.parametrize("slope_px", [0.0, 0.3], ids=["", "turned"])
+def test_errors_are_as_large_as_claimed(cameras: int, even: bool, slope_px: float) -> None:
     """Also where few points of the limb, or those of one camera, weigh most in the fit."""
     rng = np.random.default_rng(20 + cameras)
-    exact = [limb_of(i, coherent_px=(0.15, 0.4)[i], shift_px=0.1) for i in range(cameras)]
+    claims = {"shift_px": 0.1, "slope_px": slope_px}
+    exact = [limb_of(i, coherent_px=(0.15, 0.4)[i], **claims) for i in range(cameras)]
     if not even:
         exact = [
             replace(one, limb=replace(one.limb, sigma_px=unequal(len(one.limb.px))))

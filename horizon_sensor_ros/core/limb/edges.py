@@ -64,7 +64,8 @@ _CLIPPED_HEIGHT = 0.6
 # Where glow changes too fast along a limb to be fitted with it its contour is no more of a limb:
 # errors of simulated ones towards the terminator and beside the Sun, over the other limbs'.
 _UNEVEN_GLOW = 1.5
-_SHIFT = 1.5  # error of a camera's whole limb, over that of its stretches, where air glows
+# Errors of a camera's whole limb and of its ends, over that of its stretches, where air glows.
+_SHIFT, _SLOPE = 1.5, 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +189,7 @@ def limb_of_edges(
                 px, normal_px = px[contour.keep], normal_px[contour.keep]
         if uneven:
             coherent *= _UNEVEN_GLOW
-        shared = SharedError(coherent, _SHIFT * coherent)
+        shared = SharedError(coherent, _SHIFT * coherent, _SLOPE * coherent)
     points = _points(sample, px, normal_px, places, shared.besides(of_clipping), jumps_px)
     if not glows:
         points = replace(points, steepness=_steepness(_falls(profiles), sample.grid))
@@ -279,8 +280,7 @@ def _with_clipped(
     sigma_px = np.hypot(found.places.sigma_px, places.sigma_px[clipped])
     by = replace(found.places, sigma_px=sigma_px)
     share = float(np.mean(clipped))
-    coherent, shift = (share * error for error in found.shared)
-    return places.replaced(clipped, by), SharedError(coherent, shift)
+    return places.replaced(clipped, by), SharedError(*(share * error for error in found.shared))
 
 
 def _points(
@@ -304,6 +304,7 @@ def _points(
         places.sigma_px * factor,
         shared.coherent_px * factor,
         shared.shift_px * factor,
+        shared.slope_px * factor,
         sample.stretch_px * factor,
         jumps_px * factor,
         sample.curve,
