@@ -308,7 +308,7 @@ def test_a_name_for_the_process_leaves_its_nodes_theirs(
     start("horizon_sensor", *params, "-r", "__node:=sensors")
     for name in (*NODES, "target_pose_node"):
         craft.wait(lambda name=name: craft.state(name) == State.PRIMARY_STATE_ACTIVE, name)
-    assert "sensors" in craft.node.get_node_names()
+    craft.wait(lambda: "sensors" in craft.node.get_node_names(), "the process's own node")
 
 
 def test_whole_numbers_and_unknown_parameters(
@@ -450,8 +450,8 @@ def test_one_process_subscribes_once_and_listens_to_names(
 ) -> None:
     start("horizon_sensor", *params)
     craft.match(NODES, 1)
-    names = {name for name, _ in craft.node.get_node_names_and_namespaces()}
-    assert {*NODES, "horizon_sensor"} <= names
+    nodes = {*NODES, "horizon_sensor"}
+    craft.wait(lambda: nodes <= set(craft.node.get_node_names()), "the names of all nodes")
     craft.expect_pair(0)
     # The node that holds the subscriptions pauses; the other takes over.
     for index, (pausing, working) in enumerate((NODES, NODES[::-1]), 1):
