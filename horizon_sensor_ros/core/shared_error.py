@@ -98,10 +98,10 @@ def _with_shared(
         # How a sigma of each point moves the fit, and a pixel.
         by_sigma = a @ gain
         by_px = by_sigma / rays.sigma_px[:, None]
+        order = rays.along_limb(fit.nadir_base)
         coherent2 = claimed2
         if claimed2 > 0.0:
             # What the stretches show of it, beyond their points' own errors, counts too.
-            order = rays.along_limb(fit.nadir_base)
             left = _left(a[order] * rays.sigma_px[order, None], by_px[order])
             coherent2 = max(claimed2, bend_px(fit, rays) ** 2 / left - _SURE * own2)
         if limb.cone_errors is not None:
@@ -113,8 +113,7 @@ def _with_shared(
         height += limb.height_px * of_all
         cov += more_own * by_sigma.T @ by_sigma + np.outer(shift, shift)
         if limb.slope_px > 0.0:
-            along = np.linspace(-1.0, 1.0, len(rays))
-            ends = limb.slope_px * along @ by_px[rays.along_limb(fit.nadir_base)]
+            ends = limb.slope_px * np.linspace(-1.0, 1.0, len(rays)) @ by_px[order]
             cov += np.outer(ends, ends)
         cov += coherent2 * len(rays) / _STRETCHES * by_px.T @ by_px
     cov += np.outer(height, height) + of_cones @ of_cones.T

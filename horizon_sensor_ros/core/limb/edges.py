@@ -64,7 +64,8 @@ _CLIPPED_HEIGHT = 0.6
 # Where glow changes too fast along a limb to be fitted with it its contour is no more of a limb:
 # errors of simulated ones towards the terminator and beside the Sun, over the other limbs'.
 _UNEVEN_GLOW = 1.5
-# Errors of a camera's whole limb and of its ends, over that of its stretches, where air glows.
+# Errors of a camera's whole limb and of its ends, over that of its stretches, where air glows or no
+# model fits.
 _SHIFT, _SLOPE = 1.5, 0.7
 
 
