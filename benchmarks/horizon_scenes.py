@@ -37,11 +37,12 @@ NO_FIX = ("night",)
 NO_FIX_ALONE = ("space", "earth", "night")
 
 SENSOR_WIDTH_MM = 36.0
-# Focal length, mm; of iss064e002941 only the lens' range, 17 to 35 mm, is known.
+# Focal length, mm; of iss064e002941 from the EXIF of another public copy of the photograph: its own
+# has only the lens, 17 to 35 mm.
 PHOTOGRAPHS_MM = {
     "iss064_flickr50644513538.jpg": 56.0,
     "ISS028-E-33700.JPG": 15.0,
-    "iss064e002941.jpg": 24.0,
+    "iss064e002941.jpg": 17.0,
     "iss028e031144.jpg": 22.0,
     "iss031e010712.jpg": 24.0,
     "iss044e045576.jpg": 28.0,
@@ -184,7 +185,7 @@ def photographs_table(directory: Path) -> Table:
             f"One camera, no attitude truth; the station flies at 370 to 430 km. bar: {MUST_FIX} "
             f"fixed within {low:g} to {high:g} km, {MUST_REFUSE} refused; of the others a fix "
             "outside that range is marked WRONG. Focal lengths from EXIF on a sensor of "
-            f"{SENSOR_WIDTH_MM:g} mm, not calibrated (iss064e002941: a guess).",
+            f"{SENSOR_WIDTH_MM:g} mm, not calibrated.",
         ),
     )
 

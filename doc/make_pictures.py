@@ -19,6 +19,7 @@ FIGURES = (
     "drift",
     "mounting",
     "edge",
+    "haze",
     "one_sky",
     "watching",
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from horizon_sensor_ros.core.fits.observation import LimbObservation
@@ -15,16 +16,22 @@ from horizon_sensor_ros.core.planet import Planet
 # gray levels of air above even ground and clouds, 6500 to 60 000 km up.
 _SEEN_PX = 0.5
 _HIGHER = 0.8
+_ABOVE_M = 6e3  # one sigma of how high a limb lies in air that hides the ground: by colour and haze
 
 
 def hidden_air_sigma_m(
     fit: HorizonFit, observations: Sequence[LimbObservation], sphere: Planet
 ) -> float:
-    """One sigma of the limb's height by air that may be there unseen, as if it were the Earth's.
+    """One sigma of the limb's height by air that may be there unseen, as if it were the Earth's, or
+    that hides the ground.
 
     Zero where a camera that was used is near enough, or its pixels are small enough, to show it: it
     is in the limb's own errors there.
     """
-    seen = (each.view for each in observations if each.view.name in fit.cameras)
-    finest_px = max((usual_length_px(view, fit.rho_rad) for view in seen), default=0.0)
+    used = [each for each in observations if each.view.name in fit.cameras]
+    above_m = max((each.limb.above_m for each in used), default=0.0)
+    if above_m > 0.0:
+        # What is known of the visible limb's height counts.
+        return math.hypot(above_m - sphere.limb_height_m, _ABOVE_M)
+    finest_px = max((usual_length_px(each.view, fit.rho_rad) for each in used), default=0.0)
     return _HIGHER * USUAL_HEIGHT * sphere.radius_m if finest_px < _SEEN_PX else 0.0

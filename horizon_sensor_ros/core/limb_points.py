@@ -51,7 +51,7 @@ class LimbPoints:
     one lie in its glow, all of them higher by a pixel or two. None for those.
     modelled : False where these are sharp edges that follow no model of one.
     height_px : one sigma of what the limbs of all cameras are off by alike, in overexposed air or
-    below airglow.
+    below airglow. above_m : how far above the ground these may lie, in air that hides it.
     steepness : (S,) by how much brightness falls from pixel to pixel where the limb was predicted,
     at most, over the step there, in stretches along it; empty where air glows.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
@@ -72,6 +72,7 @@ class LimbPoints:
     cone_errors: np.ndarray | None = None
     modelled: bool = True
     height_px: float = 0.0
+    above_m: float = 0.0
     steepness: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     @property

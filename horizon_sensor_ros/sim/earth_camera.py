@@ -38,6 +38,7 @@ _SUBPIXELS = 8
 _TWILIGHT = 0.02  # half-width of the terminator in the cosine of the Sun's zenith angle
 _DARKEST_GROUND = 0.08  # of smooth ground, over its mean brightness
 _FAINTEST_AIR = 12.0  # scale heights up to which the air's glow is drawn
+_CLEAR_AIR = 0.1  # optical depth of air that hides nothing
 _STEP_INSIDE_PX, _STEP_OUTSIDE_PX = 2.5, 4.0  # where the brightness step at the limb is measured
 
 
@@ -130,8 +131,9 @@ class _World:
                 scene.air_scale_height_m,
                 self.radius_m,
             )
-            glow *= scene.air_dn * scene.air_inside * self._air_light(points, sight.rays)
-            light += glow.astype(np.float32)
+            shown, left = _through_air(scene.air_inside * glow, scene.air_depth)
+            shown *= scene.air_dn * self._air_light(points, sight.rays)
+            light = light * left.astype(np.float32) + shown.astype(np.float32)
         if scene.airglow_dn > 0.0:
             # The ground hides the far half of the layer.
             depth = (1.0 - self.distance * np.sqrt(1.0 - sight.cos_nadir**2)) * self.radius_m
@@ -158,7 +160,8 @@ class _World:
                 height[near], ahead[near], scene.air_scale_height_m, self.radius_m
             )
             seen = sight.take(near)
-            out[near] += scene.air_dn * glow * self._air_light(self._lowest(seen), seen.rays)
+            shown, _ = _through_air(glow, scene.air_depth)
+            out[near] += scene.air_dn * shown * self._air_light(self._lowest(seen), seen.rays)
         if scene.airglow_dn > 0.0:
             near = ~up & (height < scene.airglow_height_m + 4.0 * scene.airglow_thickness_m)
             layer = airglow_layer(height[near], scene.airglow_height_m, scene.airglow_thickness_m)
@@ -184,6 +187,16 @@ class _World:
         light = np.maximum(day * day * (3.0 - 2.0 * day), self.scene.night_light)
         scattered = 0.75 * (1.0 + np.square(rays @ self.lamp)) - 1.0
         return np.asarray(light * (1.0 + self.scene.air_rayleigh * scattered))
+
+
+def _through_air(column: FloatArray, depth: float) -> tuple[FloatArray, FloatArray]:
+    """What columns (N,) of air show, over the brightest they may, and the share of what lies behind
+    that they let through; of air without depth, over the grazing ray's, and all.
+    """
+    if depth == 0.0:
+        return column, np.ones(1)
+    left = np.exp(-depth * column)
+    return 1.0 - left, left
 
 
 @lru_cache(maxsize=2)
@@ -388,8 +401,18 @@ def _limb_truth(
     for offset in (-_STEP_OUTSIDE_PX, 0.0, _STEP_OUTSIDE_PX):
         in_the_open &= at(hidden, offset) < 0.01
     clipped = np.clip(signal, 0.0, 255.0)
-    step = at(clipped, -_STEP_INSIDE_PX) - at(clipped, _STEP_OUTSIDE_PX)
+    outside_px = _STEP_OUTSIDE_PX + _hidden_px(world, camera)
+    step = at(clipped, -_STEP_INSIDE_PX) - at(clipped, outside_px)
     return LimbTruth(px, normal, step, in_the_open)
+
+
+def _hidden_px(world: _World, camera: Camera) -> float:
+    """How far above the limb air begins that hides nothing."""
+    scene = world.scene
+    if scene.air_dn <= 0.0 or scene.air_depth <= _CLEAR_AIR:
+        return 0.0
+    height = scene.air_scale_height_m * np.log(scene.air_depth / _CLEAR_AIR) / world.radius_m
+    return float(height / (np.sqrt(world.distance**2 - 1.0) * camera.pixel_rad))
 
 
 def _truth(

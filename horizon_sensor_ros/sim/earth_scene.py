@@ -51,6 +51,9 @@ class EarthScene:
     air_scale_height_m: float = 9000.0
     air_inside: float = 1.0  # glow just inside the limb over that just outside; thin air: 0.5
     air_rayleigh: float = 0.0  # share of it that goes with Rayleigh's phase function of the Sun
+    # Optical depth of the air along a ray that grazes the limb: 4 in red light, 7 in green, 15 in
+    # blue. It hides what lies behind it, and air_dn is then how bright it gets. 0: none.
+    air_depth: float = 0.0
     airglow_dn: float = 0.0  # emitting layer above the night side, brightest seen edge-on
     airglow_height_m: float = 95e3
     airglow_thickness_m: float = 6e3
@@ -69,6 +72,8 @@ class EarthScene:
             raise ValueError(f"cloud_cover must be between 0 and 1, got {self.cloud_cover}")
         if self.air_scale_height_m <= 0.0:
             raise ValueError(f"air_scale_height_m must be positive, got {self.air_scale_height_m}")
+        if not self.air_depth >= 0.0:
+            raise ValueError(f"air_depth must not be negative, got {self.air_depth}")
 
 
 @dataclass(frozen=True)

@@ -364,6 +364,18 @@ def _daylight(draft: _Draft, rng: np.random.Generator) -> _Draft:
     return replace(shown, sun_zenith_rad=float(rng.uniform(0.0, 1.2)))
 
 
+def _haze(draft: _Draft, rng: np.random.Generator) -> _Draft:
+    """Air as thick as the Earth's, which hides the ground at the limb: red light to hazy blue."""
+    return replace(
+        _daylight(draft, rng).show(
+            air_dn=float(rng.uniform(40.0, 170.0)),
+            air_depth=float(np.exp(rng.uniform(np.log(3.0), np.log(25.0)))),
+            air_scale_height_m=float(rng.uniform(6500.0, 9000.0)),
+        ),
+        altitude_m=float(np.exp(rng.uniform(np.log(300e3), np.log(800e3)))),
+    )
+
+
 KINDS: dict[str, Callable[[_Draft, np.random.Generator], _Draft]] = {
     "flat": _flat,
     "clouds": _clouds,
@@ -391,4 +403,4 @@ KINDS: dict[str, Callable[[_Draft, np.random.Generator], _Draft]] = {
     "saturated": _saturated,
 }
 # Some are drawn only when they are named, and not in turn with the others.
-ALL_KINDS = KINDS | {"daylight": _daylight}
+ALL_KINDS = KINDS | {"daylight": _daylight, "haze": _haze}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from limb_frames import PLANET, as_frames, draw, limb_views
@@ -57,3 +59,12 @@ def test_the_finest_camera_decides() -> None:
     fix = fixed((fine,), altitude_m, EarthScene())
     both = [LimbObservation(view, fix.limbs[0]) for view in (coarse, fine)]
     assert hidden_air_sigma_m(fix.fit, both, PLANET) == 0.0
+
+
+def test_air_that_hides_the_ground_is_seen_and_still_of_unknown_height() -> None:
+    (view,) = limb_views(500e3)[:1]
+    fix = fixed((view,), 500e3, EarthScene())
+    hazy = LimbObservation(view, replace(fix.limbs[0], above_m=17e3))
+    assert hidden_air_sigma_m(fix.fit, [hazy], PLANET) == pytest.approx(18e3, rel=0.01)
+    told = replace(PLANET, limb_height_m=17e3)
+    assert hidden_air_sigma_m(fix.fit, [hazy], told) == pytest.approx(6e3)

@@ -197,6 +197,30 @@ def test_air_fades_with_its_scale_height() -> None:
     assert np.exp(level) == pytest.approx(120.0, rel=0.01)
 
 
+def test_thick_air_absorbs_what_lies_behind_it() -> None:
+    clear = EarthScene(uniform_dn=120.0, air_dn=100.0, air_scale_height_m=20e3)
+    exact = Imaging(psf_sigma_px=0.0, noise_dn=0.0, background_dn=0.0, bits=16)
+    glowing, thick = (draw(replace(clear, air_depth=depth), exact) for depth in (0.0, 6.0))
+    truth = thick.truth
+    x, y = np.meshgrid(np.arange(320.0), np.arange(240.0))
+    rays = PINHOLE.rays(np.stack([x.ravel(), y.ravel()], axis=1))
+    sine = np.linalg.norm(np.cross(rays, truth.nadir_cam), axis=1)
+    height = np.linalg.norm(truth.position_ecef_m) * sine - RADIUS
+    outside = rays @ truth.nadir_cam < np.cos(truth.rho_rad)
+    light = grey(thick).ravel()
+    beside = outside & (height > 5e3) & (height < 100e3)
+    law = 100.0 * (1.0 - np.exp(-6.0 * np.exp(-height[beside] / 20e3)))
+    np.testing.assert_allclose(light[beside], law, atol=0.5)
+    # In front of the ground lies half of the air that a grazing ray goes through, and less.
+    beneath = ~outside & (height > -60e3) & (height < -5e3)
+    column = (grey(glowing).ravel()[beneath] - 120.0) / 100.0
+    through = np.exp(-6.0 * column)
+    law = 120.0 * through + 100.0 * (1.0 - through)
+    np.testing.assert_allclose(light[beneath], law, atol=1.0)
+    with pytest.raises(ValueError, match="air_depth must not be negative, got -1"):
+        EarthScene(air_depth=-1.0)
+
+
 def test_air_scatters_sunlight_by_rayleighs_law() -> None:
     rot, position = looking_at_limb(Planet(), 800e3, turn_rad=0.0)
     zenith = position / np.linalg.norm(position)

@@ -12,6 +12,7 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.width import Smear
+from horizon_sensor_ros.core.limb.haze.passes import follow_through_haze, look_through_haze
 from horizon_sensor_ros.core.limb.passes import (
     AGAIN,
     AT_ONCE,
@@ -24,8 +25,12 @@ from horizon_sensor_ros.core.limb.passes import (
     shows_all,
 )
 from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow
-from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
+from horizon_sensor_ros.core.limb.search.candidates import (
+    LimbCandidates,
+    space_boundary_candidates,
+)
 from horizon_sensor_ros.core.limb.search.selection import (
+    Consensus,
     limb_consensus,
     rays_of_candidates,
 )
@@ -69,15 +74,7 @@ def detect_limb(
         none = LimbPoints.none(consensus.status, consensus.reason)
         observations = tuple(LimbObservation(view, none) for view in views)
         return Detection(observations, candidates, consensus)
-    near = consensus.nadir_base, consensus.rho_rad
-    looked = _seen_at_once(views, images, near) if consensus.unanimous else None
-    if looked is None:
-        frames = [
-            SizedFrame(image, max(1, int(found.pitch_px) // 2), int(found.pitch_px))
-            for image, found in zip(images, candidates, strict=True)
-        ]
-        looked = look_for(views, frames, planet, near, [()] * len(views), (SEARCH, *FRESH))
-    looked = without_smear(views, images, planet, looked)
+    looked = _looked_for(views, images, planet, candidates, consensus)
     return replace(
         looked,
         candidates=candidates,
@@ -109,6 +106,10 @@ def follow_limb(
     see the limb than did, or an edge that no model fits and that a search may measure otherwise:
     None.
     """
+    if any(look.haze for kinds in looks for look in kinds):
+        near = nadir_base, rho_rad
+        through = follow_through_haze(views, images, planet, near, looks, factors)
+        return through if through is not None and _sees(through, sees) else None
     fresh: list[tuple[EdgeLook, ...]] = [()] * len(views)
     attempts = ((looks, (NEARER, EXPECTED)), (fresh, (AGAIN, *FRESH)))
     frames = [
@@ -135,6 +136,28 @@ def follow_limb(
 def _sees(found: Detection, sees: Sequence[bool]) -> bool:
     """Whether these cameras see the limb and no others."""
     return [limb.status is Status.OK for limb in found.limbs] == list(sees)
+
+
+def _looked_for(
+    views: Sequence[CameraView],
+    images: Sequence[np.ndarray],
+    planet: Planet,
+    candidates: Sequence[LimbCandidates],
+    consensus: Consensus,
+) -> Detection:
+    """Limb near a consensus of candidates: at once, through haze, or pass after pass."""
+    near = consensus.nadir_base, consensus.rho_rad
+    looked = _seen_at_once(views, images, near) if consensus.unanimous else None
+    if looked is None:
+        hazy = look_through_haze(views, images, planet, near)
+        if hazy is not None:
+            return hazy
+        frames = [
+            SizedFrame(image, max(1, int(found.pitch_px) // 2), int(found.pitch_px))
+            for image, found in zip(images, candidates, strict=True)
+        ]
+        looked = look_for(views, frames, planet, near, [()] * len(views), (SEARCH, *FRESH))
+    return without_smear(views, images, planet, looked)
 
 
 def _seen_at_once(

@@ -15,7 +15,12 @@ from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.places import place_edges
 from horizon_sensor_ros.core.limb.glow.contour import contour_limb
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
-from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid, scatter_px
+from horizon_sensor_ros.core.limb.profiles import (
+    EdgePlaces,
+    ProfileGrid,
+    pixel_rad_across,
+    scatter_px,
+)
 from horizon_sensor_ros.core.limb.sample import (
     LEAST_SIGNIFICANCE,
     MIN_PROFILES,
@@ -181,7 +186,7 @@ def limb_of_edges(
                 sample.noise,
                 sample.bundles.middle[good],
                 normal_px,
-                _pixel_rad(view, px, normal_px),
+                pixel_rad_across(view, px, normal_px),
                 **alike,
             )
             if contour is not None:
@@ -321,16 +326,6 @@ def _to_be_kriged(look: EdgeLook, step: np.ndarray) -> bool:
 def _unevenness(step: np.ndarray) -> float:
     """One robust sigma of steps (N,) from one profile to the next, over the step."""
     return scatter_px(step) / median(step)
-
-
-def _pixel_rad(view: CameraView, px: np.ndarray, normal_px: np.ndarray) -> np.ndarray:
-    """Angles (N,) of one pixel along the normals."""
-    rays = view.camera.rays(np.concatenate([px, px + normal_px, px - normal_px]))
-    here, outer, inner = np.split(rays, 3)
-    outwards, inwards = (np.linalg.norm(other - here, axis=1) for other in (outer, inner))
-    # A lens model may end inside the frame: beyond it there are no rays.
-    found = np.where(np.isfinite(outwards), outwards, inwards)
-    return np.where(np.isfinite(found), found, view.camera.pixel_rad)
 
 
 def believable(places: EdgePlaces) -> np.ndarray:

@@ -9,6 +9,7 @@ from functools import cached_property, lru_cache
 import cv2
 import numpy as np
 
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb_curve import LimbCurve
 from horizon_sensor_ros.core.robust import median, robust_sigma
 
@@ -121,6 +122,16 @@ def sample_profiles(
             borderMode=cv2.BORDER_REPLICATE,
         )
     return profiles.T, valid
+
+
+def pixel_rad_across(view: CameraView, px: np.ndarray, normal_px: np.ndarray) -> np.ndarray:
+    """Angles (N,) of one pixel along the normals (N, 2) at pixels (N, 2)."""
+    rays = view.camera.rays(np.concatenate([px, px + normal_px, px - normal_px]))
+    here, outer, inner = np.split(rays, 3)
+    outwards, inwards = (np.linalg.norm(other - here, axis=1) for other in (outer, inner))
+    # A lens model may end inside the frame: beyond it there are no rays.
+    found = np.where(np.isfinite(outwards), outwards, inwards)
+    return np.where(np.isfinite(found), found, view.camera.pixel_rad)
 
 
 def pixel_phase(curve: LimbCurve, factor: int = 1) -> np.ndarray:

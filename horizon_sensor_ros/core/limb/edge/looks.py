@@ -81,18 +81,42 @@ def likeliest_look(
     tried: dict[EdgeLook, np.ndarray] = {}
     fresh = list(guesses)
     while fresh:
-        for glows in (False, True):
-            alike = [look for look in fresh if (look.glow_px > 0) == glows]
-            if alike:
-                evidence = look_evidence(few, noise, alike, grid)
-                tried.update(zip(alike, evidence, strict=True))
-        found = np.array(list(tried.values()))
-        merit = np.maximum(found - found.max(axis=0), -_MOST_EVIDENCE).sum(axis=1)
+        tried.update(zip(fresh, _evidence(few, noise, fresh, grid), strict=True))
+        merit = _merit(np.array(list(tried.values())))
         look = list(tried)[int(merit.argmax())]
         if not climb:
             return look
         fresh = [other for other in look.neighbours() if other not in tried]
     return _between(look, dict(zip(tried, merit.tolist(), strict=True)))
+
+
+def rate_looks(
+    profiles: np.ndarray, noise: float, looks: Sequence[EdgeLook], grid: ProfileGrid
+) -> np.ndarray:
+    """Logarithms (L,) of how likely looks make profiles (N, J), as `likeliest_look` has them."""
+    few = profiles[:: max(1, len(profiles) // _PROFILES)]
+    return _merit(_evidence(few, noise, looks, grid))
+
+
+def _evidence(
+    profiles: np.ndarray, noise: float, looks: Sequence[EdgeLook], grid: ProfileGrid
+) -> np.ndarray:
+    """`look_evidence` (L, N) of looks of any kinds."""
+    found = np.empty((len(looks), len(profiles)))
+    for kind in set(map(_kind, looks)):
+        which = [i for i, look in enumerate(looks) if _kind(look) == kind]
+        found[which] = look_evidence(profiles, noise, [looks[i] for i in which], grid)
+    return found
+
+
+def _merit(evidence: np.ndarray) -> np.ndarray:
+    """Sums (L,) of evidence (L, N), of which no profile adds more than `_MOST_EVIDENCE`."""
+    return np.asarray(np.maximum(evidence - evidence.max(axis=0), -_MOST_EVIDENCE).sum(axis=1))
+
+
+def _kind(look: EdgeLook) -> tuple[bool, bool]:
+    """What has the same textures and glows to consider."""
+    return look.glow_px > 0.0, look.haze
 
 
 def _between(look: EdgeLook, merits: dict[EdgeLook, float]) -> EdgeLook:

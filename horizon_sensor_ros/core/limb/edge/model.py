@@ -12,7 +12,8 @@ that make the image's profiles most likely. Background and level are free for ev
 profile. For each e on a grid the profile likelihood (restricted, so that the free amplitudes cost
 what they should) is one matrix product; the table of matrices depends on the shape alone and is
 kept. Texture beside the limb thereby widens the answer instead of moving it, and glow that is
-strong over dark ground and weak over bright cloud does not bend the limb.
+strong over dark ground and weak over bright cloud does not bend the limb. Air so thick that it
+hides the ground has a law of its own, without F and G: see `haze.limb`.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ SHARP_TEXTURES = (
 )
 GLOW_TEXTURES = tuple(Texture(amplitude, rough=True) for amplitude in (0.06, 0.25))
 GLOW_SHARES = (0.25, 0.6, 1.0)
+HAZE_TEXTURES = tuple(Texture(amplitude, rough=True) for amplitude in (0.05, 0.2))
 PSF_LADDER_PX = tuple(float(psf) for psf in np.round(0.42 * 1.06 ** np.arange(37), 3))
 GLOW_LADDER_PX = (1.0, 1.6, 2.5, 4.0, 6.3, 10.0)
 # Correlation length of texture, in the root of the depth in pixels.
@@ -55,6 +57,12 @@ MAX_LEVEL = 512.0  # brightness over noise beyond which more says nothing
 _FINE_PX = 0.1  # grid on which the texture's covariance is blurred
 _SHAPE_ERROR = 0.003  # what interpolation and a not quite normal blur add, over the level
 _GLOW_ERROR = 0.03  # the same with glow, which is never quite exponential
+_HAZE_ERROR = 0.01  # and with haze
+# Depth below the edge of hazy air, over its scale height, from where on ground may shine through.
+_HIDDEN = 1.0
+# The normal law, by which brightness is blurred where no closed form is known.
+_NODES = np.linspace(-4.0, 4.0, 33)
+_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
 
 
 @dataclass(frozen=True)
@@ -93,11 +101,13 @@ class EdgeLook:
     """What the edge looks like in one image.
 
     psf_px : its blur, one sigma. glow_px : length over which air glow fades by e; 0 without glow.
+    haze : the air is so thick that it hides the ground; the edge is where its optical depth is one.
     air : that glows, as it was last found, together with the limb; looks are alike without it.
     """
 
     psf_px: float
     glow_px: float
+    haze: bool = False
     air: Air | None = field(default=None, compare=False)
 
     def neighbours(self) -> tuple[EdgeLook, ...]:
@@ -112,12 +122,19 @@ class EdgeLook:
     @property
     def textures(self) -> tuple[Texture, ...]:
         """Textures to consider."""
+        if self.haze:
+            return HAZE_TEXTURES
         return GLOW_TEXTURES if self.glow_px > 0 else SHARP_TEXTURES
 
     @property
     def glows(self) -> tuple[float, ...]:
         """Heights of glow to consider in every profile."""
-        return GLOW_SHARES if self.glow_px > 0 else (0.0,)
+        return GLOW_SHARES if self.glow_px > 0 and not self.haze else (0.0,)
+
+    @property
+    def hidden_px(self) -> float:
+        """How far inside the edge the ground's texture begins."""
+        return _HIDDEN * self.glow_px if self.haze else 0.0
 
 
 def _beside(ladder: tuple[float, ...], value: float) -> list[float]:
@@ -127,6 +144,9 @@ def _beside(ladder: tuple[float, ...], value: float) -> list[float]:
 
 def edge_profile(x_px: np.ndarray, look: EdgeLook, glow: float) -> np.ndarray:
     """Brightness (K,) at signed distances from the edge, for level one and no background."""
+    if look.haze:
+        depth = np.exp(np.minimum((look.psf_px * _NODES - x_px[:, None]) / look.glow_px, 50.0))
+        return np.asarray((1.0 - np.exp(-depth)) @ _WEIGHTS)
     x = x_px / look.psf_px
     profile = normal_cdf(-x)
     if glow > 0:
@@ -160,14 +180,18 @@ def texture_covariance(x_px: np.ndarray, psf_px: float, rough: bool) -> np.ndarr
 
 
 @lru_cache(maxsize=16)
-def _differences(psf_px: float, grid: ProfileGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _differences(
+    psf_px: float, hidden_px: float, grid: ProfileGrid
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All differences (K,) of sample and edge that occur in a grid, and the covariances of unit
     texture there, smooth and rough.
+
+    hidden_px : how far inside the edge it begins.
     """
     stride = round(1.0 / grid.grid_px)
     first = grid.d_px[0] - grid.e_px[-1]
     x_px = first + grid.grid_px * np.arange(stride * (grid.num - 1) + len(grid.e_px))
-    smooth, rough = (texture_covariance(x_px, psf_px, rough) for rough in (False, True))
+    smooth, rough = (texture_covariance(x_px + hidden_px, psf_px, rough) for rough in (False, True))
     return x_px, smooth, rough
 
 
@@ -180,9 +204,10 @@ def edge_table(
     """
     e_px, num = grid.e_px, grid.num
     stride = round(1.0 / grid.grid_px)
-    x_px, smooth, rough = _differences(look.psf_px, grid)
+    x_px, smooth, rough = _differences(look.psf_px, look.hidden_px, grid)
     profile = edge_profile(x_px, look, glow)
-    relative = np.diag(((_GLOW_ERROR if glow else _SHAPE_ERROR) * profile) ** 2)
+    error = _HAZE_ERROR if look.haze else _GLOW_ERROR if glow else _SHAPE_ERROR
+    relative = np.diag((error * profile) ** 2)
     if texture.amplitude > 0:
         relative += texture.amplitude**2 * (rough if texture.rough else smooth)
     relative *= level**2
@@ -203,7 +228,7 @@ def edge_table(
     )
 
 
-@lru_cache(maxsize=128)
+@lru_cache(maxsize=192)
 def edge_tables(look: EdgeLook, level: float, grid: ProfileGrid) -> EdgeTable:
     """Return the tables of all the look's textures and glows, one after the other (K, E, ...)."""
     tables = [

@@ -1,0 +1,1 @@
+"""The limb under air so thick that it hides the ground."""

@@ -1,0 +1,168 @@
+"""Looking for a limb under thick air, from a cone that is near it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.fits.maximum_likelihood import refine
+from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
+from horizon_sensor_ros.core.limb.detection import Detection
+from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
+from horizon_sensor_ros.core.limb.haze.limb import (
+    LENGTHS,
+    haze_look,
+    hazy_limb,
+    may_be_haze,
+    rate_haze,
+)
+from horizon_sensor_ros.core.limb.haze.sample import (
+    GLANCE,
+    PLACE,
+    SEEK,
+    HazySample,
+    Sought,
+    haze_factor,
+    sample_haze,
+)
+from horizon_sensor_ros.core.limb.search.candidates import block_average
+from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.status import Status
+
+_THINNEST_PX = 0.8  # scale height in the full image from which on thick air is told from a blur
+_EVIDENCE = 10.0  # logarithm by which it has to be likelier than any other edge, a camera
+_LEAST_ALTITUDE_M = 80e3  # below it the camera is in the air itself, which then looks otherwise
+_MORE = 2  # passes, where the limb still lies off its cone
+_NO_LIMB = LimbPoints.none(Status.NO_LIMB, "the limb is not in the frame")
+
+
+def look_through_haze(
+    views: Sequence[CameraView],
+    images: Sequence[np.ndarray],
+    planet: Planet,
+    near: tuple[np.ndarray, float],
+) -> Detection | None:
+    """Limb of simultaneous frames under thick air, near a cone; None where the air is not such."""
+    thickest_px = max(usual_length_px(view, near[1]) for view in views)
+    if thickest_px < _THINNEST_PX or planet.altitude_from_rho(near[1]) < _LEAST_ALTITUDE_M:
+        return None
+    factors = tuple(haze_factor(view, near[1]) for view in views)
+    reduced = _reduced(images, factors)
+    usual_px = [
+        usual_length_px(view, near[1], factor) for view, factor in zip(views, factors, strict=True)
+    ]
+    glances = _shown(_samples(views, reduced, factors, near, GLANCE), usual_px)
+    if not any(may_be_haze(*glance) for glance in glances):
+        return None
+    samples = _samples(views, reduced, factors, near, SEEK)
+    rated = [rate_haze(*shown) for shown in _shown(samples, usual_px)]
+    # It is the same air in all frames.
+    merit = np.sum(rated, axis=0)
+    if not rated or merit.max() < _EVIDENCE * len(rated):
+        return None
+    length = _likeliest_length(merit)
+    looks: list[tuple[EdgeLook, ...]] = [
+        () if sample is None else (haze_look(length * length_px),)
+        for sample, length_px in zip(samples, usual_px, strict=True)
+    ]
+    return _refined(views, reduced, planet, near, looks, factors, (SEEK, PLACE))
+
+
+def follow_through_haze(
+    views: Sequence[CameraView],
+    images: Sequence[np.ndarray],
+    planet: Planet,
+    near: tuple[np.ndarray, float],
+    looks: Sequence[tuple[EdgeLook, ...]],
+    factors: Sequence[int],
+) -> Detection | None:
+    """The same where it is known to be; None where no cone fits it.
+
+    looks : of hazy edges, one a frame, none where that shows no limb. factors : by which frames are
+    reduced for it.
+    """
+    reduced = _reduced(images, factors)
+    return _refined(views, reduced, planet, near, looks, factors, (PLACE, PLACE))
+
+
+def _refined(
+    views: Sequence[CameraView],
+    reduced: Sequence[np.ndarray],
+    planet: Planet,
+    near: tuple[np.ndarray, float],
+    looks: Sequence[tuple[EdgeLook, ...]],
+    factors: Sequence[int],
+    passes: Sequence[Sought],
+) -> Detection | None:
+    """Pass after pass until the limb lies near the cone that it was sought about."""
+    for sought in (*passes, *[PLACE] * _MORE):
+        samples = _samples(views, reduced, factors, near, sought)
+        limbs = [
+            _NO_LIMB if sample is None or not kinds else hazy_limb(sample, kinds[0])
+            for sample, kinds in zip(samples, looks, strict=True)
+        ]
+        seen = tuple(map(LimbObservation, views, limbs))
+        found = Detection(
+            seen,
+            nadir_base=near[0],
+            rho_rad=near[1],
+            looks=tuple(
+                kinds if limb.status is Status.OK else ()
+                for kinds, limb in zip(looks, limbs, strict=True)
+            ),
+            factors=tuple(factors),
+            smears=(None,) * len(views),
+        )
+        if sought is PLACE and found.on_course:
+            return found
+        nearer = refine(gather(seen), planet, near)
+        if not nearer.ok:
+            return None
+        near = nearer.nadir_base, nearer.rho_rad
+    return None
+
+
+def _likeliest_length(merit: np.ndarray) -> float:
+    """Scale height, over the usual one, where merits of `LENGTHS` are highest: the vertex of the
+    parabola through three of them.
+    """
+    top = min(max(int(merit.argmax()), 1), len(merit) - 2)
+    below, at, above = merit[top - 1 : top + 2].tolist()
+    bend = 2.0 * at - below - above
+    shift = min(max(0.5 * (above - below) / bend, -1.0), 1.0) if bend > 0.0 else 0.0
+    return float(LENGTHS[top] * (LENGTHS[1] / LENGTHS[0]) ** shift)
+
+
+def _reduced(images: Sequence[np.ndarray], factors: Sequence[int]) -> list[np.ndarray]:
+    return [
+        image if factor == 1 else block_average(image, factor)
+        for image, factor in zip(images, factors, strict=True)
+    ]
+
+
+def _samples(
+    views: Sequence[CameraView],
+    reduced: Sequence[np.ndarray],
+    factors: Sequence[int],
+    near: tuple[np.ndarray, float],
+    sought: Sought,
+) -> list[HazySample | None]:
+    return [
+        sample_haze(image, view, *near, factor, sought)
+        for view, image, factor in zip(views, reduced, factors, strict=True)
+    ]
+
+
+def _shown(
+    samples: Sequence[HazySample | None], usual_px: Sequence[float]
+) -> list[tuple[HazySample, float]]:
+    """Those of the limbs that are in sight, each with the usual scale height there."""
+    return [
+        (sample, length_px)
+        for sample, length_px in zip(samples, usual_px, strict=True)
+        if sample is not None
+    ]
