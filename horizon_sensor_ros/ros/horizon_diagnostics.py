@@ -45,8 +45,15 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         self._fix: HorizonFix | None = None
         self._views: tuple[CameraView, ...] = ()
 
-    def on_step(self, step: Step, now: int) -> None:
-        """Take note of an image and what became of it."""
+    def on_step(self, step: Step, now: int, busy_ns: int = 0) -> None:
+        """Take note of an image and what became of it.
+
+        busy_ns : that its processing took, until now. Nobody listened meanwhile, so that it does
+        not count as the other cameras' silence.
+        """
+        for other in self._cameras.values():
+            if other.last_ns is not None:
+                other.last_ns += busy_ns
         camera = self._cameras[step.camera]
         camera.last_ns = now
         camera.refusal = step.refusal

@@ -125,10 +125,11 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         if self._working:
             self._feed.join(self)
 
-    def on_step(self, step: Step) -> None:
+    def on_step(self, step: Step, arrived: int) -> None:
         """Publish what an image completed; report a change of state at once."""
         assert self._monitor is not None
-        self._monitor.on_step(step, self.now())
+        now = self.now()
+        self._monitor.on_step(step, now, max(now - arrived, 0))
         for result in step.results:
             if result.fix.status is Status.OK:
                 self._estimates.publish(self.encode(result))

@@ -28,8 +28,11 @@ class FeedMember(Protocol):
     def node(self) -> Node:
         """The node itself."""
 
-    def on_step(self, step: Step) -> None:
-        """Take what became of an image."""
+    def now(self) -> int:
+        """Nanoseconds of the node's clock."""
+
+    def on_step(self, step: Step, arrived: int) -> None:
+        """Take what became of an image that arrived at a time of the node's clock."""
 
 
 class ImageFeed:
@@ -96,9 +99,10 @@ class ImageFeed:
         self._subscriptions.append(subscription)
 
     def _on_image(self, camera: str, msg: Image) -> None:
+        arrived = [(member, member.now()) for member in self._members]
         step = self.pipeline.on_image(camera, msg)
-        for member in tuple(self._members):
-            member.on_step(step)
+        for member, time in arrived:
+            member.on_step(step, time)
 
 
 class ImageFeeds:

@@ -108,6 +108,21 @@ def test_silence() -> None:
     assert monitor.health(9 * S).level == DiagnosticStatus.STALE
 
 
+def test_a_node_that_is_slow_does_not_call_a_camera_silent() -> None:
+    monitor = monitor_of()
+    deliver(monitor, 0, fix_of())
+    monitor.on_step(Step("camera_1"), S)
+    # A set that took three seconds: stale after two.
+    step = Step("camera_2", (HorizonResult(S, fix_of(used=("camera_1",)), ()),))
+    monitor.on_step(step, 4 * S, busy_ns=3 * S)
+    assert monitor.health(4 * S).state == "degraded"
+    assert values_of(monitor, 4 * S)["camera_1.state"] == "used"
+    # Listening again, it hears nothing more of camera_1.
+    monitor.on_step(Step("camera_2"), 7 * S)
+    health = monitor.health(7 * S)
+    assert (health.state, health.reason) == ("silent", "no frames from camera_1 for 3.0 s")
+
+
 def test_frames_that_never_pair() -> None:
     monitor = monitor_of()
     for second in range(4):

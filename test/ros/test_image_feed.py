@@ -133,7 +133,7 @@ def test_a_picture_that_cannot_be_drawn_costs_no_node(
         pipeline.on_camera_info(camera, camera_info_of(camera=camera))
         step = pipeline.on_image(camera, image_of(horizon_gray(camera, nadir_of(0.0, 0.0)), 0))
     assert len(step.results) == 1
-    node.on_step(step)
+    node.on_step(step, node.now())
     values = {v.key: v.value for v in node.diagnosis(node.now()).status[0].values}
     assert (values["undrawn"], values["fixes"]) == ("1", "1")
     listener.destroy_node()
