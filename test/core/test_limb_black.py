@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from limb_frames import draw, limb_views
+from limb_frames import as_frames, draw, limb_views
 
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
 from horizon_sensor_ros.core.limb.edge.black import Black, black_of
@@ -45,7 +45,24 @@ def test_means_of_clipped_samples_are_taken_back() -> None:
     truth = np.array([-4.0, -2.0, 0.0, 3.0, 12.0, 150.0])
     means = np.maximum(rng.normal(truth, 4.0, (40000, 6)), 0.0).mean(axis=0)
     np.testing.assert_allclose(black.unclipped(means), truth, atol=0.15)
-    assert black.unclipped(np.zeros(3)) == pytest.approx(-4.0)
+    # Where sampling swings beyond an edge it does so as it would have without clipping.
+    space = means[0]
+    swings = black.unclipped(space - np.array([0.0, 0.1, 0.3]))
+    np.testing.assert_allclose(swings, [-4.0, -4.1, -4.3], atol=0.15)
+
+
+def test_an_edges_foot_is_not_taken_for_noise_of_space() -> None:
+    """Of a picture without noise, whose space is black, it is all that is lit."""
+    off = []
+    for seed, altitude_m in enumerate((500e3, 1500e3, 4000e3)):
+        views = limb_views(altitude_m, azimuths_rad=(0.8 * seed, 0.8 * seed + 1.5))
+        imaging = Imaging(noise_dn=0.0, background_dn=0.0, psf_sigma_px=1.1)
+        drawn = draw(views, altitude_m, None, imaging, seed)
+        fix = HorizonSensor().process(as_frames(views, drawn))
+        assert fix.ok
+        sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
+        off.append((fix.fit.altitude_m - altitude_m) / sigma_m)
+    assert np.abs(off).max() < 3.0
 
 
 @pytest.mark.parametrize("below", [0.0, 1.5])

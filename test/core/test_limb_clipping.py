@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from itertools import product
+
+import cv2
 import numpy as np
 import pytest
-from limb_frames import draw, limb_views
+from limb_frames import PLANET, as_frames, draw, limb_views
 
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
-from horizon_sensor_ros.core.limb.edge.clipping import clipped, place_clipped_edges, white_level
+from horizon_sensor_ros.core.limb.edge.clipping import (
+    clipped,
+    cut_off,
+    place_clipped_edges,
+    white_level,
+)
 from horizon_sensor_ros.core.limb.edge.model import normal_cdf
 from horizon_sensor_ros.core.limb.profiles import sample_profiles
 from horizon_sensor_ros.core.limb_curve import LimbCurve
@@ -81,3 +90,55 @@ def test_an_overexposed_planet_is_fixed_with_errors_as_claimed(brightness_dn: fl
         errors.append(off / sigma)
         assert off < 0.1
     assert np.max(errors) < 2.5
+
+
+def drawn_disc(
+    view: CameraView, altitude_m: float, samples: int, psf_px: float, noise_dn: float, seed: int
+) -> np.ndarray:
+    """A white planet before black space, by its equation: no brighter than white, no camera's.
+
+    samples : a pixel, along each side; of one alone pixels are either black or white.
+    """
+    rho = PLANET.rho_from_altitude(altitude_m)
+    nadir_cam = view.rot_base_from_cam.T @ [0.0, 0.0, 1.0]
+    height, width = view.camera.height, view.camera.width
+    px = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2)
+    inside = np.zeros(len(px))
+    places = (np.arange(samples) + 0.5) / samples - 0.5
+    for place in product(places, places):
+        inside += view.camera.rays(px + np.array(place)) @ nadir_cam > np.cos(rho)
+    light = 255.0 * inside.reshape(height, width) / samples**2
+    if psf_px:
+        light = cv2.GaussianBlur(light, (0, 0), psf_px)
+    light += np.random.default_rng(seed).normal(0.0, noise_dn, light.shape)
+    return np.rint(np.clip(light, 0.0, 255.0)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("noise_dn", [0.0, 2.0])
+@pytest.mark.parametrize(("samples", "psf_px"), [(1, 0.0), (2, 0.0), (4, 0.0), (4, 0.7)])
+def test_a_white_planet_that_was_drawn_is_not_taken_for_an_overexposed_one(
+    samples: int, psf_px: float, noise_dn: float
+) -> None:
+    """As simple simulators have it: taken for overexposed it was refused or lay a pixel too low."""
+    off, high = [], []
+    for seed, altitude_m in enumerate((320e3, 500e3, 900e3, 2000e3)):
+        views = limb_views(altitude_m, azimuths_rad=(0.7 * seed, 0.7 * seed + 1.5))
+        images = [drawn_disc(v, altitude_m, samples, psf_px, noise_dn, seed) for v in views]
+        fix = HorizonSensor().process(as_frames(views, images))
+        assert fix.cameras_used == ("camera_1", "camera_2")
+        cov = fix.fit.cov_nadir_altitude
+        off.append(fix.fit.nadir_base[:2] @ np.linalg.solve(cov[:2, :2], fix.fit.nadir_base[:2]))
+        high.append((fix.fit.altitude_m - altitude_m) / np.sqrt(cov[3, 3]))
+        assert np.degrees(np.linalg.norm(fix.fit.nadir_base[:2])) < 0.02
+    assert np.mean(off) < 4.0
+    assert np.sqrt(np.mean(np.square(high))) < 2.0
+
+
+@pytest.mark.parametrize("times_white", [1.2, 2.0, 4.0])
+def test_what_is_brighter_than_white_is_cut_off(times_white: float) -> None:
+    across = np.arange(-1.0, 8.0) + np.linspace(0.0, 1.0, 300)[:, None]
+    for blur_px in (0.45, 0.76):
+        levels = np.minimum(255.0, 255.0 * times_white * normal_cdf((1.0 - across) / blur_px))
+        assert cut_off(levels, 255.0, 1.0)
+    assert not cut_off(np.clip(255.0 * (1.5 - across), 0.0, 255.0), 255.0, 1.0)
+    assert not cut_off(np.where(across < 1.0, 255.0, 0.0), 255.0, 1.0)

@@ -224,15 +224,17 @@ def space_mean(profiles: np.ndarray) -> float:
     return float(profiles[:, -_SPACE:].mean())
 
 
-def space_pixels(
-    gray: np.ndarray, px: np.ndarray, normal_px: np.ndarray, d_px: np.ndarray
+def pixels_across(
+    gray: np.ndarray, curve: LimbCurve, which: np.ndarray, d_px: np.ndarray, factor: int = 1
 ) -> np.ndarray:
-    """Gray levels (6 N,) of the pixels nearest to the outermost six samples of profiles (N,).
+    """Gray levels (K, J) of the pixels nearest to samples of the profiles `which` (K,).
 
-    px, normal_px : (N, 2) of the limb. d_px : (J,) of the samples, pixels outwards.
+    gray, d_px, factor : as of `sample_profiles`; no profile leaves the frame.
     """
-    at = px[:, None] + d_px[-_SPACE:, None] * normal_px[:, None]
-    x, y = np.rint(at.reshape(-1, 2)).astype(np.intp).T
+    px = curve.px[which]
+    centre = px if factor == 1 else (px + 0.5) / factor - 0.5
+    at = centre[:, None] + d_px[:, None] * curve.normal_px[which][:, None]
+    x, y = np.moveaxis(np.rint(at).astype(np.intp), 2, 0)
     return np.asarray(gray[y, x])
 
 

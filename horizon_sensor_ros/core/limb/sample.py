@@ -10,15 +10,15 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.edge.black import Black, black_of, may_be_clipped
-from horizon_sensor_ros.core.limb.edge.clipping import clipped, white_level
+from horizon_sensor_ros.core.limb.edge.clipping import clipped, cut_off, white_level
 from horizon_sensor_ros.core.limb.profiles import (
     Bundles,
     ProfileGrid,
     pixel_noise,
     pixel_phase,
+    pixels_across,
     sample_profiles,
     space_mean,
-    space_pixels,
 )
 from horizon_sensor_ros.core.limb.texture.ground_texture import ground_across_px
 from horizon_sensor_ros.core.limb.texture.kriging import INNER_PX, OUTER_PX, Stretches
@@ -37,7 +37,8 @@ _BUNDLES = 160  # profiles, or means of neighbouring ones, along the limb in a f
 # there are enough of them for a robust fit; pixels of a frame of `_LARGE_PX`.
 _STRETCH_PX = 16.0
 _LEAST_STRETCHES = 32
-_OF_SPACE = 240  # profiles, whose ends tell enough of what clips space
+_WHITE_EDGE_PX = -1.0  # from so far inside the predicted edge on, one that is white is looked at
+_OF_SPACE, _FAR_OUT = 400, 3  # profiles, whose last samples tell enough of what clips space
 PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`, which allows for an edge's misfits
 
 
@@ -137,7 +138,15 @@ class LimbSample:
     @cached_property
     def clipped(self) -> np.ndarray:
         """Stretches (M,) that are saturated beside the predicted limb."""
-        return clipped(self.profiles, self.grid.d_px, self.white)
+        found = clipped(self.profiles, self.grid.d_px, self.white)
+        if not found.any():
+            return found
+        edges = self.bundles.index[np.repeat(found, self.bundles.count)]
+        d_px = self.grid.d_px[self.grid.d_px >= _WHITE_EDGE_PX]
+        levels = pixels_across(self.gray, self.curve, edges, d_px, self.factor)
+        if cut_off(levels, self.white, self.noise * math.sqrt(self.bundles.size)):
+            return found
+        return np.zeros_like(found)
 
     def moved(self, limb: np.ndarray) -> LimbSample:
         """Profiles as they are kriged, about the curve moved along its normals by (3,), as
@@ -209,7 +218,8 @@ def sample_limb(
     black = None
     if step.factor == 1 and may_be_clipped(space_mean(profiles), noise * math.sqrt(size)):
         some = bundles.index[:: max(1, num_valid // _OF_SPACE)]
-        black = black_of(space_pixels(gray, curve.px[some], curve.normal_px[some], grid.d_px))
+        # Nearer to the edge its foot may be what is not black.
+        black = black_of(pixels_across(gray, curve, some, grid.d_px[-_FAR_OUT:]).ravel())
     if black is not None:
         profiles = black.unclipped(profiles)
         noise = max(noise, black.sigma / math.sqrt(size))

@@ -36,10 +36,12 @@ class Black:
     sigma: float
 
     def unclipped(self, means: np.ndarray) -> np.ndarray:
-        """Means of many samples, any shape, as if nothing had been clipped; none below space's."""
+        """Means of many samples, any shape, as if nothing had been clipped."""
         law, _, lifted = _normal_law()
         t = np.interp(means * (1.0 / self.sigma), lifted, law)
-        dark = np.maximum(self.sigma * t, self.mean)
+        # Below space's own mean is where sampling swings beyond an edge; no clipping lifted that.
+        space = self.sigma * float(np.interp(self.mean / self.sigma, law, lifted))
+        dark = np.where(means < space, self.mean + means - space, self.sigma * t)
         return np.where(means < self.sigma * lifted[-1], dark, means).astype(means.dtype)
 
 
