@@ -54,6 +54,7 @@ class LimbPoints:
     below airglow. above_m : how far above the ground these may lie, in air that hides it.
     steepness : (S,) by how much brightness falls from pixel to pixel where the limb was predicted,
     at most, over the step there, in stretches along it; empty where air glows.
+    blur_px : of sharp edges, one sigma, as their model has it; NaN without one, or where air glows.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -74,6 +75,7 @@ class LimbPoints:
     height_px: float = 0.0
     above_m: float = 0.0
     steepness: np.ndarray = field(default_factory=lambda: np.empty(0))
+    blur_px: float = np.nan
 
     @property
     def joint(self) -> bool:

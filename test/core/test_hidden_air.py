@@ -36,6 +36,36 @@ def test_altitude_from_far_away_is_known_as_far_as_air_lets_it(
     assert sigma_m < 0.004 * altitude_m
 
 
+@pytest.mark.parametrize("air_dn", [15.0, 60.0, 200.0])
+def test_air_that_passes_for_blur_is_in_the_altitudes_sigma(air_dn: float) -> None:
+    """Above even ground: altitude was off by up to 80 sigma."""
+    off = []
+    for seed, altitude_m in enumerate((500e3, 900e3, 1.6e6, 2.2e6, 3.3e6, 5.5e6)):
+        scene = EarthScene(air_dn=air_dn, air_scale_height_m=8e3)
+        views = limb_views(altitude_m, azimuths_rad=(0.4 + seed, 2.0 + seed))
+        fix = fixed(views, altitude_m, scene)
+        assert fix.ok
+        off.append((fix.fit.altitude_m - altitude_m) / np.sqrt(fix.fit.cov_nadir_altitude[3, 3]))
+    assert np.abs(off).max() < 2.0
+
+
+def test_edges_sharper_than_air_would_leave_them_are_the_grounds() -> None:
+    altitude_m = 2e6
+    fix = fixed(limb_views(altitude_m), altitude_m, EarthScene())
+    assert fix.limbs[0].blur_px == pytest.approx(0.757, abs=0.01)  # of the optics, and of a pixel
+    assert np.sqrt(fix.fit.cov_nadir_altitude[3, 3]) < 200.0  # and not 2 km
+
+
+def test_edges_that_no_model_fits_may_be_airs() -> None:
+    altitude_m = 2e6
+    views = limb_views(altitude_m)
+    fix = fixed(views, altitude_m, EarthScene())
+    limb = LimbObservation(views[0], fix.limbs[0])
+    assert hidden_air_sigma_m(fix.fit, [limb], PLANET) == 0.0
+    without = LimbObservation(views[0], replace(fix.limbs[0], modelled=False))
+    assert hidden_air_sigma_m(fix.fit, [without], PLANET) == pytest.approx(0.8 * 8.5e3)
+
+
 def test_air_that_would_be_seen_is_not_hidden() -> None:
     """The same limb in coarser pixels, until half of one is more than air fades over."""
     altitude_m = 8e6

@@ -198,7 +198,9 @@ def limb_of_edges(
         shared = SharedError(coherent, _SHIFT * coherent, _SLOPE * coherent)
     points = _points(sample, px, normal_px, places, shared.besides(of_clipping), jumps_px)
     if not glows:
-        points = replace(points, steepness=_steepness(_falls(profiles), sample.grid))
+        blur_px = np.nan if model_free else sample.factor * looks[0].psf_px
+        steepness = _steepness(_falls(profiles), sample.grid)
+        points = replace(points, steepness=steepness, blur_px=blur_px)
     if given and model_free and not glows:
         points = replace(points, modelled=False)
     if glows:
@@ -245,7 +247,8 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
     if not (jumps_px < _CALM_PX and _falls_there(falls, sample.grid)):
         return None
     points = _points(sample, px, normal_px, places, shared, jumps_px)
-    return replace(points, steepness=_steepness(falls, sample.grid))
+    blur_px = sample.factor * look.psf_px
+    return replace(points, steepness=_steepness(falls, sample.grid), blur_px=blur_px)
 
 
 def _falls(profiles: np.ndarray) -> np.ndarray:
