@@ -25,6 +25,7 @@ _LIT = 1.6  # level over its noise from which on hardly anything is clipped
 _FEWEST, _MOST = 0.03, 0.99
 _TAIL, _LONGEST_TAIL = 0.9, 5.0  # quantile of what is not black, over its median: of a law, 3.4
 _ROUNDED = 0.5  # gray levels below which a value becomes zero
+_SCATTER = 0.25  # of means of clipped samples below their own mean, over the law's sigma
 _REACH = 5.0  # sigmas to which the law is tabulated
 
 
@@ -39,9 +40,10 @@ class Black:
         """Means of many samples, any shape, as if nothing had been clipped."""
         law, _, lifted = _normal_law()
         t = np.interp(means * (1.0 / self.sigma), lifted, law)
-        # Below space's own mean is where sampling swings beyond an edge; no clipping lifted that.
+        # Well below space's mean sampling swings beyond an edge, which no clipping lifts.
         space = self.sigma * float(np.interp(self.mean / self.sigma, law, lifted))
-        dark = np.where(means < space, self.mean + means - space, self.sigma * t)
+        swing = np.minimum(means - space + _SCATTER * self.sigma, 0.0)
+        dark = np.where(means < space, self.mean + swing, self.sigma * t)
         return np.where(means < self.sigma * lifted[-1], dark, means).astype(means.dtype)
 
 
