@@ -34,6 +34,9 @@ _LAYER_HEIGHTS_M = 30e3, 120e3
 # Lit ground is lit behind its limb too: all but 14 % of it in the darkest of 1400 simulated limbs;
 # between a night side's lamps a third or more is dark, and their outermost ones are no limb.
 _MOST_DARK_GROUND = 0.25
+# A cone through banks of cloud inside the limb left 30 % (by moonlight, one camera of 2900); none
+# of 1200 right ones of every kind, by haze, daylight, glare, airglow, beside booms, left 20.
+_MOST_GROUND_BEYOND = 0.2
 # Edges on which the search agreed lie on the limb, but for 4 % beside the worst of 2100 right ones
 # without glow; a bank of cloud at one end of a short arc, taken for the limb, leaves 19 % and more
 # of them outside.
@@ -66,6 +69,8 @@ def doubt(
         return f"bright sky beside {evidence.bright_sky:.0%} of the limb"
     if evidence.clear_sky < config.min_clear_sky:
         return f"only {evidence.clear_sky:.0%} of the sky is at the level of space"
+    if evidence.ground_beyond > _MOST_GROUND_BEYOND:
+        return f"ground shows beyond {evidence.ground_beyond:.0%} of the limb"
     if evidence.dark_ground > _MOST_DARK_GROUND:
         return f"lights, not a limb: {evidence.dark_ground:.0%} of the ground behind them is dark"
     if found_px < config.min_limb_share * lit_px:

@@ -57,6 +57,31 @@ def test_a_limb_drawn_through_the_planet_has_a_bright_sky() -> None:
         assert told.clear_sky < 0.85
 
 
+def test_ground_beyond_a_limb_that_bends_too_much_is_seen() -> None:
+    """A cone that touches the true one in the frame's middle, as one through clouds may."""
+    for scene in (EarthScene(), clouds(1), clouds(2)):
+        view, frame = drawn(scene)
+        assert evidence(frame.image, view).ground_beyond == 0.0
+        towards_limb = np.array([1.0, 0.0, 0.0])
+        told = []
+        for turn_rad in (0.15, 0.25, 0.35):
+            nadir = np.cos(turn_rad) * NADIR + np.sin(turn_rad) * towards_limb
+            told.append(evidence(frame.image, view, RHO - turn_rad, nadir).ground_beyond)
+        assert max(told) > 0.2, told
+
+
+def test_neither_an_even_layer_nor_a_part_of_the_craft_is_ground_beyond() -> None:
+    view, frame = drawn()
+    limb, layered, hidden = frame.truth.limb, frame.image.copy(), frame.image.copy()
+    for distance_px in np.arange(14.0, 24.0, 0.5):
+        x, y = np.rint(limb.px + distance_px * limb.normal_px).astype(np.intp).T
+        inside = (x >= 0) & (x < layered.shape[1]) & (y >= 0) & (y < layered.shape[0])
+        layered[y[inside], x[inside]] = 150
+    assert evidence(layered, view).ground_beyond == 0.0
+    hidden[:, 250:450] = 180
+    assert evidence(hidden, view).ground_beyond == 0.0
+
+
 def test_a_limb_drawn_before_it_was_fitted_will_do_where_it_lies_near() -> None:
     view, frame = drawn(clouds(1))
     small, factor = reduce_image(frame.image)

@@ -8,7 +8,7 @@ the reduced image of the search.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -21,6 +21,7 @@ from horizon_sensor_ros.core.symmetric3 import solve
 
 _SKY_STEPS_PX = np.array([5.0, 7.0, 10.0, 14.0])  # outwards from the limb, working pixels
 _GROUND_STEPS_PX = np.array([-2.0, -4.0, -7.0])
+_UNEVEN_PX = 5.0  # by which an edge beyond the limb comes nearer, from where on it is no layer's
 _LAYER = 1.2  # top of a layer of airglow, over its height
 _LIMB_STEP_PX = 3.0  # from one look at the limb to the next, working pixels
 _GRID_STEP = 6  # working pixels
@@ -49,7 +50,9 @@ class SkyEvidence:
     outside the disc that is at the level of space; NaN when less than 1 % of the frame lies
     outside. contrast : gray levels from space to the planet beside the limb, over the noise.
     dark_ground : behind the lit part of the limb, share of the ground that is at the level of
-    space; between a night side's lamps it is.
+    space; between a night side's lamps it is. ground_beyond : share of the limb beyond which there
+    is ground up to an edge that does not keep its distance, as a layer of air does; at most twice
+    the share where that edge is in sight, which a part of the craft's is not.
     The Sun's glare counts neither as planet nor as sky; nor does stray light, which makes one side
     of the sky a little brighter than the other (twilight and moonlight do, on long exposures).
     """
@@ -60,6 +63,7 @@ class SkyEvidence:
     clear_sky: float
     contrast: float
     dark_ground: float
+    ground_beyond: float = 0.0
 
 
 def sky_evidence(
@@ -98,12 +102,15 @@ def sky_evidence(
         return told
     above = small - np.float32(space_level)
     sky_px = _grid(view.camera, *small.shape, factor)[0][sky]
-    light = _glare(above, sky_px, told.contrast * noise)
+    light = glare = _glare(above, sky_px, told.contrast * noise)
     if light is None:
         light = _stray_light(above, sky_px, told.contrast * noise, noise)
-    return (
-        told if light is None else _judged(above - light, 0.0, usable, sides, sky, noise, limb_px)
-    )
+    if light is None:
+        return told
+    without = _judged(above - light, 0.0, usable, sides, sky, noise, limb_px)
+    # The Sun's streaks have edges of their own; what is taken for stray light, which has none, may
+    # be ground.
+    return replace(without, ground_beyond=0.0 if glare is not None else told.ground_beyond)
 
 
 def _judged(
@@ -149,7 +156,23 @@ def _judged(
         clear,
         contrast / noise,
         int(np.count_nonzero(dark)) / max(int(np.count_nonzero(behind)), 1),
+        _ground_beyond(level[num_ground:], known[num_ground:], max(0.5 * contrast, 6.0 * noise)),
     )
+
+
+def _ground_beyond(level: np.ndarray, known: np.ndarray, bright: float) -> float:
+    """`SkyEvidence.ground_beyond` of levels (S, N) outside the limb, where they are known."""
+    shown = known & (level > bright)
+    if not shown.any():
+        return 0.0
+    reaches_px = (shown * _SKY_STEPS_PX[:, None]).max(axis=0)
+    there = reaches_px > 0.0
+    near, far = (quantile(reaches_px[there], at) for at in (0.1, 0.9))
+    if far - near < _UNEVEN_PX:
+        return 0.0
+    ends = np.count_nonzero(there & (reaches_px < _SKY_STEPS_PX[-1]))
+    seen = np.count_nonzero(known.any(axis=0))
+    return min(int(np.count_nonzero(there)), 2 * int(ends)) / int(seen)
 
 
 def _share(these: np.ndarray) -> float:
