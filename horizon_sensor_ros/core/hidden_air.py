@@ -22,7 +22,9 @@ _SEEN_PX, _HIGHER = 0.5, 0.8
 # fade over so much.
 _PASSES_FOR_BLUR = ((0.75, 0.8), (1.0, 0.25), (2.5, 0.06))
 _SEEN_WITHOUT_MODEL_PX = 1.0
-_SHARP_PX = 0.77  # blur of a lens in focus, and of the pixels: edges that sharp are not below air
+# Blur of a lens in focus, and of the pixels: edges that sharp are not below air. Little more blur
+# is little air's, and hides as little as air does that would fade over many pixels.
+_SHARP_PX, _HARDLY_BLURRED_PX = 0.755, 0.775
 _ABOVE_M = 6e3  # one sigma of how high a limb lies in air that hides the ground: by colour and haze
 
 
@@ -53,6 +55,8 @@ def _passed_for_blur(limbs: Sequence[LimbPoints], length_px: float) -> float:
     """
     if not all(limb.modelled for limb in limbs) and length_px < _SEEN_WITHOUT_MODEL_PX:
         return _HIGHER
-    if not any(limb.blur_px > _SHARP_PX for limb in limbs):
+    blur_px = max((limb.blur_px for limb in limbs if limb.blur_px > _SHARP_PX), default=0.0)
+    passed = [higher for most_px, higher in _PASSES_FOR_BLUR if length_px < most_px]
+    if blur_px == 0.0 or not passed:
         return 0.0
-    return next((higher for most_px, higher in _PASSES_FOR_BLUR if length_px < most_px), 0.0)
+    return passed[0 if blur_px > _HARDLY_BLURRED_PX else -1]

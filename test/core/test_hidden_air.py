@@ -36,7 +36,7 @@ def test_altitude_from_far_away_is_known_as_far_as_air_lets_it(
     assert sigma_m < 0.004 * altitude_m
 
 
-@pytest.mark.parametrize("air_dn", [15.0, 60.0, 200.0])
+@pytest.mark.parametrize("air_dn", [8.0, 15.0, 60.0, 200.0])
 def test_air_that_passes_for_blur_is_in_the_altitudes_sigma(air_dn: float) -> None:
     """Above even ground: altitude was off by up to 80 sigma."""
     off = []
@@ -46,7 +46,7 @@ def test_air_that_passes_for_blur_is_in_the_altitudes_sigma(air_dn: float) -> No
         fix = fixed(views, altitude_m, scene)
         assert fix.ok
         off.append((fix.fit.altitude_m - altitude_m) / np.sqrt(fix.fit.cov_nadir_altitude[3, 3]))
-    assert np.abs(off).max() < 2.0
+    assert np.abs(off).max() < 2.5
 
 
 def test_edges_sharper_than_air_would_leave_them_are_the_grounds() -> None:
