@@ -34,8 +34,8 @@ _LAYER_HEIGHTS_M = 30e3, 120e3
 # Lit ground is lit behind its limb too: all but 14 % of it in the darkest of 1400 simulated limbs;
 # between a night side's lamps a third or more is dark, and their outermost ones are no limb.
 _MOST_DARK_GROUND = 0.25
-# A cone through banks of cloud inside the limb left 30 % (by moonlight, one camera of 2900); none
-# of 1200 right ones of every kind, by haze, daylight, glare, airglow, beside booms, left 20.
+# A cone through banks of cloud inside the limb left 24 % (by moonlight, one camera of 2900); of
+# 1900 right ones of every kind, by haze, daylight, glare, airglow, beside booms, one more than 20.
 _MOST_GROUND_BEYOND = 0.2
 # Edges on which the search agreed lie on the limb, but for 4 % beside the worst of 2100 right ones
 # without glow; a bank of cloud at one end of a short arc, taken for the limb, leaves 19 % and more
