@@ -55,8 +55,10 @@ def _passed_for_blur(limbs: Sequence[LimbPoints], length_px: float) -> float:
     """
     if not all(limb.modelled for limb in limbs) and length_px < _SEEN_WITHOUT_MODEL_PX:
         return _HIGHER
-    blur_px = max((limb.blur_px for limb in limbs if limb.blur_px > _SHARP_PX), default=0.0)
-    passed = [higher for most_px, higher in _PASSES_FOR_BLUR if length_px < most_px]
-    if blur_px == 0.0 or not passed:
+    if not any(limb.blur_px > _SHARP_PX for limb in limbs):
         return 0.0
-    return passed[0 if blur_px > _HARDLY_BLURRED_PX else -1]
+    blurred = any(limb.blur_px > _HARDLY_BLURRED_PX for limb in limbs)
+    for most_px, higher in _PASSES_FOR_BLUR if blurred else _PASSES_FOR_BLUR[-1:]:
+        if length_px < most_px:
+            return higher
+    return 0.0

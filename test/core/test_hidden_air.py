@@ -46,7 +46,7 @@ def test_air_that_passes_for_blur_is_in_the_altitudes_sigma(air_dn: float) -> No
         fix = fixed(views, altitude_m, scene)
         assert fix.ok
         off.append((fix.fit.altitude_m - altitude_m) / np.sqrt(fix.fit.cov_nadir_altitude[3, 3]))
-    assert np.abs(off).max() < 2.5
+    assert np.abs(off).max() < 2.0
 
 
 def test_edges_sharper_than_air_would_leave_them_are_the_grounds() -> None:

@@ -87,6 +87,11 @@ def scatter_px(offset_px: np.ndarray) -> float:
     return robust_sigma(offset_px[1:] - offset_px[:-1]) * math.sqrt(0.5)
 
 
+def _reduced(px: np.ndarray, factor: int) -> np.ndarray:
+    """Pixels (N, 2) of the full image in one that is reduced by `factor`."""
+    return px if factor == 1 else (px + 0.5) / factor - 0.5
+
+
 def sample_profiles(
     gray: np.ndarray, curve: LimbCurve, d_px: np.ndarray, factor: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -95,7 +100,7 @@ def sample_profiles(
 
     gray : (H, W), already reduced by `factor`; d_px : (J,) in its pixels.
     """
-    centre = curve.px if factor == 1 else (curve.px + 0.5) / factor - 0.5
+    centre = _reduced(curve.px, factor)
     # (2, J, N): the points of the limb run fastest.
     at = d_px.astype(np.float32)[:, None] * curve.normal_px.T.astype(np.float32)[:, None]
     at += centre.T.astype(np.float32)[:, None]
@@ -141,7 +146,7 @@ def pixel_phase(curve: LimbCurve, factor: int = 1) -> np.ndarray:
     the reduced image; cosine and sine of the place between two rows or columns of it, whichever run
     rather with the limb. Along a limb that runs with them all of it is the same for long stretches.
     """
-    centre = (curve.px if factor == 1 else (curve.px + 0.5) / factor - 0.5).T
+    centre = _reduced(curve.px, factor).T
     normal = curve.normal_px.T
     out = np.empty((3, len(curve)))
     at = np.add(centre, _NEAR_EDGE_PX[:, None, None] * normal, dtype=np.float32) * _REMAP_STEPS
@@ -231,9 +236,8 @@ def pixels_across(
 
     gray, d_px, factor : as of `sample_profiles`; no profile leaves the frame.
     """
-    px = curve.px[which]
-    centre = px if factor == 1 else (px + 0.5) / factor - 0.5
-    at = centre[:, None] + d_px[:, None] * curve.normal_px[which][:, None]
+    centre, normal = _reduced(curve.px[which], factor), curve.normal_px[which]
+    at = centre[:, None] + d_px[:, None] * normal[:, None]
     x, y = np.moveaxis(np.rint(at).astype(np.intp), 2, 0)
     return np.asarray(gray[y, x])
 
