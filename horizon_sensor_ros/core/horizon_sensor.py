@@ -45,6 +45,7 @@ from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb, follow_limb
 from horizon_sensor_ros.core.limb.evidence import sky_evidence
 from horizon_sensor_ros.core.limb.night import by_night
+from horizon_sensor_ros.core.limb_curve import limb_in_sight
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.shared_error import with_shared_error
 from horizon_sensor_ros.core.status import Status
@@ -181,8 +182,13 @@ class HorizonSensor:
                 fix = HorizonFix(
                     fix.status, reason, fix.fit, tuple(_filled(limbs)), fix.cameras_used
                 )
-                other = self._contradicted(frames, fix, aiding) or self._single(frames, fix, aiding)
-                return other or fix, detection if everything and not other else None
+                contradicted = self._contradicted(frames, fix, aiding)
+                if contradicted is not None:
+                    return contradicted, None
+                return self._from_singles(frames, fix, aiding) or (
+                    fix,
+                    detection if everything else None,
+                )
             # What a camera says against itself may have misled the others: once more without it.
             everything = False
             for i, limb in doubtful.items():
@@ -218,32 +224,48 @@ class HorizonSensor:
                 return HorizonFix(none.status, reason, none, fix.limbs, ())
         return None
 
-    def _single(
+    def _from_singles(
         self, frames: Sequence[Frame], fix: HorizonFix, aiding: Aiding
-    ) -> HorizonFix | None:
-        """Fix of the one camera that has one by itself, where all together have none.
+    ) -> tuple[HorizonFix, Detection | None] | None:
+        """Fix by what single cameras find by themselves, where all together have none; with the
+        detection, if it is of them all.
 
-        A flooded frame may spoil the common fit. The others must be blind by themselves: if a limb
-        is there that fits none, or more than one fits, nothing tells which to believe.
+        A flooded frame, or one that glares, may spoil what they agree on. The cone of one camera is
+        believed where the others are blind by themselves, or see their limbs on it as well when
+        they are asked about it: if another limb is there, nothing tells which to believe.
         """
-        if fix.ok or len(frames) < 2 or fix.status is Status.CAMERAS_DISAGREE:
+        if fix.ok or len(frames) < 2:
             return None
         seen = [limb.status for limb in fix.limbs].count(Status.OK)
-        if fix.status is Status.UNCERTAIN and seen == 1:
-            # It is that camera's alone, with what the others' frames say of the light.
-            return None
+        # Of one camera's it is known already, with what the others' frames say of the light.
+        known = fix.status is Status.UNCERTAIN and seen == 1
+        blind = not known and fix.status is not Status.CAMERAS_DISAGREE
         found, limbs = [], list(fix.limbs)
+        any_sigma = HorizonSensor(replace(self.config, max_nadir_sigma_rad=np.pi))
         for i, frame in enumerate(frames):
             if fix.limbs[i].status is Status.BAD_IMAGE:
                 continue
-            alone, doubtful = self._attempt([frame], aiding)
+            alone, doubtful = any_sigma._attempt([frame], aiding)
             if alone.ok and not doubtful:
                 found.append(alone)
             elif not doubtful and alone.status is not Status.NO_LIMB:
-                return None
+                blind = False
             # Of a camera that is left out, what it says by itself.
             limbs[i] = doubtful.get(0, alone.limbs[0])
-        return replace(found[0], limbs=tuple(limbs)) if len(found) == 1 else None
+        found.sort(key=lambda one: nadir_sigma_rad(one.fit))
+        if blind and len(found) == 1:
+            sure = nadir_sigma_rad(found[0].fit) <= self.config.max_nadir_sigma_rad
+            return (replace(found[0], limbs=tuple(limbs)), None) if sure else None
+        for alone in found:
+            disc = disc_of(alone.fit)
+            near = disc.nadir, disc.rho_rad
+            if not all(len(limb_in_sight(frame.view, *near)) for frame in frames):
+                continue
+            detection, figure = self._detect(frames, aiding, near)
+            together, doubtful = self._judge(frames, detection, figure, aiding)
+            if together.ok and not doubtful and len(together.cameras_used) == len(frames):
+                return together, detection
+        return None
 
     def _figure(self, aiding: Aiding) -> Figure:
         planet, vertical = self.config.planet, self.config.vertical
@@ -289,8 +311,16 @@ class HorizonSensor:
         """One search and fit; with the frames whose own evidence speaks against it, and why."""
         return self._judge(frames, *self._detect(frames, aiding), aiding)
 
-    def _detect(self, frames: Sequence[Frame], aiding: Aiding) -> tuple[Detection, Figure]:
-        """Limb in whole frames, and the planet's figure as it turned out to lie."""
+    def _detect(
+        self,
+        frames: Sequence[Frame],
+        aiding: Aiding,
+        near: tuple[np.ndarray, float] | None = None,
+    ) -> tuple[Detection, Figure]:
+        """Limb in whole frames, and the planet's figure as it turned out to lie.
+
+        near : as of `detect_limb`.
+        """
         figure = self._figure(aiding)
         detection = detect_limb(
             [figure.view(frame.view) for frame in frames],
@@ -298,6 +328,7 @@ class HorizonSensor:
             self._sphere,
             rho_min_rad=self._rho_min,
             rho_max_rad=self._rho_max,
+            near=near,
         )
         if np.isfinite(detection.rho_rad):
             figure = figure.aligned(detection.nadir_base)

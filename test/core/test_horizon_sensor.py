@@ -675,6 +675,32 @@ def test_a_limb_in_even_glow_is_not_held_to_edges_in_the_others_uneven_glow(
 
 
 @pytest.mark.parametrize(
+    ("kind", "i", "seed"), [("moon", 84, 0), ("flare", 148, 0), ("balloon", 37, 2718)]
+)
+def test_cameras_that_agree_when_asked_about_one_anothers_cone(
+    kind: str, i: int, seed: int
+) -> None:
+    """Together they had no fix: by stars, a ghost or thick air a consensus of both was none's."""
+    scene = hard_scene(kind, i, seed)
+    frames = as_frames(scene.views, scene.frames)
+    sensor = HorizonSensor()
+    fix = sensor.process(frames)
+    assert fix.ok, fix.reason
+    assert len(fix.cameras_used) == 2
+    assert nees(fix, scene.frames[0].truth.nadir_base) < 9.0
+
+
+def test_cameras_that_are_not_mounted_as_told_have_no_fix_by_themselves_either() -> None:
+    """Each sees its limb well, and the other one's cone is not where it sees it."""
+    scene = hard_scene("flare", 148, 0)
+    one, two = as_frames(scene.views, scene.frames)
+    turned = Rotation.from_rotvec(np.radians([0.0, 0.0, 2.0])).as_matrix()
+    view = replace(two.view, rot_base_from_cam=two.view.rot_base_from_cam @ turned)
+    fix = HorizonSensor().process([one, Frame(view, two.gray)])
+    assert not fix.ok
+
+
+@pytest.mark.parametrize(
     ("kind", "i", "seed"),
     [("high", 130, 6006), ("high", 226, 6006), ("high", 81, 6006), ("high", 140, 6006)],
 )

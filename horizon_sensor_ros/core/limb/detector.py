@@ -31,6 +31,7 @@ from horizon_sensor_ros.core.limb.search.candidates import (
 )
 from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
+    consensus_about,
     limb_consensus,
     rays_of_candidates,
 )
@@ -57,19 +58,24 @@ def detect_limb(
     *,
     rho_min_rad: float,
     rho_max_rad: float,
+    near: tuple[np.ndarray, float] | None = None,
 ) -> Detection:
     """Find the limb in simultaneous frames of any number of cameras.
 
-    images : (H, W) uint8 or uint16, one a view. A camera that sees no limb comes back with its own
-    status; if no consensus is found all do.
+    images : (H, W) uint8 or uint16, one a view. near : nadir (3,) and rho of a cone that is known
+    to be the limb's, about which it is sought in all frames; by default the consensus of all. A
+    camera that sees no limb comes back with its own status; if no consensus is found all do.
     """
     candidates = tuple(
         space_boundary_candidates(image, mask=view.mask)
         for view, image in zip(views, images, strict=True)
     )
     found = rays_of_candidates(views, candidates)
-    consensus = limb_consensus(found, rho_min_rad=rho_min_rad, rho_max_rad=rho_max_rad)
-    consensus = ground_under_airglow(views, candidates, found, consensus, planet)
+    if near is None:
+        consensus = limb_consensus(found, rho_min_rad=rho_min_rad, rho_max_rad=rho_max_rad)
+        consensus = ground_under_airglow(views, candidates, found, consensus, planet)
+    else:
+        consensus = consensus_about(found, *near)
     if consensus.status is not Status.OK:
         none = LimbPoints.none(consensus.status, consensus.reason)
         observations = tuple(LimbObservation(view, none) for view in views)

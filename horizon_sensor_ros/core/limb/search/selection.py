@@ -169,6 +169,18 @@ def limb_consensus(
     return Consensus(Status.OK, "", nadir, rho, inliers, unanimous)
 
 
+def consensus_about(
+    found: RayCandidates, nadir_base: np.ndarray, rho_rad: float, tolerance: float = 1.5
+) -> Consensus:
+    """`limb_consensus` on a cone that is known from elsewhere, with the candidates that agree."""
+    gains = _Ballot.of(found, tolerance).gains(nadir_base[None], np.cos([rho_rad]))
+    inliers = gains[:, 0] > 0.0
+    num_inliers = int(np.count_nonzero(inliers))
+    if num_inliers < MIN_INLIERS:
+        return Consensus(Status.NO_LIMB, f"only {num_inliers} candidates agree on a disc")
+    return Consensus(Status.OK, "", nadir_base, rho_rad, inliers)
+
+
 def _hypotheses(
     found: RayCandidates, rng: np.random.Generator, cos_min: float, cos_max: float
 ) -> tuple[np.ndarray, np.ndarray]:
