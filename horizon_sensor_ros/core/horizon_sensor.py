@@ -420,7 +420,7 @@ class HorizonSensor:
             self.config,
             alone=alone,
             layered=detection.layer_rad > 0.0,
-            layer_rho_rad=detection.consensus.layer_rho_rad,
+            layer_m=detection.layer_height_m(fit, self.config.planet),
             glow_over_usual=max(glows, default=0.0),
             estimate=estimate,
         )

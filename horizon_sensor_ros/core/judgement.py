@@ -14,7 +14,6 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.limb.evidence import SkyEvidence
-from horizon_sensor_ros.core.limb.search.air_layer import layer_height_m
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.shared_error import bend_px
 from horizon_sensor_ros.core.status import Status
@@ -28,9 +27,9 @@ _DISAGREEMENT_RAD = np.radians(0.25)
 _MAX_BEND, _LEAST_BEND_PX = 4.5, 0.75
 # Of edges that follow no model, over their own errors: beyond it another limb fits them as well.
 _MOST_SCATTER = 1.5
-# Heights of the airglow's edge that may be: it lies at 85 to 105 km, and a lens that was never
-# calibrated bends a short arc by half of that.
-_LAYER_HEIGHTS_M = 30e3, 120e3
+# Heights of the airglow's edge above a limb: 76 to 99 km in photographs in which that was the
+# ground's, 91 to 110 in simulated frames, whose layer is at 95.
+_LAYER_HEIGHTS_M = 60e3, 120e3
 # Lit ground is lit behind its limb too: all but 14 % of it in the darkest of 1400 simulated limbs;
 # between a night side's lamps a third or more is dark, and their outermost ones are no limb.
 _MOST_DARK_GROUND = 0.25
@@ -87,7 +86,7 @@ def refusal(
     *,
     alone: Sequence[HorizonFit] = (),
     layered: bool = False,
-    layer_rho_rad: float = math.nan,
+    layer_m: float = math.nan,
     glow_over_usual: float = 0.0,
     estimate: HorizonFit | None = None,
 ) -> tuple[Status, str] | None:
@@ -98,11 +97,10 @@ def refusal(
     cone they lie on: a limb that is higher than thought is none of that altitude.
     alone : fits of those cameras that determine a cone by themselves, against which their edges are
     held: what the cameras contradict each other by is claimed. layered : a layer of airglow keeps
-    its distance from what was found all along, as it does from nothing but a limb. layer_rho_rad :
-    angular radius of its edge, if it was measured. glow_over_usual : the longest as of `Detection`.
+    its distance from what was found all along, as it does from nothing but a limb. layer_m :
+    height of its edge, if it was measured. glow_over_usual : the longest as of `Detection`.
     """
     estimate = fit if estimate is None else estimate
-    layer_m = layer_height_m(fit.rho_rad, layer_rho_rad, config.planet)
     if math.isfinite(layer_m) and not _LAYER_HEIGHTS_M[0] < layer_m < _LAYER_HEIGHTS_M[1]:
         return (
             Status.POOR_FIT,

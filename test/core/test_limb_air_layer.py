@@ -17,6 +17,7 @@ from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow, 
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
+    RayCandidates,
     limb_consensus,
     rays_of_candidates,
 )
@@ -75,12 +76,73 @@ def test_a_layer_that_is_hardly_more_than_a_pixels_noise(seed: int) -> None:
     assert abs(np.degrees(after.rho_rad - RHO)) < 0.5
 
 
-@given(altitude_m=st.floats(250e3, 3000e3), height_m=st.floats(0.0, 130e3))
-def test_height_of_the_layer(altitude_m: float, height_m: float) -> None:
-    """Both limbs are tangents from one place."""
+@given(
+    altitude_m=st.floats(250e3, 3000e3),
+    height_m=st.floats(0.0, 130e3),
+    aside_rad=st.floats(-0.05, 0.05),
+)
+def test_height_of_the_layer(altitude_m: float, height_m: float, aside_rad: float) -> None:
+    """Both limbs are tangents from one place. Along a short arc a cone about another nadir is as
+    near to the limb, and as far from the layer.
+    """
     layer_rho = Planet(PLANET.radius_m + height_m).rho_from_altitude(altitude_m - height_m)
     rho = PLANET.rho_from_altitude(altitude_m)
-    assert layer_height_m(rho, layer_rho, PLANET) == pytest.approx(height_m, abs=1.0)
+    along = np.linspace(-0.1, 0.1, 41)
+    rays = np.stack(
+        [
+            np.sin(layer_rho) * np.cos(along),
+            np.sin(layer_rho) * np.sin(along),
+            np.full(len(along), np.cos(layer_rho)),
+        ],
+        axis=1,
+    )
+    empty = np.empty(0)
+    edge = RayCandidates(rays, rays, empty, empty, empty, empty)
+    straight = np.array([0.0, 0.0, 1.0]), rho
+    assert layer_height_m(edge, straight, PLANET) == pytest.approx(height_m, abs=1.0)
+    tilted = np.array([np.sin(aside_rad), 0.0, np.cos(aside_rad)]), rho - aside_rad
+    seen_m = PLANET.radius_m * (np.sin(layer_rho - aside_rad) / np.sin(rho - aside_rad) - 1.0)
+    assert layer_height_m(edge, tilted, PLANET) == pytest.approx(seen_m, abs=3e3)
+
+
+def dawn(band_km: tuple[float, float], star_count: int, view: CameraView) -> np.ndarray:
+    """A frame (H, W) of air that is lit from the limb down to depths of one and another below it,
+    from one end to the other, in front of dark ground.
+    """
+    rng = np.random.default_rng(1)
+    height, width = view.camera.height, view.camera.width
+    rows, columns = np.indices((height, width))
+    px = np.stack([columns.ravel(), rows.ravel()], axis=1)
+    rays = view.camera.rays(px.astype(float)) @ view.rot_base_from_cam.T
+    distance_km = 1e-3 * np.sqrt((PLANET.radius_m + ALTITUDE_M) ** 2 - PLANET.radius_m**2)
+    above_km = (np.arccos(rays @ np.array([0.0, 0.0, 1.0])) - RHO) * distance_km
+    band = np.interp(columns.ravel(), [0, width - 1], band_km)
+    gray = np.where(above_km > 0.0, 235.0 * np.exp(-np.maximum(above_km, 0.0) / 8.0), 235.0)
+    gray[above_km < -band] = 90.0
+    gray = gray.reshape(height, width)
+    for y, x in rng.integers(2, height - 2, (star_count, 2)):
+        gray[y, min(x * width // height, width - 3)] += 120.0
+    return np.clip(gray + 3.0 + rng.normal(0.0, 1.0, gray.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("band_km", "star_count", "refused"),
+    [((120.0, 40.0), 400, True), ((45.0, 110.0), 400, True), ((120.0, 40.0), 0, False)],
+)
+def test_the_dawns_lit_air_is_no_limb(
+    band_km: tuple[float, float], star_count: int, refused: bool
+) -> None:
+    """How high it is lit goes with the distance to the Sun; a bank of cloud by day may look so."""
+    camera = camera_from_fov(640, 480, np.radians(60.0))
+    (view,) = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.0,), above_rad=0.05)
+    image = dawn(band_km, star_count, view)
+    candidates = [space_boundary_candidates(image)]
+    found = rays_of_candidates([view], candidates)
+    before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
+    assert before.status is Status.OK
+    after = ground_under_airglow([view], candidates, found, before, PLANET)
+    assert (after.status is Status.POOR_FIT) is refused
+    assert ("twilight" in after.reason) is refused
 
 
 def test_a_layer_without_ground_is_no_limb() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -10,12 +11,15 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.width import Smear
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
+from horizon_sensor_ros.core.limb.search.air_layer import layer_height_m
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS, Consensus, RayCandidates
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.robust import median, stretches
 from horizon_sensor_ros.core.status import Status
 
@@ -35,8 +39,8 @@ class Detection:
     per frame, motion's in it, None where there is hardly any. steepness : one per frame, that of
     the limb when it was last asked whether motion smears it. apart : one per frame, the limbs that
     were told apart from the glow above them where others were not; empty where all or none were.
-    agreed : the search's edges that the consensus is of; None where they are a layer's, or nothing
-    was searched.
+    agreed : the search's edges that the consensus is of, the limb's or the layer's; None where
+    nothing was searched.
     """
 
     observations: tuple[LimbObservation, ...]
@@ -108,11 +112,17 @@ class Detection:
         """Share of the edges on which the search agreed that lie outside of a frame's limb; 0 where
         the glow above it may be why.
         """
-        if self.agreed is None or self.limbs[index].joint:
+        if self.agreed is None or self.layer_rad > 0.0 or self.limbs[index].joint:
             return 0.0
         of_frame = self.agreed.take(self.agreed.camera == index)
         outside = of_frame.outside(self.nadir_base, self.rho_rad)
         return int(np.count_nonzero(outside)) / max(len(outside), 1)
+
+    def layer_height_m(self, fit: HorizonFit, planet: Planet) -> float:
+        """Height of the layer of airglow above a fit's limb; NaN where none was measured."""
+        if self.agreed is None or self.layer_rad == 0.0:
+            return math.nan
+        return layer_height_m(self.agreed, (fit.nadir_base, fit.rho_rad), planet)
 
     def glow_over_usual(self, index: int) -> float:
         """Length over which the glow above a frame's limb fades, over that of the Earth's air; 0

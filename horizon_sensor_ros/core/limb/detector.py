@@ -86,7 +86,7 @@ def detect_limb(
         candidates=candidates,
         consensus=consensus,
         layer_rad=consensus.layer_rad,
-        agreed=found.take(consensus.inliers) if consensus.layer_rad == 0.0 else None,
+        agreed=found.take(consensus.inliers),
         steepness=tuple(limb.steepness for limb in looked.limbs),
     )
 

@@ -1,10 +1,11 @@
-"""The night's airglow: a bright layer some 95 km above the ground, taken for the limb.
+"""The night's airglow, a bright layer some 95 km above the ground, taken for the limb; and dawn.
 
 By night the outermost edge is that layer's upper side. What gives it away: behind the edge the
 brightness falls again, and rises once more where the ground begins, all along the limb at the same
 height. Cloud does not keep its distance from the limb; the ground does. Where no ground shows, the
 layer is told from daylit air over dark sea by the stars above it, and by being the same all along
-the limb.
+the limb. Beside the dawn the air is lit, and the ground is not: how high it is lit goes with the
+distance to the Sun, so that its edge is no limb.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.selection import Consensus, RayCandidates
 from horizon_sensor_ros.core.limb.search.stars import count_stars
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
 
 _LAYER_M = 95e3  # height of the layer; depths below its edge are counted in this height's scale
@@ -32,10 +34,19 @@ _CREST_M, _TROUGH_M = 45e3, (20e3, 110e3)  # where each is looked for
 _FALL, _RISE = 0.75, 1.25  # the trough over the crest, the ground over the trough
 _SIGMAS = 6.0  # of noise that make a difference
 _APART_M = 14e3  # how far the ground may lie from the middle of where it does
-_SHARE = 0.7  # of the columns, from which it is a layer (cloud: a third, two thirds at most)
+# Of the columns, from which it is a layer (cloud: a third, two thirds at most); less by night, when
+# parts of the craft may hide it.
+_SHARE, _SHARE_BY_NIGHT = 0.7, 0.6
 # Behind its crest the layer fades in all columns alike: between these depths at least to such a
 # share, and within so much of the crest as in most of the others.
-_FADES_M, _FADED, _ALIKE = (25e3, 70e3), 0.8, 0.14
+_FADES_M, _FADED, _ALIKE = (25e3, 70e3), 0.85, 0.14
+# Beside the dawn air is lit above ground that is not: a band that ends at so much of its crest,
+# between such depths, and along the limb nearer and nearer to the edge (by rank correlation), in
+# most columns, those behind which the ground is no brighter than such a share. Wedges of cloud
+# beside the limb, which end nearer or less evenly, do so in one of 500 frames.
+_BAND_ENDS, _BAND_M, _NARROWS = 0.75, (33e3, 84e3), 0.95
+_GROUND, _DARK_SHARE = 0.6, 0.5
+_LEAST_COLUMNS = 7  # from which it is asked whether the air's band narrows along the limb
 _STARS = 8  # that show an exposure for the night
 
 
@@ -86,7 +97,11 @@ def ground_under_airglow(
     at = risen.argmax(axis=1)
     if np.count_nonzero(rises) > 0.5 * len(level):
         together = rises & (np.abs(_DEPTHS_M[at] - np.median(_DEPTHS_M[at[rises]])) <= _APART_M)
-        if np.count_nonzero(together) >= _SHARE * len(level):
+        num_together = np.count_nonzero(together)
+        if num_together >= _SHARE * len(level) or (
+            num_together >= _SHARE_BY_NIGHT * len(level)
+            and _starry(views, candidates, consensus, scale)
+        ):
             rays = _rays(found.rays[np.concatenate(columns)[together]], consensus, depths)
             cone = _cone(rays[np.arange(len(rays)), at[together]], consensus, scale)
             if cone is None and _starry(views, candidates, consensus, scale):
@@ -96,12 +111,25 @@ def ground_under_airglow(
             return consensus if cone is None else _moved(consensus, cone, scale)
     if _is_layer(level, falls, crest) and _starry(views, candidates, consensus, scale):
         return Consensus(Status.POOR_FIT, "a layer of airglow, and no ground behind it")
+    dawns = any(
+        _is_twilight(found.rays[middle], seen, consensus.nadir_base)
+        for middle, seen in zip(columns, levels, strict=True)
+    )
+    if dawns and _starry(views, candidates, consensus, scale):
+        return Consensus(Status.POOR_FIT, "twilight: lit air over ground that is dark")
     return consensus
 
 
-def layer_height_m(rho_rad: float, layer_rho_rad: float, planet: Planet) -> float:
-    """Height of the layer's edge above a limb, from the angular radii of both."""
-    return planet.radius_m * (math.sin(layer_rho_rad) / math.sin(rho_rad) - 1.0)
+def layer_height_m(edge: RayCandidates, cone: tuple[np.ndarray, float], planet: Planet) -> float:
+    """Height of the layer's edge above a limb, as it is seen above that, nadir (3,) and rho.
+
+    The edge's own cone would tell another nadir, and with that another height: along a short arc
+    radius and nadir are hardly told apart.
+    """
+    nadir, rho = cone
+    cosine = edge.rays @ nadir
+    sine = median(np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0)))
+    return planet.radius_m * (sine / math.sin(rho) - 1.0)
 
 
 def _bundled(columns: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -134,6 +162,28 @@ def _is_layer(level: np.ndarray, falls: np.ndarray, crest: np.ndarray) -> bool:
     usual = np.median(band, axis=0)
     alike = np.abs(band - usual).max(axis=1) < _ALIKE
     return bool(usual[-1] < _FADED * usual[0] and alike.mean() > 0.6)
+
+
+def _is_twilight(rays: np.ndarray, level: np.ndarray, nadir: np.ndarray) -> bool:
+    """Whether columns (N, D) of one camera, at rays (N, 3), are of air that is lit above dark
+    ground, the less of it the farther from the Sun.
+    """
+    crest = np.where(_DEPTHS_M <= _CREST_M, level, -np.inf).max(axis=1)
+    dark = np.median(level[:, -3:], axis=1) < _GROUND * crest
+    if np.count_nonzero(dark) < max(_DARK_SHARE * len(level), _LEAST_COLUMNS):
+        return False
+    rays, level, crest = rays[dark], level[dark], crest[dark, None]
+    ends = np.maximum.accumulate(level >= crest, axis=1) & (level < _BAND_ENDS * crest)
+    thick_m = _DEPTHS_M[ends.argmax(axis=1)]
+    along = rays @ np.cross(nadir, rays.mean(axis=0))
+    in_band = _BAND_M[0] < thick_m.min() and thick_m.max() > _BAND_M[1]
+    return bool(in_band and abs(_rank_correlation(along, thick_m)) > _NARROWS)
+
+
+def _rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
+    """Correlation of the ranks of (N,) and (N,); ties by their order."""
+    first, second = (np.argsort(np.argsort(values)) for values in (a, b))
+    return float(np.corrcoef(first, second)[0, 1])
 
 
 def _rays(rays: np.ndarray, consensus: Consensus, depths: np.ndarray) -> np.ndarray:
@@ -198,5 +248,4 @@ def _moved(consensus: Consensus, cone: tuple[np.ndarray, float], depth_rad: floa
         rho_rad=cone[1],
         unanimous=False,
         layer_rad=depth_rad,
-        layer_rho_rad=consensus.rho_rad,
     )

@@ -69,8 +69,8 @@ class RayCandidates:
 class Consensus:
     """The winning hypothesis; `inliers` is a mask over the ray candidates. Not OK: NaN and a
     reason. unanimous : it explains nearly all of them, and lies as near to the limb as they do.
-    layer_rad : how far above the limb a layer of airglow lies; 0 where there is none.
-    layer_rho_rad : angular radius of the layer's outer edge; NaN where there is none.
+    layer_rad : how far above the limb a layer of airglow lies, whose edge then the inliers are; 0
+    where there is none.
     """
 
     status: Status
@@ -80,7 +80,6 @@ class Consensus:
     inliers: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=bool))
     unanimous: bool = False
     layer_rad: float = 0.0
-    layer_rho_rad: float = np.nan
 
 
 def rays_of_candidates(
