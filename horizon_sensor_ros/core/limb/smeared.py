@@ -85,8 +85,7 @@ def _smears(
     seen = zip(views, images, found.limbs, found.looks, found.factors, strict=True)
     for view, image, limb, looks, factor in seen:
         smear = None
-        sharp = looks and looks[0].psf_px < _SHARP_PX and not _soft(looks, factor)
-        if limb.status is Status.OK and not sharp:
+        if limb.status is Status.OK and not _sharp(looks, factor):
             smear = _smear_of(image, view, found, looks, factor)
         smears.append(smear)
     return smears
@@ -103,6 +102,18 @@ def _smear_of(
     smear = smear_of(image, view, found.nadir_base, found.rho_rad)
     most_px = _GLOWING_PX if _soft(looks, factor) else _SMEAR_PX
     return smear if smear.sure_px > most_px * factor else None
+
+
+def _sharp(looks: Sequence[EdgeLook], factor: int) -> bool:
+    """Whether a limb is so sharp that no motion can have smeared it. Under glow that is known where
+    the blur was told from it.
+    """
+    if not looks or factor > 1:
+        return False
+    air = looks[0].air
+    if air is not None:
+        return air.psf_px < _SHARP_PX
+    return looks[0].psf_px < _SHARP_PX and not _glows(looks)
 
 
 def _soft(looks: Sequence[EdgeLook], factor: int) -> bool:

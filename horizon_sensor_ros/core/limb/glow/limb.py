@@ -50,8 +50,12 @@ _FROM_PX = 2.0  # beyond the edge, from where on there is hardly anything but gl
 _LENGTHS, _SHORTEST_PX, _LONGEST_PX = 3.5, 6.0, 40.0  # of glow that is looked at, beyond that
 _HEIGHTS = np.exp(np.linspace(np.log(4e3), np.log(16e3), 25)) / 6371e3  # to start from
 _THIN_PX, _THIN_GLOW = 1.0, 0.5  # glow so short hides in the blur: its brightness, over the ground
-_STEPS, _NEAR_PX, _FAR_PX = 16, 0.05, 4.0  # moves of the limb that are the last, or too far
-_AHEAD = 0.3, 0.8  # shares of the last step between which it is looked ahead
+# Moves of the limb that are the last; of all together, that are too many, or too far. Under long
+# glow, as from a balloon, blur and height of the limb are told apart in many small ones.
+_NEAR_PX, _STEPS, _FAR_PX = 0.05, 16, 4.0
+_LONG_PX, _FAR_LENGTHS = 2.0, 3.0
+# Shares of the last step between which it is looked ahead, or half the way back.
+_AHEAD, _BACK = (0.3, 0.8), (-1.3, -0.5)
 _AFRESH_PX = 1.0  # off the cone about which the limb was drawn, from where on it is drawn again
 _FAINTEST, _BRIGHTEST = 0.2, 5.0  # glow over the usual one that may still be the same air's
 _MOST_MISFIT = 4.0  # of a stretch's glow, over the noise or the usual one
@@ -147,7 +151,9 @@ def _fitted(
     sight: GlowSight | None = None
     moved = since = 0.0
     last: np.ndarray | None = None
-    for _ in range(_STEPS):
+    length_px = usual_length_px(view, rho_rad, factor)
+    most_px = max(_FAR_PX, _FAR_LENGTHS * length_px)
+    for _ in range(round(_STEPS * max(1.0, length_px / _LONG_PX))):
         if sight is None or since > _AFRESH_PX:
             glaring = sight is not None and bool(sight.glare.any())
             sight = _look(gray, view, (nadir_base, rho_rad), outer_px, factor, glaring)
@@ -182,7 +188,7 @@ def _fitted(
         air = air.changed(change)
         moved += far
         since += far
-        if moved > _FAR_PX:
+        if moved > most_px:
             return None
         nadir_base = nadir_base + tangent_basis(nadir_base) @ change[:2]
         nadir_base = nadir_base / np.linalg.norm(nadir_base)
@@ -193,13 +199,13 @@ def _fitted(
 
 
 def _share(shift: np.ndarray, last: np.ndarray | None) -> float:
-    """By which share of the last step (M,) one goes the same way: as all that follow will, so that
-    they have an end; 0 where that cannot be told.
+    """By which share of the last step (M,) one goes the same way, or back: as all that follow will,
+    so that they have an end; 0 where that cannot be told.
     """
     if last is None or len(last) != len(shift):
         return 0.0
     share = float(shift @ last) / float(last @ last)
-    return share if _AHEAD[0] < share < _AHEAD[1] else 0.0
+    return share if any(low < share < high for low, high in (_AHEAD, _BACK)) else 0.0
 
 
 def _uneven(air: Air) -> bool:
