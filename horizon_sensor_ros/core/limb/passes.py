@@ -68,6 +68,8 @@ def look_for(
         seen, held = refined(views, frames, (nadir, rho), step, looks)
         apart: tuple[LimbObservation, ...] = ()
         if step.joint and _of_two_limbs(seen, held):
+            _tell_apart_alike(views, frames, planet, (nadir, rho), step, seen, held)
+        if step.joint and _of_two_limbs(seen, held):
             apart = _told_apart(seen, held)
             seen, held = refined(views, frames, (nadir, rho), replace(step, joint=False), looks)
         looks = [kinds or before for kinds, before in zip(held, looks, strict=True)]
@@ -135,6 +137,32 @@ def refined(
         seen.append(LimbObservation(view, limb))
         held.append(holds)
     return seen, held
+
+
+def _tell_apart_alike(
+    views: Sequence[CameraView],
+    frames: Sequence[SizedFrame],
+    planet: Planet,
+    near: tuple[np.ndarray, float],
+    step: RefinePass,
+    seen: list[LimbObservation],
+    held: list[tuple[EdgeLook, ...]],
+) -> None:
+    """Tell more limbs apart from the glow above them, about the cone of those that are told, and
+    beginning with their air: all cameras see one sky. In place.
+    """
+    cone = refine(gather([found for found in seen if found.limb.joint]), planet, near)
+    # The blur is one in pixels of a frame's size.
+    whole = [i for i, frame in enumerate(frames) if frame.factor == 1]
+    known = next((held[i] for i in whole if seen[i].limb.joint), ())
+    if not cone.ok or not known:
+        return
+    for i in whole:
+        if seen[i].limb.status is Status.OK and not _of_ground(seen[i].limb, held[i]):
+            about = cone.nadir_base, cone.rho_rad
+            limb, holds = refine_limb(frames[i].image(), views[i], *about, step, known)
+            if limb.joint:
+                seen[i], held[i] = LimbObservation(views[i], limb), holds
 
 
 def _of_two_limbs(seen: Sequence[LimbObservation], held: Sequence[tuple[EdgeLook, ...]]) -> bool:

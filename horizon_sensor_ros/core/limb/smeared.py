@@ -13,6 +13,7 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.width import Smear, smear_of
+from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.passes import FRESH, look_for
 from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
 from horizon_sensor_ros.core.limb_points import LimbPoints
@@ -101,6 +102,9 @@ def _smear_of(
     """Motion's smear in one frame, None where there is hardly any."""
     smear = smear_of(image, view, found.nadir_base, found.rho_rad)
     most_px = _GLOWING_PX if _soft(looks, factor) else _SMEAR_PX
+    if _glows(looks):
+        # As wide as glow that is this long is no smear's work.
+        most_px = max(most_px, usual_length_px(view, found.rho_rad, factor))
     return smear if smear.sure_px > most_px * factor else None
 
 

@@ -48,12 +48,15 @@ from horizon_sensor_ros.core.symmetric3 import is_positive
 _LEAST_STRETCHES, _KEEP_SHARE = 10, 0.5
 _FROM_PX = 2.0  # beyond the edge, from where on there is hardly anything but glow
 _LENGTHS, _SHORTEST_PX, _LONGEST_PX = 3.5, 6.0, 40.0  # of glow that is looked at, beyond that
+_LEAST_LENGTH = 0.6  # of glow that is looked for, over the usual one
 _HEIGHTS = np.exp(np.linspace(np.log(4e3), np.log(16e3), 25)) / 6371e3  # to start from
 _THIN_PX, _THIN_GLOW = 1.0, 0.5  # glow so short hides in the blur: its brightness, over the ground
 # Moves of the limb that are the last; of all together, that are too many, or too far. Under long
 # glow, as from a balloon, blur and height of the limb are told apart in many small ones.
-_NEAR_PX, _STEPS, _FAR_PX = 0.05, 16, 4.0
+_NEAR_PX, _STEPS, _FAR_PX, _MOST_STEP_PX = 0.05, 16, 4.0, 2.0
 _LONG_PX, _FAR_LENGTHS = 2.0, 3.0
+# Of glow, from where on a fit is begun again elsewhere, and where: lengths of glow.
+_LONG_GLOW_PX, _STARTS = 4.0, (0.0, -0.2, -0.4)
 # Shares of the last step between which it is looked ahead, or half the way back.
 _AHEAD, _BACK = (0.3, 0.8), (-1.3, -0.5)
 _AFRESH_PX = 1.0  # off the cone about which the limb was drawn, from where on it is drawn again
@@ -123,7 +126,11 @@ def fit_glow(
     part is fitted by itself.
     """
     part = WHOLE if look.air is None else look.air.part
-    found = _fitted(gray, view, nadir_base, rho_rad, look, factor, part)
+    found = None
+    for rho in _starts(view, rho_rad, factor):
+        found = _fitted(gray, view, nadir_base, rho, look, factor, part)
+        if found is not None:
+            break
     uneven = part != WHOLE or isinstance(found, tuple)
     if isinstance(found, tuple) and in_part:
         fresh = replace(look, air=None)
@@ -131,6 +138,17 @@ def fit_glow(
     if isinstance(found, GlowLimb):
         return found
     return UnevenGlow() if uneven else None
+
+
+def _starts(view: CameraView, rho_rad: float, factor: int) -> list[float]:
+    """Radii to begin with: under long glow edges are found far beyond the limb, and the fit may
+    settle there on glow for ground.
+    """
+    length_px = usual_length_px(view, rho_rad, factor)
+    if length_px < _LONG_GLOW_PX:
+        return [rho_rad]
+    length_rad = length_px * factor * view.camera.pixel_rad
+    return [rho_rad + start * length_rad for start in _STARTS]
 
 
 def _fitted(
@@ -145,13 +163,14 @@ def _fitted(
     """`fit_glow` of a part of what is seen of the limb, from 0 to 1 along it; where glow is too
     uneven for it, a smaller part that may do.
     """
-    outer_px = _FROM_PX + min(max(_LENGTHS * look.glow_px, _SHORTEST_PX), _LONGEST_PX)
+    length_px = usual_length_px(view, rho_rad, factor)
+    glow_px = max(look.glow_px, _LEAST_LENGTH * length_px)
+    outer_px = _FROM_PX + min(max(_LENGTHS * glow_px, _SHORTEST_PX), _LONGEST_PX)
     air = look.air
     keep = np.empty(0, dtype=bool)
     sight: GlowSight | None = None
     moved = since = 0.0
     last: np.ndarray | None = None
-    length_px = usual_length_px(view, rho_rad, factor)
     most_px = max(_FAR_PX, _FAR_LENGTHS * length_px)
     for _ in range(round(_STEPS * max(1.0, length_px / _LONG_PX))):
         if sight is None or since > _AFRESH_PX:
@@ -178,6 +197,10 @@ def _fitted(
         last = shift if share == 0.0 else None
         change, shift = found.change / (1.0 - share), shift / (1.0 - share)
         far = float(np.abs(shift).max())
+        if far > _MOST_STEP_PX:
+            # Beside overexposed ground the first steps may be hundreds of pixels.
+            change, shift = change * (_MOST_STEP_PX / far), shift * (_MOST_STEP_PX / far)
+            far = _MOST_STEP_PX
         outlying = keep & (found.cost > _OUTLIER * max(1.0, median(found.cost[keep])))
         if far <= _NEAR_PX and air.near(change) and not outlying.any():
             if part == WHOLE and _uneven(air):
