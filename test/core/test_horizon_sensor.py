@@ -722,6 +722,20 @@ def test_a_camera_that_is_surer_alone_is_taken_alone(kind: str, i: int, seed: in
     assert error_deg(again, scene.frames[0].truth.nadir_base) < 0.02
 
 
+@pytest.mark.parametrize("i", [159, 199, 254, 264])
+def test_both_limbs_are_told_from_long_glow(i: int) -> None:
+    """From a balloon glow reaches over nine pixels; of these pairs one limb or none was told from
+    it, since the fit ran out of steps, began too far off, or was taken for smeared: nadir was .05
+    to .5 deg off.
+    """
+    scene = hard_scene("balloon", i, 902)
+    fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
+    assert fix.ok, fix.reason
+    assert all(limb.joint for limb in fix.limbs)
+    assert error_deg(fix, scene.frames[0].truth.nadir_base) < 0.1
+    assert nees(fix, scene.frames[0].truth.nadir_base) < 11.83
+
+
 @pytest.mark.parametrize(("i", "index"), [(10, 1), (13, 1)])
 def test_a_limb_under_glow_whose_blur_is_far_from_its_edges_claims_more(i: int, index: int) -> None:
     """From a balloon glow and blur are mistaken for each other, and with them how the limb bends:
