@@ -722,6 +722,19 @@ def test_a_camera_that_is_surer_alone_is_taken_alone(kind: str, i: int, seed: in
     assert error_deg(again, scene.frames[0].truth.nadir_base) < 0.02
 
 
+def test_the_sun_alone_raises_no_warning() -> None:
+    """Taken for a disc from far away, no air is in sight above it."""
+    rows, columns = np.indices((480, 640))
+    radius_px = np.hypot(columns - 245.0, rows - 62.0)
+    noise = np.random.default_rng(3).normal(0.0, 1.0, radius_px.shape)
+    gray = np.clip(5751.0 / (1.0 + (radius_px / 16.0) ** 3.5) + 4.0 + noise, 0.0, 255.0)
+    (view,) = limb_views(400e3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fix = HorizonSensor().process([Frame(view, gray.astype(np.uint8))])
+    assert not fix.ok or fix.fit.altitude_m > 9e6
+
+
 @pytest.mark.parametrize("i", [159, 199, 254, 264])
 def test_both_limbs_are_told_from_long_glow(i: int) -> None:
     """From a balloon glow reaches over nine pixels; of these pairs one limb or none was told from

@@ -225,13 +225,15 @@ def test_dark_ground_beyond_a_bank_of_cloud_is_not_taken_for_glowing_air() -> No
 def test_a_bank_of_cloud_at_one_end_of_a_short_arc_is_not_taken_for_the_limb(
     index: int, seed: int
 ) -> None:
-    """One camera, a dim frame: fixes 3 to 5 deg off that claimed .3. Edges farther out tell."""
+    """One camera, a dim frame: fixes 3 to 5 deg off that claimed .3. Edges farther out tell, or the
+    limb that is told from its glow knows too little.
+    """
     scene = hard_scene("dim", index, seed)
     fix = HorizonSensor().process([Frame(scene.views[0], scene.frames[0].image)])
     if fix.ok:
         assert nadir_nees(fix.fit, scene.frames[0].truth.nadir_base) < 25.0
     else:
-        assert "edges of space lie outside" in fix.reason
+        assert fix.status is Status.UNCERTAIN or "edges of space lie outside" in fix.reason
     both = HorizonSensor().process(as_frames(scene.views, scene.frames))
     assert both.ok
     assert nadir_nees(both.fit, scene.frames[0].truth.nadir_base) < 25.0

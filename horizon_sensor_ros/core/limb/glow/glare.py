@@ -25,7 +25,8 @@ def in_glare(sight: GlowSight) -> bool:
     profiles = sight.profiles[:, outer]
     fall = np.exp(-sight.distance[:, outer] * (sight.rise / USUAL_HEIGHT)[:, None])
     mean = fall.mean(axis=1, keepdims=True)
-    squares = np.square(fall - mean).sum(axis=1)
+    # From far away there is no air at all in sight there.
+    squares = np.maximum(np.square(fall - mean).sum(axis=1), np.finfo(float).tiny)
     glow = (profiles * (fall - mean)).sum(axis=1) / squares
     background = profiles.mean(axis=1) - glow * mean[:, 0]
     sigma = sight.noise * np.sqrt(1.0 / fall.shape[1] + np.square(mean[:, 0]) / squares)

@@ -45,7 +45,7 @@ _MISJUDGED = np.array(
 )
 _EVEN = 0.06  # amplitude up to where glow is as good as even
 _MOST_BLURRED, _FAR_BLURRED, _LEAST_SHARE = 1.0, 1.0, 0.5  # sigmas from where on they grow no more
-_FINE_PX, _FINER = 2.5, np.array([0.45, 0.65, 0.5])
+_FINE_PX, _FINER = 2.5, np.array([0.35, 0.55, 0.4])
 _THIN_PX, _THINNER = 1.0, np.array([0.0, 1.0, 1.0])
 _OF_LENGTH = np.array([0.02, 0.012, 0.01])
 # Ripple of glow along the limb, as under flickering light through which rows are exposed one after
