@@ -73,9 +73,12 @@ def limb_curve(
     if circle.shape[1] == 0:
         return LimbCurve(np.empty((0, 2)), np.empty((0, 2)), spacing_px)
     cone = _cone(nadir, rho_rad)
+    both = np.zeros((6, 3))
+    both[:3] = cone
     # Along the limb, by azimuth: minus the sine, and the cosine.
-    along = (cone[:, 1:] * _TURNED) @ circle[2:0:-1]
-    px, tangent = camera.project_along((cone @ circle).T, along.T)
+    both[3:, 1], both[3:, 2] = cone[:, 2], -cone[:, 1]
+    rays = both @ circle
+    px, tangent = camera.project_along(rays[:3].T, rays[3:].T)
     keep = np.flatnonzero(_within(camera, px))
     if len(keep) < len(px):
         # One arc, as a rule.
@@ -84,12 +87,11 @@ def limb_curve(
         px, tangent = px[part], tangent[part]
     # A camera does not mirror: out of the limb is to the same side of it in every image.
     x, y = tangent.T
-    normal = np.stack([y, -x])
-    normal /= np.hypot(x, y)
+    normal = np.empty((2, len(px)))
+    length = np.hypot(x, y)
+    np.divide(y, length, out=normal[0])
+    np.divide(x, -length, out=normal[1])
     return LimbCurve(px, normal.T, spacing_px)
-
-
-_TURNED = np.array([-1.0, 1.0])
 
 
 def _visible(camera: Camera, nadir: np.ndarray, rho_rad: float, spacing_px: float) -> np.ndarray:

@@ -137,10 +137,10 @@ def rays_of(view: CameraView, limb: LimbPoints) -> LimbRays:
     sigma = np.asarray(limb.sigma_px, dtype=float)
     keep = np.isfinite(rays[:, 0] + normal[:, 0] + normal[:, 1]) & (sigma > 0) & (sigma < 1e6)
     keep &= normal.any(axis=1)
-    if not keep.any():
-        return no_rays(len(px))
     if not keep.all():
         rays, normal, sigma = rays[keep], normal[keep], sigma[keep]
+    if len(rays) == 0:
+        return no_rays(len(px))
     outward = outward_per_px(view.camera.pixel_jacobian(rays), normal)
     rot = view.rot_base_from_cam.T
     index = np.zeros(len(rays), dtype=int)

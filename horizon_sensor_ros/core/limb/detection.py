@@ -137,6 +137,8 @@ class Detection:
 
     def with_limbs(self, limbs: Sequence[LimbPoints]) -> Detection:
         """The same with other points of the limbs, or other errors of theirs."""
+        if all(seen.limb is limb for seen, limb in zip(self.observations, limbs, strict=True)):
+            return self
         return replace(
             self,
             observations=tuple(

@@ -196,11 +196,12 @@ def limb_of_edges(
         if uneven:
             coherent *= _UNEVEN_GLOW
         shared = SharedError(coherent, _SHIFT * coherent, _SLOPE * coherent)
-    points = _points(sample, px, normal_px, places, shared.besides(of_clipping), jumps_px)
+    blur_px, steepness = np.nan, np.empty(0)
     if not glows:
         blur_px = np.nan if model_free else sample.factor * looks[0].psf_px
         steepness = _steepness(_falls(profiles), sample.grid)
-        points = replace(points, steepness=steepness, blur_px=blur_px)
+    shared = shared.besides(of_clipping)
+    points = _points(sample, px, normal_px, places, shared, jumps_px, steepness, blur_px)
     if given and model_free and not glows:
         points = replace(points, modelled=False)
     if glows:
@@ -246,9 +247,8 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
     falls = _falls(profiles)
     if not (jumps_px < _CALM_PX and _falls_there(falls, sample.grid)):
         return None
-    points = _points(sample, px, normal_px, places, shared, jumps_px)
-    blur_px = sample.factor * look.psf_px
-    return replace(points, steepness=_steepness(falls, sample.grid), blur_px=blur_px)
+    steepness, blur_px = _steepness(falls, sample.grid), sample.factor * look.psf_px
+    return _points(sample, px, normal_px, places, shared, jumps_px, steepness, blur_px)
 
 
 def _falls(profiles: np.ndarray) -> np.ndarray:
@@ -299,9 +299,11 @@ def _points(
     places: EdgePlaces,
     shared: SharedError,
     jumps_px: float,
+    steepness: np.ndarray,
+    blur_px: float,
 ) -> LimbPoints:
-    """Limb points (N,) in the full image, of edges near px (N, 2); the rest in pixels of the
-    sample's.
+    """Limb points (N,) in the full image, of edges near px (N, 2); the rest, but for the blur, in
+    pixels of the sample's.
     """
     factor = sample.factor
     offset_px = places.offset_px * factor
@@ -318,6 +320,8 @@ def _points(
         jumps_px * factor,
         sample.curve,
         offset_px,
+        steepness=steepness,
+        blur_px=blur_px,
     )
 
 

@@ -113,6 +113,8 @@ def look_for(
                 passes.remove(_NEAR)
             else:
                 looks = [()] * len(views)
+    if not any(seen.limb.joint for seen in (*found.observations, *found.apart)):
+        return found
     return replace(
         found,
         observations=told_together(found.observations),

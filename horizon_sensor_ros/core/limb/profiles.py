@@ -191,6 +191,12 @@ class Bundles:
         return Bundles(self.size, index, first - first[0], count)
 
     @cached_property
+    def _kept(self) -> np.ndarray | slice:
+        """`index`, as a slice where it has no gaps: as a rule only the ends of a limb are lost."""
+        first, last = int(self.index[0]), int(self.index[-1])
+        return slice(first, last + 1) if last - first + 1 == len(self.index) else self.index
+
+    @cached_property
     def middle(self) -> np.ndarray:
         """Number (M,) of the profile in the middle of each."""
         return self.index[self.first + self.count // 2]
@@ -199,7 +205,7 @@ class Bundles:
         """Means (M, C) of the profiles' values (N, C)."""
         values = values.T
         if len(self.index) < values.shape[1]:
-            values = values[:, self.index]
+            values = values[:, self._kept]
         if len(self) == len(self.index):
             return values.T
         sums = np.add.reduceat(values, self.first, axis=1)
@@ -237,9 +243,11 @@ def pixels_across(
     gray, d_px, factor : as of `sample_profiles`; no profile leaves the frame.
     """
     centre, normal = _reduced(curve.px[which], factor), curve.normal_px[which]
-    at = centre[:, None] + d_px[:, None] * normal[:, None]
-    x, y = np.moveaxis(np.rint(at).astype(np.intp), 2, 0)
-    return np.asarray(gray[y, x])
+    # As in `sample_profiles`: the points of the limb run fastest.
+    at = d_px[:, None] * normal.T[:, None]
+    at += centre.T[:, None]
+    x, y = np.rint(at, out=at).astype(np.intp)
+    return np.asarray(gray[y, x]).T
 
 
 def space_level(profiles: np.ndarray) -> np.ndarray:

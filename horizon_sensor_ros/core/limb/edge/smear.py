@@ -92,7 +92,7 @@ def _repetition(rest: np.ndarray, information: np.ndarray) -> float:
     first = np.arange(num) * len(rest) // num
     weight = np.add.reduceat(information, first)
     sums = np.add.reduceat(information * rest, first)
-    chi2 = float(np.sum(np.square(sums) / np.maximum(weight, _LEAST_INFORMATION)))
+    chi2 = float(sums @ (sums / np.maximum(weight, _LEAST_INFORMATION)))
     return max(1.0, chi2 / max(num - 3, 1))
 
 

@@ -32,7 +32,8 @@ def limb_in_raster(
     variance of that.
     """
     weight = 1.0 / variance
-    both = np.stack([place, raster], axis=1)
+    both = np.empty((len(place), 2))
+    both[:, 0], both[:, 1] = place, raster
     limbs = _solved(base, both, weight)
     far = _far_off(base, place, limbs[:, 0])
     if far.any():
@@ -53,8 +54,8 @@ def _far_off(base: np.ndarray, place: np.ndarray, limb: np.ndarray) -> np.ndarra
 
 def _solved(base: np.ndarray, places: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Unknowns (3, ...) of the limb that is nearest to places (N, ...)."""
-    weighted = (base * weight[:, None]).T
+    weighted = base.T * weight
     information = weighted @ base
     # Along a short arc the three are nearly one and the same.
-    information.flat[:: len(information) + 1] += 1e-9 * information[-1, -1]
+    information.ravel()[:: len(information) + 1] += 1e-9 * information[-1, -1]
     return np.asarray(inverse(information) @ (weighted @ places))

@@ -141,7 +141,8 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
         return values if every else values[good]
 
     # Just inside the edge: brightness may be another a few pixels on.
-    step = stretches.profiles[:, _samples(d_px, *_BESIDE_PX)].mean(axis=1)
+    beside = stretches.profiles[:, _samples(d_px, *_BESIDE_PX)]
+    step = np.add.reduce(beside, axis=1) / np.float32(beside.shape[1])
     step -= median(sure(stretches.profiles)[:, _samples(d_px, _SPACE_PX)].ravel())
     step = np.maximum(step / tables.rise, stretches.noise)
     usual_step = median(sure(step))
@@ -218,8 +219,7 @@ def _level_evidence(step: np.ndarray, ground: float) -> np.ndarray:
     """
     lag = min(max(1, round(_LAG / ground)), len(step) - 1)
     change2 = 0.5 * np.square(step[lag:] - step[:-lag])
-    index = np.arange(len(step))
-    ahead, behind = np.minimum(index, len(change2) - 1), np.maximum(index - lag, 0)
+    ahead, behind = _around(len(step), lag)
     change2 = 0.5 * (change2[ahead] + change2[behind])
     expected = _STEP_VARIANCE + _variogram(lag, ground)
     # Changes over stretches in common are one.
@@ -244,6 +244,15 @@ def _rounded(ground: float) -> float:
     in the last frame.
     """
     return float(f"{ground:.2g}")
+
+
+@lru_cache(maxsize=64)
+def _around(count: int, lag: int) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (N,) of the changes, over so many stretches, that begin and end at each of `count`;
+    those next to it at the ends.
+    """
+    index = np.arange(count)
+    return np.minimum(index, count - lag - 1), np.maximum(index - lag, 0)
 
 
 @lru_cache(maxsize=64)
