@@ -214,6 +214,11 @@ def test_pixels_move_along_as_their_jacobian_says(name: str) -> None:
     again, jacobian = camera.project(rays)
     np.testing.assert_allclose(px, again, rtol=1e-12)
     np.testing.assert_allclose(moved, np.einsum("nij,nj->ni", jacobian, along), rtol=1e-9)
+    # One that is behind the camera, or no ray, changes nothing for the others.
+    rays[1], rays[2] = -rays[1] if "equidistant" not in name else np.nan, np.nan
+    beside = camera.project_along(rays, along)[0]
+    np.testing.assert_array_equal(beside[3:], px[3:])
+    assert np.isnan(beside[1:3]).all()
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -221,6 +226,8 @@ def test_bad_pixels_and_no_pixels(name: str) -> None:
     camera = make(name)
     rays = camera.rays(np.array([[np.nan, 1.0], [np.inf, 2.0], [100.0, 100.0]]))
     assert np.isfinite(rays).all(axis=1).tolist() == [False, False, True]
+    no_rays = np.array([[np.inf, 0.0, 1.0], [np.nan, 0.0, 1.0]])
+    assert np.isnan(camera.pixels(no_rays)).any(axis=1).all()
     assert camera.rays(np.empty((0, 2))).shape == (0, 3)
     assert camera.pixels(np.empty((0, 3))).shape == (0, 2)
     assert camera.pixel_jacobian(np.empty((0, 3))).shape == (0, 2, 3)

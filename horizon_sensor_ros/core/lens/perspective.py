@@ -17,7 +17,7 @@ _TABLE_SIZE = 1024
 _STEEPEST_RAD = np.radians(89.9)
 # Tangents beyond this are as good as infinite.
 _FARTHEST = 1e100
-_GRAZING = 1e-90  # component along the axis of a unit ray whose tangent is not beyond that
+_GRAZING = 1e-90  # unit rays with more than that along the axis have tangents below it
 _NEWTON_STEPS = 30
 _CONVERGED = 1e-13
 _MOST_OFF = 1e-6  # of a point that is found, from where it should be, over its radius and one
@@ -80,9 +80,13 @@ class PerspectiveLens(Lens):
         """As `Lens.project_along`."""
         if not self.undistorted:
             return super().project_along(rays, along)
-        x, y, inverse_z = self._normalised(rays)
-        places = np.empty((2, len(x)))
-        places[0], places[1] = x, y
+        z = rays.T[2]
+        if z.min(initial=1.0) > _GRAZING:
+            inverse_z = 1.0 / z
+            places = rays.T[:2] * inverse_z
+        else:
+            x, y, inverse_z = self._normalised(rays)
+            places = np.stack([x, y])
         moved = along.T[:2] - places * along.T[2]
         moved *= inverse_z
         return places, moved
@@ -159,9 +163,6 @@ class PerspectiveLens(Lens):
     def _normalised(self, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return x/z, y/z and 1/z, NaN behind the camera and outside the one-to-one field."""
         x, y, z = rays.T
-        if self.undistorted and z.min(initial=1.0) > _GRAZING:
-            inverse_z = 1.0 / z
-            return x * inverse_z, y * inverse_z, inverse_z
         inverse_z = 1.0 / np.where(z > 0, z, np.nan)
         limit = _FARTHEST if self.undistorted else min(self._max_radius, _FARTHEST)
         inside = (x * x + y * y) * (inverse_z * inverse_z) <= limit * limit
