@@ -178,7 +178,7 @@ def test_a_limb_below_uneven_glow_claims_less(
     if fix.ok:
         assert nadir_nees(fix.fit, frame.truth.nadir_base) < 11.8
     else:
-        assert fix.status is Status.UNCERTAIN
+        assert fix.status in (Status.UNCERTAIN, Status.ILL_CONDITIONED)
 
 
 @pytest.mark.parametrize(("kind", "index", "seed"), [("moonlit", 281, 9), ("moonlit", 401, 31415)])

@@ -19,7 +19,7 @@ _FAR = 6.0  # sigmas beyond the limb, from where on all of the blur lies in the 
 
 class Glow(NamedTuple):
     """Glow (N, J) over that of a ray that grazes the limb, and its derivatives by the place, by the
-    blur and by the logarithm of the length over which it fades.
+    blur and by the logarithm of the length over which it fades. In front of the ground (J,).
     """
 
     bright: np.ndarray
@@ -50,12 +50,25 @@ def glow_outside(x_px: np.ndarray, psf_px: float, length_px: np.ndarray) -> Glow
     )
 
 
-def air_inside(x_px: np.ndarray, psf_px: float, length_px: float) -> np.ndarray:
-    """Air in front of the ground (J,) at distances x_px (J,), blurred, over that at the limb."""
+def air_inside(x_px: np.ndarray, psf_px: float, length_px: float) -> Glow:
+    """Glow of the air in front of the ground at distances x_px (J,), over that at the limb."""
     root, blur = seen_depths(x_px, psf_px)
-    return np.asarray(blur @ _erfcx(root / np.sqrt(length_px)))
+    beyond = (x_px[:, None] + root * root) / psf_px
+    scaled = root / np.sqrt(length_px)
+    lit, slope = _erfcx(scaled)
+    lit_blurred = blur @ lit
+    return Glow(
+        lit_blurred,
+        -(blur * beyond) @ lit / psf_px,
+        ((blur * beyond * beyond) @ lit - lit_blurred) / psf_px,
+        blur @ (-0.5 * scaled * slope),
+    )
 
 
-def _erfcx(x: np.ndarray) -> np.ndarray:
-    """exp(x^2) erfc(x) for x >= 0, by its upper bound (exact at 0 and far out, 8 % between)."""
-    return 2.0 / (np.sqrt(np.pi) * (x + np.sqrt(x * x + 4.0 / np.pi)))
+def _erfcx(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """exp(x^2) erfc(x) for x >= 0, by its upper bound (exact at 0 and far out, 8 % between), and
+    how that rises.
+    """
+    root = np.sqrt(x * x + 4.0 / np.pi)
+    value = 2.0 / (np.sqrt(np.pi) * (x + root))
+    return value, -value / root

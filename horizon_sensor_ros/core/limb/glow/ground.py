@@ -60,6 +60,7 @@ class Ground:
         self._textured, turn = np.linalg.eigh(whiten @ across @ whiten.T)
         self._to_axes = turn.T @ whiten
         rows, columns = np.nonzero(doubt)
+        self._doubt, self._doubted = doubt, len(rows) > 0
         count = 1 + len(rows)
         self.extra = np.empty((len(self._along), len(d_px), count))
         self._sums = self._along.sum(axis=0)
@@ -125,7 +126,10 @@ class Ground:
         """Cost (K,) of what is left of each stretch (K, J), taken by itself."""
         alone = self._alone + self._common * np.outer(self.edge, self.edge)
         alone += strength**2 * self._across
-        return np.asarray((left * np.linalg.solve(alone, left.T).T).sum(axis=1))
+        if not self._doubted:
+            return np.asarray((left * np.linalg.solve(alone, left.T).T).sum(axis=1))
+        doubted = alone + self._doubt[:, :, None] * np.eye(len(self.edge))
+        return np.asarray((left * np.linalg.solve(doubted, left[..., None])[..., 0]).sum(axis=1))
 
 
 @lru_cache(maxsize=16)

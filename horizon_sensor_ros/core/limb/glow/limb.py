@@ -79,7 +79,8 @@ class GlowLimb:
     air : that glows above it, and length_px over which that fades. value (7,), cov (7, 7) : of the
     `KEPT` unknowns, the limb's three as they are off these points; beforehand : (7,) information on
     blur, slope and bend of log A that is in them. ripple : as of `GlowStep`. glaring : the Sun's
-    glare was taken off. smeared : motion blurs the frame.
+    glare was taken off. overexposed : share of the stretches with saturated samples. smeared :
+    motion blurs the frame.
     """
 
     px: np.ndarray
@@ -97,6 +98,7 @@ class GlowLimb:
     beforehand: np.ndarray
     ripple: float
     glaring: bool
+    overexposed: float
     smeared: bool = False
 
 
@@ -343,4 +345,5 @@ def _limb(
         beforehand,
         found.ripple,
         bool(sight.glare.any()),
+        float(sight.blind[keep].any(axis=1).mean()),
     )

@@ -32,22 +32,23 @@ _SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
 # slope and bend fall with it where it is thin. However exact the fit, it is off by a share of that.
 _MISJUDGED = np.array(
     [
-        [1.0, 0.85, 0.55],  # even glow
-        [4.0, 9.0, 5.0],  # amplitude of the logarithm of A around nadir, all along the limb
-        [0.0, 0.0, 1.5],  # logarithm of what the lens fades
-        [1.5, 1.3, 1.3],  # a part of the limb only
-        [1.5, 1.5, 2.0],  # ripple
-        [1.7, 0.0, 0.0],  # blur off the edges' one, in sigmas of what is known of it
-        [0.0, 0.8, 0.9],  # blur farther off than that, as seen from a balloon
-        [4.0, 0.0, 0.0],  # share of the air in front of the ground below the usual one, likewise
-        [0.3, 0.8, 0.5],  # glare
+        [0.7, 0.8, 0.5],  # even glow
+        [8.0, 13.0, 8.0],  # amplitude of the logarithm of A around nadir, all along the limb
+        [0.9, 0.5, 1.6],  # logarithm of what the lens fades
+        [0.2, 0.5, 1.5],  # a part of the limb only
+        [1.0, 1.3, 1.6],  # ripple
+        [2.4, 0.4, 0.4],  # blur off the edges' one, in sigmas of what is known of it
+        [4.4, 1.0, 1.0],  # share of the air in front of the ground below the usual one, likewise
+        [0.1, 0.1, 0.8],  # glare
+        [4.0, 1.5, 5.0],  # saturated ground nearly all along
     ]
 )
-_EVEN = 0.06  # amplitude up to where glow is as good as even
-_MOST_BLURRED, _FAR_BLURRED, _LEAST_SHARE = 1.0, 1.0, 0.5  # sigmas from where on they grow no more
-_FINE_PX, _FINER = 2.5, np.array([0.35, 0.55, 0.4])
-_THIN_PX, _THINNER = 1.0, np.array([0.0, 1.0, 1.0])
-_OF_LENGTH = np.array([0.02, 0.012, 0.01])
+_EVEN = 0.03  # amplitude up to where glow is as good as even
+_MOST_BLURRED, _LEAST_SHARE = 2.0, 0.5  # sigmas from where on they grow no more
+_OVEREXPOSED = 0.85  # share of the limb beside saturated ground, from where on it matters
+_FINE_PX, _FINER = 2.5, np.array([0.0, 0.2, 0.1])
+_THIN_PX, _THINNER = 1.0, np.array([0.0, 1.4, 1.1])
+_OF_LENGTH = np.array([0.001, 0.006, 0.012])
 # Ripple of glow along the limb, as under flickering light through which rows are exposed one after
 # the other: beyond what five of six even limbs show, and the most.
 _RIPPLE, _MOST_RIPPLE = 0.4, 1.0
@@ -129,9 +130,9 @@ def _misjudged(limb: GlowLimb, amplitude: float) -> np.ndarray:
             float(air.part != WHOLE),
             min(max(limb.ripple - _RIPPLE, 0.0), _MOST_RIPPLE),
             min(blur_off, _MOST_BLURRED),
-            min(max(blur_off - _MOST_BLURRED, 0.0), _FAR_BLURRED),
             min(max((USUAL_SHARE - air.share) / SHARE_SIGMA, 0.0), _LEAST_SHARE),
             float(limb.glaring),
+            max(limb.overexposed - _OVEREXPOSED, 0.0) / (1.0 - _OVEREXPOSED),
         ]
     )
     finer = max(1.0, limb.length_px / _FINE_PX) ** _FINER
