@@ -35,15 +35,16 @@ _MISJUDGED = np.array(
         [0.7, 0.8, 0.5],  # even glow
         [8.0, 13.0, 8.0],  # amplitude of the logarithm of A around nadir, all along the limb
         [0.9, 0.5, 1.6],  # logarithm of what the lens fades
-        [0.2, 0.5, 1.5],  # a part of the limb only
-        [1.0, 1.3, 1.6],  # ripple
+        [0.2, 0.4, 1.1],  # a part of the limb only
+        [0.8, 1.1, 1.3],  # ripple
         [2.4, 0.4, 0.4],  # blur off the edges' one, in sigmas of what is known of it
         [4.4, 1.0, 1.0],  # share of the air in front of the ground below the usual one, likewise
         [0.1, 0.1, 0.8],  # glare
         [4.0, 1.5, 5.0],  # saturated ground nearly all along
     ]
 )
-_EVEN = 0.03  # amplitude up to where glow is as good as even
+# Amplitude up to where glow is as good as even, and from where on it matters no more.
+_EVEN, _UNEVEN = 0.03, 0.15
 _MOST_BLURRED, _LEAST_SHARE = 2.0, 0.5  # sigmas from where on they grow no more
 _OVEREXPOSED = 0.85  # share of the limb beside saturated ground, from where on it matters
 _FINE_PX, _FINER = 2.5, np.array([0.0, 0.2, 0.1])
@@ -125,7 +126,7 @@ def _misjudged(limb: GlowLimb, amplitude: float) -> np.ndarray:
     grown = np.array(
         [
             1.0,
-            max(amplitude - _EVEN, 0.0) if air.part == WHOLE else 0.0,
+            min(max(amplitude, _EVEN), _UNEVEN) - _EVEN if air.part == WHOLE else 0.0,
             air.fading,
             float(air.part != WHOLE),
             min(max(limb.ripple - _RIPPLE, 0.0), _MOST_RIPPLE),
