@@ -28,8 +28,8 @@ from horizon_sensor_ros.core.status import Status
 # its mean.
 _SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
 # No model is quite right: errors of the limb's mean, slope and bend beside the truth of simulated
-# ones, in sigmas, by what they grow with; all of them also with powers of the length of glow, and
-# slope and bend fall with it where it is thin. However exact the fit, it is off by a share of that.
+# ones, in sigmas, by what they grow with; those of slope and bend also with powers of the length of
+# glow, with which they fall where it is thin. However exact the fit, it is off by a share of that.
 _MISJUDGED = np.array(
     [
         [0.7, 0.8, 0.5],  # even glow
