@@ -32,7 +32,7 @@ _SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
 # glow, with which they fall where it is thin. However exact the fit, it is off by a share of that.
 _MISJUDGED = np.array(
     [
-        [0.7, 0.8, 0.5],  # even glow
+        [0.7, 0.86, 0.5],  # even glow
         [8.0, 13.0, 8.0],  # amplitude of the logarithm of A around nadir, all along the limb
         [0.9, 0.5, 1.6],  # logarithm of what the lens fades
         [0.2, 0.4, 1.1],  # a part of the limb only
