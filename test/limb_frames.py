@@ -136,3 +136,12 @@ def unlike_any_limb(height: int = 480, width: int = 640) -> dict[str, np.ndarray
     for size in (1, 8, 64, 160):
         frames[f"checkerboard of {size}"] = ((x // size + y // size) % 2) * 255
     return {name: frame.astype(np.uint8) for name, frame in frames.items()}
+
+
+def photograph(path: Path, focal_length_mm: float) -> Frame:
+    """On a sensor 36 mm wide."""
+    gray = read_gray(path)
+    height, width = gray.shape
+    focal = focal_length_mm / 36.0 * width
+    camera = Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+    return Frame(CameraView("camera", camera, np.eye(3)), gray)

@@ -13,6 +13,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.agreement import each_alone, with_contradiction
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
+from horizon_sensor_ros.core.airglow_nadir import fit_airglow, with_airglow
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.figure import (
@@ -70,7 +71,8 @@ class HorizonFix:
     reason : why there is no estimate, or what makes it less certain; empty where nothing does.
     fit : the estimate, NaN when status is not OK. limbs : one per frame, in order; a frame that
     contributed nothing says why. cameras_used : names of those that did. predicted : where the limb
-    was expected, if it was followed and not searched for.
+    was expected, if it was followed and not searched for. airglow : the edge of the airglow above
+    the limb, as a fit of its own, where nadir is by that too.
     """
 
     status: Status
@@ -79,6 +81,7 @@ class HorizonFix:
     limbs: tuple[LimbPoints, ...]
     cameras_used: tuple[str, ...]
     predicted: Disc | None = None
+    airglow: HorizonFit | None = None
 
     @property
     def ok(self) -> bool:
@@ -106,6 +109,8 @@ _SURER, _SURER_IN_GLOW = 0.5, 0.95
 # it are nearer to the truth even where they claim so much more.
 _NOT_LESS_SURE = 1.5
 _LESS_SURE = "the other camera is surer without it"
+# Nadir by the limb alone that airglow would say little more of: it knows it to .15 deg at best.
+_SURE_RAD = np.radians(0.05)
 # Sets of frames followed before the whole frames are searched again: a track that had slipped off
 # the limb, or a camera that has come to see it, is noticed after so many at the latest.
 _LONGEST_TRACK = 50
@@ -156,6 +161,8 @@ class HorizonSensor:
             and detection.modelled
         ):
             views = [frame.view for frame in frames]
+            shows = detection.layer_rad > 0.0 or fix.airglow is not None
+            detection = replace(detection, airglow=shows)
             self._track = Track.started(views, detection, fix.fit, _on_one_cone(views, fix))
         return fix
 
@@ -179,9 +186,7 @@ class HorizonSensor:
                 reason = fix.reason if fix.ok else _reason_and_left_out(frames, limbs, fix.reason)
                 for i, limb in zip(rest, fix.limbs, strict=True):
                     limbs[i] = limb
-                fix = HorizonFix(
-                    fix.status, reason, fix.fit, tuple(_filled(limbs)), fix.cameras_used
-                )
+                fix = replace(fix, reason=reason, limbs=tuple(_filled(limbs)))
                 contradicted = self._contradicted(frames, fix, aiding)
                 if contradicted is not None:
                     return contradicted, None
@@ -296,7 +301,9 @@ class HorizonSensor:
         if detection is None:
             return None
         samples = track.samples(images)
-        detection = replace(detection, candidates=samples, layer_rad=track.layer_rad)
+        detection = replace(
+            detection, candidates=samples, layer_rad=track.layer_rad, airglow=track.airglow
+        )
         fix, doubtful = self._judge(frames, detection, figure, aiding)
         fix, detection = self._told_apart(frames, fix, detection, figure, aiding)
         seen = _on_one_cone([frame.view for frame in frames], fix)
@@ -367,6 +374,7 @@ class HorizonSensor:
             fit, apart = with_contradiction(fit, alone, observations, self._sphere)
         published = partial(
             self._published,
+            frames=frames,
             observations=observations,
             detection=detection,
             figure=figure,
@@ -392,6 +400,7 @@ class HorizonSensor:
         self,
         fit: HorizonFit,
         *,
+        frames: Sequence[Frame],
         observations: Sequence[LimbObservation],
         detection: Detection,
         figure: Figure,
@@ -405,10 +414,15 @@ class HorizonSensor:
         """
         limbs = tuple(seen.limb for seen in observations)
         unused = ""
-        estimate = fit
+        estimate, contradicted, airglow = fit, None, None
+        if detection.airglow and nadir_sigma_rad(fit) > _SURE_RAD:
+            seen = [(frame.gray, one) for frame, one in zip(frames, observations, strict=True)]
+            airglow = fit_airglow(seen, fit, self._sphere)
+        if airglow is not None:
+            estimate, contradicted = self._with_airglow(fit, airglow, observations, figure)
         if aiding.altitude is not None:
             known = figure.altitude(aiding.altitude)
-            estimate, unused = with_altitude(fit, known, self._sphere)
+            estimate, unused = with_altitude(estimate, known, self._sphere)
         glows = [
             detection.glow_over_usual(i)
             for i, seen in enumerate(observations)
@@ -424,6 +438,7 @@ class HorizonSensor:
             glow_over_usual=max(glows, default=0.0),
             estimate=estimate,
         )
+        refused = refused or contradicted
         if apart and refused is not None and refused[0] is Status.UNCERTAIN:
             refused = Status.CAMERAS_DISAGREE, apart
         if refused is not None:
@@ -433,7 +448,24 @@ class HorizonSensor:
         # The disc stays the one that the frames show, wherever the known altitude puts nadir.
         disc = Disc(figure, fit.nadir_base, fit.rho_rad)
         found = replace(figure.estimate(estimate), disc=disc)
-        return HorizonFix(Status.OK, doubts, found, limbs, fit.cameras)
+        return HorizonFix(Status.OK, doubts, found, limbs, fit.cameras, airglow=airglow)
+
+    def _with_airglow(
+        self,
+        fit: HorizonFit,
+        airglow: HorizonFit,
+        observations: Sequence[LimbObservation],
+        figure: Figure,
+    ) -> tuple[HorizonFit, tuple[Status, str] | None]:
+        """Estimate by the airglow's nadir too, and why there is none where that is another."""
+        apart_rad = disagreement_rad(fit, airglow)
+        if apart_rad > 0.0:
+            reason = f"the airglow above it has its nadir {np.degrees(apart_rad):.1f} deg off"
+            return fit, (Status.POOR_FIT, f"not the ground's limb: {reason}")
+        exact = replace(fit, cov_nadir_altitude=np.zeros((4, 4)))
+        common = self._with_calibration_error(exact, observations).cov_nadir_altitude
+        common = common + figure.covariance(fit, observations)
+        return with_airglow(fit, airglow, common, self._sphere), None
 
     def _told_apart(
         self,
@@ -461,9 +493,16 @@ class HorizonSensor:
         self, fit: HorizonFit, observations: Sequence[LimbObservation], figure: Figure
     ) -> HorizonFit:
         """Return the fit with all that may be wrong with observations in its covariance."""
+        shared = with_shared_error(fit, observations, figure)
+        return self._with_calibration_error(shared, observations)
+
+    def _with_calibration_error(
+        self, fit: HorizonFit, observations: Sequence[LimbObservation]
+    ) -> HorizonFit:
+        """Return the fit with what may be wrong with cameras and the limb's height."""
         hidden_m = hidden_air_sigma_m(fit, observations, self._sphere)
         return with_calibration_error(
-            with_shared_error(fit, observations, figure),
+            fit,
             observations,
             self._sphere,
             mounting_sigma_rad=self.config.mounting_sigma_rad,

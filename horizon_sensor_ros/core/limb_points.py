@@ -94,6 +94,16 @@ class LimbPoints:
             cone_errors=None if errors is None else times * errors,
         )
 
+    def take(self, which: np.ndarray) -> LimbPoints:
+        """Some of them, by a mask (N,) or by number."""
+        return replace(
+            self,
+            px=self.px[which],
+            normal_px=self.normal_px[which],
+            sigma_px=self.sigma_px[which],
+            offset_px=self.offset_px[which],
+        )
+
     @classmethod
     def none(cls, status: Status, reason: str) -> LimbPoints:
         """No limb in this image, and why."""

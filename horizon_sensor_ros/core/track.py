@@ -27,7 +27,7 @@ class Track:
     where the limb is followed. smears : one per frame, motion's in it, None where there is
     hardly any. steepness : of the limbs, when it was last asked whether motion smears them.
     skies : one per frame, level and noise of empty space as the search measured them. layer_rad
-    : height of airglow above the limb. age : sets since the search.
+    : height of airglow above the limb. airglow : whether it shows. age : sets since the search.
     """
 
     views: tuple[CameraView, ...]
@@ -41,6 +41,7 @@ class Track:
     steepness: tuple[np.ndarray, ...]
     skies: tuple[LimbCandidates, ...]
     layer_rad: float
+    airglow: bool
     last_cone: tuple[np.ndarray, float] | None = None
     age: int = 0
 
@@ -72,6 +73,7 @@ class Track:
             detection.steepness,
             skies,
             detection.layer_rad,
+            detection.airglow,
         )
 
     def continued(self, detection: Detection, fit: HorizonFit) -> Track:

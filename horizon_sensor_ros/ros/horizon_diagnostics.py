@@ -134,6 +134,8 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
             if np.isfinite(fit.rms_residual_px):
                 values["residual_px"] = f"{fit.rms_residual_px:.4f}"
             values["cameras_used"] = ", ".join(self._fix.cameras_used)
+            if self._fix.airglow is not None:
+                values["airglow"] = "used"
         for name in ("frames", "sets", "fixes", "time_jumps"):
             values[name] = str(pipeline.counts[name])
         values.update(rejected_values(pipeline.rejected))

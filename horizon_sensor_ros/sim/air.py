@@ -43,7 +43,9 @@ def glow_inside_limb(
     return before - np.exp(-altitude_m / scale_height_m) * _erfcx(x)
 
 
-def airglow_layer(height_m: FloatArray, layer_height_m: float, thickness_m: float) -> FloatArray:
+def airglow_layer(
+    height_m: FloatArray, layer_height_m: FloatArray | float, thickness_m: float
+) -> FloatArray:
     """Brightness of a thin emitting shell by the rays' lowest points; about 1 seen edge-on."""
     below = (layer_height_m - height_m) / thickness_m
     edge_on = 1.0 / np.sqrt(1.0 + np.maximum(below, 0.0))

@@ -137,7 +137,7 @@ class _World:
         if scene.airglow_dn > 0.0:
             # The ground hides the far half of the layer.
             depth = (1.0 - self.distance * np.sqrt(1.0 - sight.cos_nadir**2)) * self.radius_m
-            layer = airglow_layer(-depth, scene.airglow_height_m, scene.airglow_thickness_m)
+            layer = airglow_layer(-depth, self._airglow_m(sight), scene.airglow_thickness_m)
             light += (0.5 * scene.airglow_dn * layer).astype(np.float32)
         return light
 
@@ -164,9 +164,18 @@ class _World:
             out[near] += scene.air_dn * shown * self._air_light(self._lowest(seen), seen.rays)
         if scene.airglow_dn > 0.0:
             near = ~up & (height < scene.airglow_height_m + 4.0 * scene.airglow_thickness_m)
-            layer = airglow_layer(height[near], scene.airglow_height_m, scene.airglow_thickness_m)
+            layer_m = self._airglow_m(sight.take(near))
+            layer = airglow_layer(height[near], layer_m, scene.airglow_thickness_m)
             out[near] += (scene.airglow_dn * layer).astype(np.float32)
         return out
+
+    def _airglow_m(self, sight: _Sight) -> FloatArray | float:
+        """Height of the layer of airglow where rays come nearest to the planet."""
+        scene = self.scene
+        if scene.airglow_uneven_m == 0.0:
+            return scene.airglow_height_m
+        waves = smooth_field(self._lowest(sight), scene.texture_seed)
+        return scene.airglow_height_m + scene.airglow_uneven_m * waves.astype(np.float64)
 
     def _lowest(self, sight: _Sight) -> FloatArray:
         """Directions (N, 3) of the rays' points nearest to the planet's centre."""

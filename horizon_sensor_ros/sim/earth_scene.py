@@ -57,6 +57,7 @@ class EarthScene:
     airglow_dn: float = 0.0  # emitting layer above the night side, brightest seen edge-on
     airglow_height_m: float = 95e3
     airglow_thickness_m: float = 6e3
+    airglow_uneven_m: float = 0.0  # its height's waves, thousands of kilometres long, one sigma
 
     star_count: int = 0  # over the whole sky
     star_seed: int = 0

@@ -17,7 +17,7 @@ from limb_frames import (
     clouds,
     draw,
     limb_views,
-    read_gray,
+    photograph,
     shared_frames,
     shared_truths,
     unlike_any_limb,
@@ -821,15 +821,6 @@ def test_shared_scenes_with_a_blind_camera(kind: str, shared_data: Path) -> None
         assert error_deg(fix, np.array(truth["nadir_body"])) < max(0.3, 4.0 * sigma_deg(fix))
         # What it says is of itself.
         assert "camera_2" not in fix.limbs[0].reason
-
-
-def photograph(path: Path, focal_length_mm: float) -> Frame:
-    """On a sensor 36 mm wide."""
-    gray = read_gray(path)
-    height, width = gray.shape
-    focal = focal_length_mm / 36.0 * width
-    camera = Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
-    return Frame(CameraView("camera", camera, np.eye(3)), gray)
 
 
 def test_photograph_by_day(shared_data: Path) -> None:

@@ -39,6 +39,7 @@ class Detection:
     per frame, motion's in it, None where there is hardly any. steepness : one per frame, that of
     the limb when it was last asked whether motion smears it. apart : one per frame, the limbs that
     were told apart from the glow above them where others were not; empty where all or none were.
+    airglow : whether a layer of it may show above the limb; where that is followed, whether it did.
     agreed : the search's edges that the consensus is of, the limb's or the layer's; None where
     nothing was searched.
     """
@@ -55,6 +56,7 @@ class Detection:
     agreed: RayCandidates | None = None
     steepness: tuple[np.ndarray, ...] = ()
     apart: tuple[LimbObservation, ...] = ()
+    airglow: bool = True
 
     @property
     def limbs(self) -> tuple[LimbPoints, ...]:

@@ -24,6 +24,7 @@ from horizon_sensor_ros.core.limb.passes import (
     refined,
     shows_all,
 )
+from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow
 from horizon_sensor_ros.core.limb.search.candidates import (
     LimbCandidates,
@@ -31,6 +32,7 @@ from horizon_sensor_ros.core.limb.search.candidates import (
 )
 from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
+    RayCandidates,
     consensus_about,
     limb_consensus,
     rays_of_candidates,
@@ -77,10 +79,15 @@ def detect_limb(
     else:
         consensus = consensus_about(found, *near)
     if consensus.status is not Status.OK:
-        none = LimbPoints.none(consensus.status, consensus.reason)
-        observations = tuple(LimbObservation(view, none) for view in views)
-        return Detection(observations, candidates, consensus)
+        return _nothing(views, candidates, consensus)
     looked = _looked_for(views, images, planet, candidates, consensus)
+    if near is None and not consensus.unanimous and consensus.layer_rad == 0.0:
+        below = _below_airglow(views, planet, candidates, found, looked)
+        if below is not None:
+            consensus = below
+            if consensus.status is not Status.OK:
+                return _nothing(views, candidates, consensus)
+            looked = _looked_for(views, images, planet, candidates, consensus, FRESH)
     return replace(
         looked,
         candidates=candidates,
@@ -144,12 +151,41 @@ def _sees(found: Detection, sees: Sequence[bool]) -> bool:
     return [limb.status is Status.OK for limb in found.limbs] == list(sees)
 
 
+def _nothing(
+    views: Sequence[CameraView], candidates: tuple[LimbCandidates, ...], consensus: Consensus
+) -> Detection:
+    """No limb in any frame, and why."""
+    none = LimbPoints.none(consensus.status, consensus.reason)
+    return Detection(tuple(LimbObservation(view, none) for view in views), candidates, consensus)
+
+
+def _below_airglow(
+    views: Sequence[CameraView],
+    planet: Planet,
+    candidates: Sequence[LimbCandidates],
+    found: RayCandidates,
+    looked: Detection,
+) -> Consensus | None:
+    """Consensus of the ground's limb, or why there is none, where what was found is the airglow's
+    edge after all; else None.
+
+    Candidates that are of the layer here and of the ground there agree on neither's cone, from
+    which the layer is not told; around the cone that edges were refined to it is.
+    """
+    if not np.isfinite(looked.rho_rad):
+        return None
+    about = consensus_about(found, looked.nadir_base, looked.rho_rad)
+    below = ground_under_airglow(views, candidates, found, about, planet, refined=True)
+    return None if below is about else below
+
+
 def _looked_for(
     views: Sequence[CameraView],
     images: Sequence[np.ndarray],
     planet: Planet,
     candidates: Sequence[LimbCandidates],
     consensus: Consensus,
+    steps: Sequence[RefinePass] = (SEARCH, *FRESH),
 ) -> Detection:
     """Limb near a consensus of candidates: at once, through haze, or pass after pass."""
     near = consensus.nadir_base, consensus.rho_rad
@@ -162,7 +198,7 @@ def _looked_for(
             SizedFrame(image, max(1, int(found.pitch_px) // 2), int(found.pitch_px))
             for image, found in zip(images, candidates, strict=True)
         ]
-        looked = look_for(views, frames, planet, near, [()] * len(views), (SEARCH, *FRESH))
+        looked = look_for(views, frames, planet, near, [()] * len(views), steps)
     return without_smear(views, images, planet, looked)
 
 

@@ -56,11 +56,14 @@ def ground_under_airglow(
     found: RayCandidates,
     consensus: Consensus,
     planet: Planet,
+    *,
+    refined: bool = False,
 ) -> Consensus:
     """The consensus, moved to the ground's limb where it holds the airglow's edge for it.
 
-    candidates : those of every view, with their reduced images. Where the layer is seen but no
-    ground behind it: status POOR_FIT.
+    candidates : those of every view, with their reduced images. refined : its cone was fitted to
+    edges, and knows nadir better than steps of depth do. Where the layer is seen but no ground
+    behind it: status POOR_FIT.
     """
     if consensus.status is not Status.OK:
         return consensus
@@ -103,7 +106,9 @@ def ground_under_airglow(
             and _starry(views, candidates, consensus, scale)
         ):
             rays = _rays(found.rays[np.concatenate(columns)[together]], consensus, depths)
-            cone = _cone(rays[np.arange(len(rays)), at[together]], consensus, scale)
+            cone = None
+            if not refined:
+                cone = _cone(rays[np.arange(len(rays)), at[together]], consensus, scale)
             if cone is None and _starry(views, candidates, consensus, scale):
                 # The layer is about the same nadir, wherever the ground was found along it.
                 below = float(np.median(depths[at[together]]))

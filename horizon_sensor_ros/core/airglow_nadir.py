@@ -1,0 +1,108 @@
+"""Nadir by the night's airglow, a second limb above the ground's, joined with the ground's own.
+
+By moonlight the ground's limb is dim and all texture, and what one camera makes of a short arc of
+it is off by a degree at times. The layer above has no texture: its height changes by a few
+kilometres in a thousand. How high it is is not known as well, so that it tells nadir alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.figure import MeanSphere
+from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.limb.airglow_edge import airglow_edge, sphere_of_airglow
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.shared_error import bend_px, with_shared_error
+from horizon_sensor_ros.core.status import Status
+
+# Edges farther off the layer's cone than so many of their own and the stretches' sigmas are of the
+# craft, stars or cloud; most of a layer's are not.
+_OFF, _LEAST_SHARE = 3.0, 0.6
+_MOST_BEND = 3.0  # of the layer's stretches, over what they claim: aurora is no layer
+
+
+def fit_airglow(
+    frames: Sequence[tuple[np.ndarray, LimbObservation]], fit: HorizonFit, sphere: Planet
+) -> HorizonFit | None:
+    """Cone of the airglow's upper edge above the limb of a fit, of the cameras that are in it.
+
+    frames : image (H, W), and what its camera saw of the limb. Its nadir stands beside the fit's,
+    its altitude is above the layer. None where the layer does not show, or is no limb.
+    """
+    seen = []
+    for gray, ground in frames:
+        if ground.view.name in fit.cameras:
+            edge = airglow_edge(gray, ground.view, fit.nadir_base, fit.rho_rad, sphere)
+            if edge.status is Status.OK:
+                seen.append(LimbObservation(ground.view, edge))
+    if not seen:
+        return None
+    layer = sphere_of_airglow(sphere)
+    found = fit_maximum_likelihood(seen, layer)
+    if not found.ok:
+        return None
+    on_it = [_of_layer(one, found) for one in seen]
+    if sum(len(one.rays) for one in on_it) < _LEAST_SHARE * sum(len(one.rays) for one in seen):
+        return None
+    seen = on_it
+    found = fit_maximum_likelihood(seen, layer, (found.nadir_base, found.rho_rad))
+    if not found.ok:
+        return None
+    if any(bend_px(found, one.rays) > _MOST_BEND * one.limb.coherent_px for one in seen):
+        return None
+    return with_shared_error(found, seen, MeanSphere(layer, "geocentric"))
+
+
+def _of_layer(seen: LimbObservation, found: HorizonFit) -> LimbObservation:
+    """Those of the edges that lie on the cone."""
+    limb = seen.limb
+    off_px = np.abs(seen.rays.residuals_px(found.nadir_base, found.rho_rad))
+    on_it = off_px < _OFF * np.hypot(limb.sigma_px, limb.coherent_px)
+    return LimbObservation(seen.view, limb.take(on_it))
+
+
+def with_airglow(
+    fit: HorizonFit, airglow: HorizonFit, common: np.ndarray, sphere: Planet
+) -> HorizonFit:
+    """Return the estimate of a fit given the airglow's nadir too.
+
+    common : (4, 4) part of the fit's covariance that is the airglow's as well, of cameras and
+    planet: it does not tell the two apart, and stays. The minimum-variance update of a Gaussian
+    estimate (Kalman 1960); on a short arc altitude hangs together with nadir, and gains. Where the
+    two are farther apart than they claim that grows (Birge, Phys. Rev. 40 (1932) 207). Unchanged
+    where no limb would be seen from there.
+    """
+    basis = tangent_basis(fit.nadir_base)
+    to_tangent = np.zeros((3, 4))
+    to_tangent[:2, :3], to_tangent[2, 3] = basis.T, 1.0
+    own = to_tangent @ (fit.cov_nadir_altitude - common) @ to_tangent.T
+    theirs = basis.T @ airglow.cov_nadir_altitude[:3, :3] @ basis
+    apart = basis.T @ (airglow.nadir_base - fit.nadir_base)
+    weight = np.linalg.inv(own[:2, :2] + theirs)
+    gain = own[:, :2] @ weight
+    step = gain @ apart
+    birge = max(1.0, 0.5 * float(apart @ weight @ apart))
+    nadir = fit.nadir_base + basis @ step[:2]
+    nadir /= np.linalg.norm(nadir)
+    altitude_m = float(fit.altitude_m + step[2])
+    rho_rad = sphere.rho_from_altitude(altitude_m)
+    if not math.isfinite(rho_rad):
+        return fit
+    cov = to_tangent.T @ (birge * (own - gain @ own[:2])) @ to_tangent + common
+    across = np.eye(4)
+    across[:3, :3] -= np.outer(nadir, nadir)
+    return replace(
+        fit,
+        nadir_base=nadir,
+        rho_rad=rho_rad,
+        altitude_m=altitude_m,
+        cov_nadir_altitude=across @ cov @ across.T,
+    )

@@ -1,0 +1,110 @@
+"""The upper edge of the night's airglow in one frame: a limb of its own, without any texture.
+
+The layer lies at the same height for thousands of kilometres, and its light falls off within a few
+above it. Where that is steepest does not go with how bright it is, which changes along the limb.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.limb.profiles import pixel_rad_across, sample_profiles, scatter_px
+from horizon_sensor_ros.core.limb_curve import limb_curve
+from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.robust import median
+from horizon_sensor_ros.core.status import Status
+
+# Height of the edge above the ground: that of the green line's layer, and half of its thickness.
+# Where it is looked for besides: as far as it may be higher or lower, and the limb below it off.
+_HEIGHT_M, _REACH_M = 97e3, 35e3
+_LEAST_REACH_PX = 3.0
+_MOST_M_PER_PX = 15e3  # coarser pixels show a line
+_BLUR_M, _LEAST_BLUR_PX = 3e3, 1.0  # light is smoothed by before its fall is asked for
+_TOGETHER = 8  # neighbouring profiles whose median counts as one, without stars
+_LEAST_EDGES, _MOST_SCATTER_M = 8, 6e3
+_LEAST_SIGMA_PX = 0.05
+_DENSE_WIDTH_PX = 1024  # a profile a pixel up to frames this wide
+# Sigmas of the layer's height: of stretches, of ends one up and one down, and of all that one
+# camera sees. After a cone was fitted stretches of five photographs from the ISS were off by 0.7 to
+# 1.3 km, of which three of six are fitted away; tides tilt it by some kilometres in a thousand.
+_STRETCH_M, _ENDS_M, _ALL_M = 1.5e3, 3e3, 3e3
+
+
+def sphere_of_airglow(planet: Planet) -> Planet:
+    """The sphere whose limb the airglow's upper edge is."""
+    return Planet(planet.radius_m + _HEIGHT_M)
+
+
+def airglow_edge(
+    gray: np.ndarray, view: CameraView, nadir_base: np.ndarray, rho_rad: float, planet: Planet
+) -> LimbPoints:
+    """Find the airglow's upper edge above a limb with airglow above it, nadir (3,) and rho.
+
+    gray : (H, W). As points of a limb of `sphere_of_airglow`, a few pixels apart, that share what
+    the layer may be off by. NO_LIMB where it does not show, or is too thin.
+    """
+    from_centre_m = planet.limb_radius_m / math.sin(rho_rad)
+    layer_rho = sphere_of_airglow(planet).rho_from_altitude(
+        from_centre_m - planet.radius_m - _HEIGHT_M
+    )
+    if not math.isfinite(layer_rho):
+        return LimbPoints.none(Status.NO_LIMB, "the camera is in the airglow or below")
+    spacing_px = max(1, round(gray.shape[1] / _DENSE_WIDTH_PX))
+    curve = limb_curve(view, nadir_base, layer_rho, spacing_px=spacing_px)
+    num = len(curve) // _TOGETHER
+    if num < _LEAST_EDGES:
+        return LimbPoints.none(Status.NO_LIMB, "hardly any airglow in the frame")
+    few = curve.thinned(_TOGETHER * spacing_px)
+    px_rad = median(pixel_rad_across(view, few.px, few.normal_px))
+    px_m = from_centre_m * math.cos(layer_rho) * px_rad
+    if not px_m < _MOST_M_PER_PX:
+        return LimbPoints.none(Status.NO_LIMB, "too far off to see the airglow's edge")
+    blur_px = max(_LEAST_BLUR_PX, _BLUR_M / px_m)
+    reach_px = max(_LEAST_REACH_PX, _REACH_M / px_m)
+    step_px = blur_px  # sampled as finely as it is smoothed
+    count = math.ceil(reach_px / step_px) + 1
+    d_px = step_px * np.arange(-count, count + 1)
+    profiles, valid = sample_profiles(gray, curve, d_px)
+    if view.mask is not None:
+        valid &= view.mask.clear(curve.px, reach_px)
+    used = num * _TOGETHER
+    level = np.median(profiles[:used].reshape(num, _TOGETHER, len(d_px)), axis=1)
+    smooth = cv2.GaussianBlur(level, (7, 1), 1.0)
+    fall = smooth[:, :-2] - smooth[:, 2:]
+    offset_px, inside = _steepest(fall, d_px[1:-1])
+    inside &= valid[:used].reshape(num, _TOGETHER).all(axis=1)
+    offset_px = offset_px[inside]
+    own_px = scatter_px(offset_px)
+    if len(offset_px) < _LEAST_EDGES or not own_px * px_m < _MOST_SCATTER_M:
+        return LimbPoints.none(Status.NO_LIMB, "no edge of airglow")
+    middle = np.arange(_TOGETHER // 2, used, _TOGETHER)[inside]
+    normal_px = curve.normal_px[middle]
+    return LimbPoints(
+        Status.OK,
+        px=curve.px[middle] + offset_px[:, None] * normal_px,
+        normal_px=normal_px,
+        sigma_px=np.full(len(middle), max(own_px, _LEAST_SIGMA_PX)),
+        coherent_px=_STRETCH_M / px_m,
+        slope_px=_ENDS_M / px_m,
+        shift_px=_ALL_M / px_m,
+        spacing_px=_TOGETHER * spacing_px,
+        predicted=curve,
+        offset_px=offset_px,
+    )
+
+
+def _steepest(fall: np.ndarray, d_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where values (N, J) at even places (J,) are largest, (N,), and whether that is inside."""
+    at = fall.argmax(axis=1)
+    inside = (at > 0) & (at < len(d_px) - 1)
+    row, at = np.arange(len(fall)), np.clip(at, 1, len(d_px) - 2)
+    before, here, after = (fall[row, at + step].astype(float) for step in (-1, 0, 1))
+    bend = before - 2.0 * here + after
+    inside &= bend < 0.0
+    beside = 0.5 * (before - after) / np.where(inside, bend, -1.0)
+    return d_px[at] + beside * (d_px[1] - d_px[0]), inside
