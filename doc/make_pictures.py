@@ -19,6 +19,7 @@ FIGURES = (
     "drift",
     "mounting",
     "edge",
+    "airglow",
     "haze",
     "one_sky",
     "watching",

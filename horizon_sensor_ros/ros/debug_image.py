@@ -6,6 +6,7 @@ Colours are Okabe and Ito's, which colour-blind people tell apart; shapes differ
 from __future__ import annotations
 
 import textwrap
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -68,6 +69,8 @@ class _Tile:
             self._draw_expected(self._fix.predicted)
         if self._fix.ok:
             self._draw_limb(self._fix.fit)
+        if self._fix.airglow is not None and self._used:
+            self._draw_airglow(disc_of(self._fix.fit), self._fix.airglow)
         counts = self._draw_points()
         if self._fix.ok:
             self._draw_nadir(self._fix.fit)
@@ -98,8 +101,19 @@ class _Tile:
                 for piece in _runs(seen[run], near[run]):
                     self._line(px[run][piece], colour, width)
                 for piece in _runs(~seen[run], near[run]):
-                    for dash in _dashes(px[run][piece] * self._scale):
-                        self._line(dash / self._scale, colour, width)
+                    self._dash(px[run][piece], colour, width)
+
+    def _draw_airglow(self, disc: Disc, airglow: HorizonFit) -> None:
+        """The airglow's upper edge, by which nadir is too: dashes."""
+        edge = replace(disc, nadir=airglow.nadir_base, rho_rad=airglow.rho_rad)
+        px = edge.limb_px(self._view, _LIMB_SAMPLES)
+        for run in _runs(self._view.camera.in_frame(px), self._near(px)):
+            for colour, width in ((_BLACK, 3), (SKY_BLUE, 1)):
+                self._dash(px[run], colour, width)
+
+    def _dash(self, px: np.ndarray, colour: tuple[int, int, int], width: int) -> None:
+        for dash in _dashes(px * self._scale):
+            self._line(dash / self._scale, colour, width)
 
     def _near(self, px: np.ndarray) -> np.ndarray:
         """Whether places (M, 2) are in the frame or near; far beyond a lens sends them anywhere."""

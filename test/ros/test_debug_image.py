@@ -115,6 +115,23 @@ def test_the_limb_is_dashed_where_no_point_supports_it(pair: tuple[Frames, Horiz
     assert len(places(picture[:30], VERMILLION)) > 500, "left out"
 
 
+def test_the_airglows_edge_is_drawn_where_the_fix_is_by_it_too(
+    pair: tuple[Frames, HorizonFix],
+) -> None:
+    frames, fix = pair
+    above = replace(fix.fit, rho_rad=fix.fit.rho_rad + 0.06)
+    drawn = places(draw_fix(frames, replace(fix, airglow=above))[:, :640], SKY_BLUE, top=60)
+    lines = [
+        distance_px(frames[0].view, replace(fix, fit=fit), drawn) < 5.0
+        for fit in (
+            fix.fit,
+            replace(fix.fit, disc=replace(disc_of(fix.fit), rho_rad=above.rho_rad)),
+        )
+    ]
+    assert np.logical_or(*lines).all()
+    assert min(np.count_nonzero(line) for line in lines) > 50
+
+
 def test_a_limb_that_is_followed_shows_where_it_was_expected(
     pair: tuple[Frames, HorizonFix],
 ) -> None:

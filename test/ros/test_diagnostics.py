@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from horizon_messages import CAMERAS, PARAMETERS, coarse_pose_of, recording
 
@@ -184,6 +187,14 @@ def test_a_replay_says_nothing_of_the_machine() -> None:
 def values_of(monitor: HorizonMonitor, now: int) -> dict[str, str]:
     pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
     return {v.key: v.value for v in monitor.message(now, pipeline).status[0].values}
+
+
+@pytest.mark.parametrize("shows", [True, False])
+def test_airglow_is_told_where_the_fix_is_by_it(shows: bool) -> None:
+    monitor = monitor_of()
+    fix = fix_of()
+    deliver(monitor, S, replace(fix, airglow=fix.fit if shows else None))
+    assert values_of(monitor, S).get("airglow") == ("used" if shows else None)
 
 
 def test_each_camera_says_how_it_fares() -> None:

@@ -62,8 +62,8 @@ def ground_under_airglow(
     """The consensus, moved to the ground's limb where it holds the airglow's edge for it.
 
     candidates : those of every view, with their reduced images. refined : its cone was fitted to
-    edges, and knows nadir better than steps of depth do. Where the layer is seen but no ground
-    behind it: status POOR_FIT.
+    edges: it knows nadir better than steps of depth do, and about it a layer looks alike all along.
+    Where the layer is seen but no ground behind it: status POOR_FIT.
     """
     if consensus.status is not Status.OK:
         return consensus
@@ -95,6 +95,9 @@ def ground_under_airglow(
     noise = max(seen.noise for seen in candidates) / math.sqrt(_TOGETHER)
     falls, crest, trough, at_trough = _crest_and_trough(level, noise, _DEPTHS_M)
     ground = np.maximum(_RISE * trough, trough + _SIGMAS * noise)
+    layered = _is_layer(level, falls, crest)
+    if refined and not layered:
+        return consensus
     risen = (_DEPTHS_M[at_trough][:, None] < _DEPTHS_M) & (level > ground[:, None])
     rises = falls & risen.any(axis=1)
     at = risen.argmax(axis=1)
@@ -114,7 +117,7 @@ def ground_under_airglow(
                 below = float(np.median(depths[at[together]]))
                 cone = consensus.nadir_base, consensus.rho_rad - below
             return consensus if cone is None else _moved(consensus, cone, scale)
-    if _is_layer(level, falls, crest) and _starry(views, candidates, consensus, scale):
+    if layered and _starry(views, candidates, consensus, scale):
         return Consensus(Status.POOR_FIT, "a layer of airglow, and no ground behind it")
     dawns = any(
         _is_twilight(found.rays[middle], seen, consensus.nadir_base)
