@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.model import normal_cdf
-from horizon_sensor_ros.core.limb.texture.depth import seen_depths
+from horizon_sensor_ros.core.limb.texture.depth import seen_depths, seen_slopes
 
 _FAR = 6.0  # sigmas beyond the limb, from where on all of the blur lies in the glow
 
@@ -53,16 +53,10 @@ def glow_outside(x_px: np.ndarray, psf_px: float, length_px: np.ndarray) -> Glow
 def air_inside(x_px: np.ndarray, psf_px: float, length_px: float) -> Glow:
     """Glow of the air in front of the ground at distances x_px (J,), over that at the limb."""
     root, blur = seen_depths(x_px, psf_px)
-    beyond = (x_px[:, None] + root * root) / psf_px
+    by_x, by_psf = seen_slopes(x_px, psf_px, root, blur)
     scaled = root / np.sqrt(length_px)
     lit, slope = _erfcx(scaled)
-    lit_blurred = blur @ lit
-    return Glow(
-        lit_blurred,
-        -(blur * beyond) @ lit / psf_px,
-        ((blur * beyond * beyond) @ lit - lit_blurred) / psf_px,
-        blur @ (-0.5 * scaled * slope),
-    )
+    return Glow(blur @ lit, by_x @ lit, by_psf @ lit, blur @ (-0.5 * scaled * slope))
 
 
 def _erfcx(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,3 +18,14 @@ def seen_depths(x_px: np.ndarray, psf_px: float) -> tuple[np.ndarray, np.ndarray
     beyond = (x_px[:, None] + root * root) / psf_px
     blur = np.exp(-0.5 * beyond * beyond) / np.sqrt(2.0 * np.pi)
     return root, blur / psf_px * (2.0 * spacing * root)
+
+
+def seen_slopes(
+    x_px: np.ndarray, psf_px: float, root: np.ndarray, blur: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives (J, M) of what a profile sees of each depth, by x_px and by psf_px.
+
+    root, blur : as of `seen_depths`, whose steps are kept.
+    """
+    beyond = (x_px[:, None] + root * root) / psf_px
+    return blur * (beyond / -psf_px), blur * ((beyond * beyond - 1.0) / psf_px)

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.texture.depth import seen_depths
+from horizon_sensor_ros.core.limb.texture.depth import seen_depths, seen_slopes
 
 NONE = 0
 _ROUGH = np.array([0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0])
@@ -82,11 +82,10 @@ def seen_across(
     """
     root, blur = seen_depths(x_px, psf_px)
     across = along_sight(root, px_over_radius)
-    beyond = (x_px[:, None] + root * root) / psf_px
+    by_x, by_psf = seen_slopes(x_px, psf_px, root, blur)
     seen = rough_correlation(across[:, None] - across) @ blur.T
-    moved = blur * (beyond / psf_px)
-    widened = blur * ((beyond * beyond - 1.0) / psf_px)
-    return blur @ seen, moved @ seen, widened @ seen
+    # The limb moved outwards is the profile moved inwards.
+    return blur @ seen, -by_x @ seen, by_psf @ seen
 
 
 def _of_kinds(rough: np.ndarray, smooth: np.ndarray) -> np.ndarray:
