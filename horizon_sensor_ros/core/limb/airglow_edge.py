@@ -30,8 +30,9 @@ _LEAST_EDGES, _MOST_SCATTER_M = 8, 6e3
 _LEAST_SIGMA_PX = 0.05
 _DENSE_WIDTH_PX = 1024  # a profile a pixel up to frames this wide
 # Sigmas of the layer's height: of stretches, of ends one up and one down, and of all that one
-# camera sees. After a cone was fitted stretches of five photographs from the ISS were off by 0.7 to
-# 1.3 km, of which three of six are fitted away; tides tilt it by some kilometres in a thousand.
+# camera sees. Six stretches each of five photographs from the ISS were off the cone that was fitted
+# by 0.1 to 0.9 km, which takes half of their variance; tides tilt the layer by kilometres in a
+# thousand, which no cone shows.
 _STRETCH_M, _ENDS_M, _ALL_M = 1.5e3, 3e3, 3e3
 
 
