@@ -13,7 +13,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.profiles import pixel_rad_across, sample_profiles, scatter_px
-from horizon_sensor_ros.core.limb_curve import limb_curve
+from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.robust import median
@@ -26,7 +26,7 @@ _LEAST_REACH_PX = 3.0
 _MOST_M_PER_PX = 15e3  # coarser pixels show a line
 _BLUR_M, _LEAST_BLUR_PX = 3e3, 1.0  # light is smoothed by before its fall is asked for
 _TOGETHER = 8  # neighbouring profiles whose median counts as one, without stars
-_LEAST_EDGES, _MOST_SCATTER_M = 8, 6e3
+_LEAST_EDGES, _MOST_SCATTER_M, _GLANCE_SCATTER_M = 8, 6e3, 14e3
 _LEAST_SIGMA_PX = 0.05
 _DENSE_WIDTH_PX = 1024  # a profile a pixel up to frames this wide
 # Sigmas of the layer's height: of stretches, of ends one up and one down, and of all that one
@@ -70,15 +70,15 @@ def airglow_edge(
     step_px = blur_px  # sampled as finely as it is smoothed
     count = math.ceil(reach_px / step_px) + 1
     d_px = step_px * np.arange(-count, count + 1)
-    profiles, valid = sample_profiles(gray, curve, d_px)
-    if view.mask is not None:
-        valid &= view.mask.clear(curve.px, reach_px)
+    # Without airglow the steepest falls are the noise's, and lie anywhere: single profiles show it.
+    glance_px, inside = _places(gray, few, d_px, 1)
+    if not scatter_px(glance_px[inside]) * px_m < _GLANCE_SCATTER_M:
+        return LimbPoints.none(Status.NO_LIMB, "no edge of airglow")
+    offset_px, inside = _places(gray, curve, d_px, _TOGETHER)
     used = num * _TOGETHER
-    level = np.median(profiles[:used].reshape(num, _TOGETHER, len(d_px)), axis=1)
-    smooth = cv2.GaussianBlur(level, (7, 1), 1.0)
-    fall = smooth[:, :-2] - smooth[:, 2:]
-    offset_px, inside = _steepest(fall, d_px[1:-1])
-    inside &= valid[:used].reshape(num, _TOGETHER).all(axis=1)
+    if view.mask is not None:
+        clear = view.mask.clear(curve.px[:used], reach_px)
+        inside &= clear.reshape(num, _TOGETHER).all(axis=1)
     offset_px = offset_px[inside]
     own_px = scatter_px(offset_px)
     if len(offset_px) < _LEAST_EDGES or not own_px * px_m < _MOST_SCATTER_M:
@@ -97,6 +97,23 @@ def airglow_edge(
         predicted=curve,
         offset_px=offset_px,
     )
+
+
+def _places(
+    gray: np.ndarray, curve: LimbCurve, d_px: np.ndarray, together: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where light falls off most steeply in medians of profiles, so many each: places (M,) among
+    d_px (J,), and whether they are inside these, and of profiles inside the frame.
+    """
+    num = len(curve) // together
+    used = num * together
+    profiles, valid = sample_profiles(gray, curve, d_px)
+    level = profiles[:used]
+    if together > 1:
+        level = np.median(level.reshape(num, together, len(d_px)), axis=1)
+    smooth = cv2.GaussianBlur(level, (7, 1), 1.0)
+    offset_px, inside = _steepest(smooth[:, :-2] - smooth[:, 2:], d_px[1:-1])
+    return offset_px, inside & valid[:used].reshape(num, together).all(axis=1)
 
 
 def _steepest(fall: np.ndarray, d_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
