@@ -7,15 +7,15 @@ kilometres in a thousand. How high it is is not known as well, so that it tells 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.figure import MeanSphere
+from horizon_sensor_ros.core.fits.assessment import tangent_rows
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
+from horizon_sensor_ros.core.fits.moved import moved
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.airglow_edge import airglow_edge, sphere_of_airglow
@@ -81,28 +81,12 @@ def with_airglow(
     where no limb would be seen from there.
     """
     basis = tangent_basis(fit.nadir_base)
-    to_tangent = np.zeros((3, 4))
-    to_tangent[:2, :3], to_tangent[2, 3] = basis.T, 1.0
+    to_tangent = tangent_rows(basis)
     own = to_tangent @ (fit.cov_nadir_altitude - common) @ to_tangent.T
     theirs = basis.T @ airglow.cov_nadir_altitude[:3, :3] @ basis
     apart = basis.T @ (airglow.nadir_base - fit.nadir_base)
     weight = np.linalg.inv(own[:2, :2] + theirs)
     gain = own[:, :2] @ weight
-    step = gain @ apart
     birge = max(1.0, 0.5 * float(apart @ weight @ apart))
-    nadir = fit.nadir_base + basis @ step[:2]
-    nadir /= np.linalg.norm(nadir)
-    altitude_m = float(fit.altitude_m + step[2])
-    rho_rad = sphere.rho_from_altitude(altitude_m)
-    if not math.isfinite(rho_rad):
-        return fit
     cov = to_tangent.T @ (birge * (own - gain @ own[:2])) @ to_tangent + common
-    across = np.eye(4)
-    across[:3, :3] -= np.outer(nadir, nadir)
-    return replace(
-        fit,
-        nadir_base=nadir,
-        rho_rad=rho_rad,
-        altitude_m=altitude_m,
-        cov_nadir_altitude=across @ cov @ across.T,
-    )
+    return moved(fit, to_tangent.T @ (gain @ apart), cov, sphere) or fit

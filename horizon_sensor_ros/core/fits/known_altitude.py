@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import AltitudeMeasurement
+from horizon_sensor_ros.core.fits.moved import moved
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
 
@@ -37,23 +37,10 @@ def with_altitude(
         )
     gain = cov[:, 3] / variance
     step = gain * apart_m
-    altitude = float(fit.altitude_m + step[3])
-    rho_rad = sphere.rho_from_altitude(altitude)
-    if not math.isfinite(rho_rad):
+    updated = moved(fit, step, cov - np.outer(gain, gain) * variance, sphere)
+    if updated is None:
         return fit, (
             f"the known altitude, {known.altitude_m / 1e3:.1f} km, is not used: it lies below the "
             "limb"
         )
-    nadir = fit.nadir_base + step[:3]
-    nadir /= np.linalg.norm(nadir)
-    cov = cov - np.outer(gain, gain) * variance
-    across = np.eye(4)
-    across[:3, :3] -= np.outer(nadir, nadir)
-    updated = replace(
-        fit,
-        nadir_base=nadir,
-        rho_rad=rho_rad,
-        altitude_m=altitude,
-        cov_nadir_altitude=across @ cov @ across.T,
-    )
     return updated, ""
