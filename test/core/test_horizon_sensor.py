@@ -444,6 +444,31 @@ def test_a_camera_of_little_noise_claims_what_clouds_take() -> None:
     assert np.mean(nees_of) < 4.0
 
 
+def test_a_followed_limb_beside_clouds_does_not_stray_into_space() -> None:
+    """Where bright cloud thins out along the limb, the dark below a prediction in space was taken
+    for texture, and the limb for where it was predicted: 1 deg off after two frames.
+    """
+    rng = np.random.default_rng([11, 74, 0x71])
+    altitude_m = float(np.exp(rng.uniform(np.log(300e3), np.log(1200e3))))
+    nadir = random_direction(rng)
+    across = np.cross(nadir, random_direction(rng))
+    across /= np.linalg.norm(across)
+    off = PLANET.rho_from_altitude(altitude_m) + rng.uniform(-0.15, 0.15)
+    axis = np.cos(off) * nadir + np.sin(off) * across
+    rot_world_from_base = rot_from_axis(axis, float(rng.uniform(0.0, 2.0 * np.pi)))
+    scene = clouds(int(rng.integers(2**31)))
+    turn_rad = np.radians(0.1) * random_direction(rng)
+    view = CameraView("camera_1", CAMERA, np.eye(3))
+    sensor = HorizonSensor()
+    for step in range(3):
+        turned = rot_world_from_base @ Rotation.from_rotvec(step * turn_rad).as_matrix()
+        position_m = -nadir * (PLANET.radius_m + altitude_m)
+        (frame,) = render_views((view,), turned, position_m, scene, rng, imaging=Imaging())
+        fix = sensor.process([Frame(view, frame.image)])
+        assert error_deg(fix, frame.truth.nadir_base) < 0.3
+        assert nees(fix, frame.truth.nadir_base) < 11.8
+
+
 # ---------------------------------------------------------------- bad calls and bad frames
 
 

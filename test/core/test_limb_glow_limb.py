@@ -14,7 +14,7 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
-from horizon_sensor_ros.core.limb import refinement
+from horizon_sensor_ros.core.limb import passes, refinement
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook, normal_cdf
 from horizon_sensor_ros.core.limb.glow.air import LIMB, USUAL_HEIGHT, USUAL_SHARE, Air
 from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outside
@@ -35,6 +35,7 @@ from horizon_sensor_ros.core.limb.texture.ground_texture import (
     seen_across,
 )
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging, unit_vector
 from horizon_sensor_ros.sim.hard_scenes import hard_scenes
 
@@ -441,3 +442,24 @@ def test_derivatives_of_the_texture_are_those_of_its_covariance() -> None:
     by_blur = (changed(0.0, small) - changed(0.0, -small)) / (2.0 * small)
     assert np.allclose(moved + moved.T, by_place, atol=0.01)
     assert np.allclose(widened + widened.T, by_blur, atol=0.01)
+
+
+@pytest.mark.parametrize("altitude_m", [350e3, 700e3])
+def test_no_glow_is_looked_for_again_above_a_limb_without_air(altitude_m: float) -> None:
+    """A fit of limb and glow may hold where there is none, but takes many times as long."""
+    view = limb_views(altitude_m)[0]
+    cone = np.array([0.0, 0.0, 1.0]), Planet().rho_from_altitude(altitude_m)
+    look = EdgeLook(0.75, usual_length_px(view, cone[1]))
+    for seed, air_dn in enumerate((0.0, 0.0, 0.0, 0.0, 6.0, 60.0)):
+        scene = _air(seed, air_dn=air_dn, texture="uniform" if seed % 2 else "clouds")
+        (frame,) = draw((view,), altitude_m, scene, Imaging(noise_dn=1.5), seed)
+        limb = fit_glow(frame.image, view, *cone, look)
+        assert isinstance(limb, GlowLimb)
+        assert limb.air.faint == (air_dn == 0.0)
+        found = replace(look, air=limb.air)
+        seen, (kept,) = refinement.refine_limb(frame.image, view, *cone, passes.EXPECTED, (found,))
+        assert seen.status is Status.OK
+        assert (kept.air is None) == (air_dn == 0.0)
+        assert np.abs(rays_of(view, seen).residuals_px(*cone)).max() < (
+            0.5 if kept.air is None else 1.0
+        )

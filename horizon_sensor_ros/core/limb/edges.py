@@ -20,6 +20,7 @@ from horizon_sensor_ros.core.limb.profiles import (
     ProfileGrid,
     pixel_rad_across,
     scatter_px,
+    space_mean,
 )
 from horizon_sensor_ros.core.limb.sample import (
     LEAST_SIGNIFICANCE,
@@ -50,6 +51,7 @@ _MOVED_PX = 0.5
 # model moves some of them farther the blur is not the same along the limb, as motion makes it.
 _DRIFT_PX = 0.4
 _LEAST_FALL = 0.5  # of brightness at an edge, over the steepest in the profile
+_LEAST_LEVEL = 0.25  # of brightness at an edge of a followed limb, over the step there
 _STEP_PX = 3  # from so far inside the predicted edge on its step is seen
 _LONGEST_CONTOUR_PX = 4.0  # over which glow fades: longer, and a profile's end is not yet space
 # Error that neighbours share, by whether air glows and whether edges were placed without a model:
@@ -247,6 +249,8 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
     falls = _falls(profiles)
     if not (jumps_px < _CALM_PX and _falls_there(falls, sample.grid)):
         return None
+    if not _lit_there(profiles, places, sample.grid):
+        return None
     steepness, blur_px = _steepness(falls, sample.grid), sample.factor * look.psf_px
     return _points(sample, px, normal_px, places, shared, jumps_px, steepness, blur_px)
 
@@ -264,6 +268,23 @@ def _falls_there(falls: np.ndarray, grid: ProfileGrid) -> bool:
     """
     there = _falls_at(falls, grid)
     return bool((there > _LEAST_FALL * falls.max(axis=1)).all())
+
+
+def _lit_there(profiles: np.ndarray, places: EdgePlaces, grid: ProfileGrid) -> bool:
+    """Whether all along the limb edges lie where profiles (N, J) are about half as bright as beside
+    the limb.
+
+    Kriged about a prediction that lies in space the dark below it is texture's, and the limb is
+    where it was predicted.
+    """
+    at = places.offset_px - grid.first_px
+    before = at.astype(np.intp)
+    share = at - before
+    row = np.arange(len(at))
+    level = (1.0 - share) * profiles[row, before] + share * profiles[row, before + 1]
+    first = np.arange(_STRETCHES) * len(at) // _STRETCHES
+    lit = np.add.reduceat(level - space_mean(profiles), first)
+    return bool((lit > _LEAST_LEVEL * np.add.reduceat(places.step, first)).all())
 
 
 def _steepness(falls: np.ndarray, grid: ProfileGrid) -> np.ndarray:

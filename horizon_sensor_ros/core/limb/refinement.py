@@ -26,7 +26,7 @@ from horizon_sensor_ros.core.limb.edges import (
 )
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb, fit_glow, usual_length_px
 from horizon_sensor_ros.core.limb.glow.points import points_alone
-from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, RefinePass, sample_limb
+from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, LimbSample, RefinePass, sample_limb
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 
@@ -52,6 +52,13 @@ def refine_limb(
     cone = nadir_base, rho_rad
     joined, uneven = step.joint, False
     if joined and len(looks) == 1 and looks[0].air is not None:
+        if step.expected and looks[0].air.faint:
+            sharp = EdgeLook(looks[0].psf_px, 0.0)
+            sample = sample_limb(gray, view, *cone, step, modelled=True)
+            if isinstance(sample, LimbSample):
+                followed = expected_limb(sample, sharp, rho_rad)
+                if followed is not None:
+                    return followed, (sharp,)
         joint, uneven = _with_glow(gray, step, view, cone, looks[0])
         if joint is not None:
             return joint
@@ -89,7 +96,7 @@ def refine_limb(
                     return joint
         looks = (look,)
         edges = modelled_edges(sample, look, edges, rho_rad, step) or edges
-    if joined and looks and edges.model_free and looks[0].glow_px == 0.0:
+    if joined and looks and enough and edges.model_free and looks[0].glow_px == 0.0:
         # From far away air is as thin as the blur, and no edge quite looks like either.
         thin = EdgeLook(USUAL_PSF_PX, usual_length_px(view, rho_rad, step.factor))
         if thin.glow_px > _THINNEST_PX:

@@ -43,7 +43,8 @@ class Air:
     """What is common to a limb: scale height over the radius, log A (3,), share of the air in front
     of the ground, blur, background; edge_psf_px, the blur of edges found one by one; the part of
     the limb in sight, from 0 to 1 along it, that it is of; fading, the logarithm of what light the
-    lens loses in the corners; stray (2,), how the background rises along the limb and outwards.
+    lens loses in the corners; stray (2,), how the background rises along the limb and outwards;
+    faint, it may be no glow at all.
     """
 
     height: float
@@ -55,6 +56,7 @@ class Air:
     part: tuple[float, float] = WHOLE
     fading: float = 0.0
     stray: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    faint: bool = False
 
     def changed(self, change: np.ndarray) -> Air:
         """The same after a step (13,)."""
