@@ -26,7 +26,7 @@ def draw(folder: Path) -> None:
         for view, frame in zip(scene.views, scene.frames, strict=True):
             shown = Frame(view, frame.image)
             fix = HorizonSensor().process([shown])
-            if fix.airglow is not None:
+            if fix.airglow is not None and not fix.airglow_alone:
                 nadirs = np.array([disc_of(fix.fit).nadir, fix.fit.nadir_base])
                 apart = np.linalg.norm(nadirs - frame.truth.nadir_base, axis=1)
                 off.append(np.degrees(apart))

@@ -12,13 +12,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.figure import MeanSphere
 from horizon_sensor_ros.core.fits.assessment import tangent_rows
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.moved import moved
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.limb.airglow_edge import airglow_edge, sphere_of_airglow
+from horizon_sensor_ros.core.limb.airglow_edge import (
+    AIRGLOW_HEIGHT_M,
+    airglow_edge,
+    sphere_of_airglow,
+)
+from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
+from horizon_sensor_ros.core.limb.search.stars import count_stars
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.shared_error import bend_px, with_shared_error
 from horizon_sensor_ros.core.status import Status
@@ -27,6 +34,17 @@ from horizon_sensor_ros.core.status import Status
 # craft, stars or cloud; most of a layer's are not.
 _OFF, _LEAST_SHARE = 3.0, 0.6
 _MOST_BEND = 3.0  # of the layer's stretches, over what they claim: aurora is no layer
+# In 40 photographs by night there are 3 and more, most of them dozens; in 5 by day with what seemed
+# an edge of airglow, none.
+_LEAST_STARS = 3
+# Without the ground nothing else says that it is a layer. In 40 photographs from the ISS in which
+# it is .85 and more of it lay on the cone, and bent by .8 at most; beside twilight and structure
+# .78 and .63, and 1.6.
+_SHARE_ALONE, _BEND_ALONE = 0.82, 1.0
+_PASSES = 2  # around the search's cone, and around what was found
+# How high the edge lies, besides what `airglow_edge` claims of one camera's: the layer rises and
+# sinks by some kilometres with the hour and the season.
+HEIGHT_SIGMA_M = 4e3
 
 
 def fit_airglow(
@@ -37,33 +55,83 @@ def fit_airglow(
     frames : image (H, W), and what its camera saw of the limb. Its nadir stands beside the fit's,
     its altitude is above the layer. None where the layer does not show, or is no limb.
     """
-    seen = []
-    for gray, ground in frames:
-        if ground.view.name in fit.cameras:
-            edge = airglow_edge(gray, ground.view, fit.nadir_base, fit.rho_rad, sphere)
-            if edge.status is Status.OK:
-                seen.append(LimbObservation(ground.view, edge))
-    if not seen:
-        return None
+    seen = [
+        LimbObservation(
+            ground.view, airglow_edge(gray, ground.view, fit.nadir_base, fit.rho_rad, sphere)
+        )
+        for gray, ground in frames
+        if ground.view.name in fit.cameras
+    ]
+    found = _cone_of(seen, sphere_of_airglow(sphere), _LEAST_SHARE, _MOST_BEND)
+    return None if found is None else found[0]
+
+
+def shows_stars(
+    views: Sequence[CameraView], searched: Sequence[LimbCandidates], airglow: HorizonFit
+) -> bool:
+    """Whether there are stars above what may be the airglow, in the search's images. By day, when
+    there are none, edges of haze, ghosts and compression run beside the limb as well.
+    """
+    stars = [
+        count_stars(view, seen, airglow.nadir_base, airglow.rho_rad)
+        for view, seen in zip(views, searched, strict=True)
+        if view.name in airglow.cameras
+    ]
+    return max(stars) >= _LEAST_STARS
+
+
+def fit_airglow_alone(
+    frames: Sequence[tuple[np.ndarray, CameraView]], cone: tuple[np.ndarray, float], sphere: Planet
+) -> tuple[HorizonFit, tuple[LimbObservation, ...]] | None:
+    """Cone of the airglow's upper edge where no limb of the ground's tells what it is above; with
+    the edges, one per frame.
+
+    frames : image (H, W), and its camera. cone : nadir (3,) and rho of where the ground's limb
+    would be, which the search made of the layer. The fit's altitude is above the layer. None where
+    it is not as even as airglow is in nearly all of its edges.
+    """
     layer = sphere_of_airglow(sphere)
+    found = None
+    for _ in range(_PASSES):
+        seen = [
+            LimbObservation(view, airglow_edge(gray, view, *cone, sphere)) for gray, view in frames
+        ]
+        found = _cone_of(seen, layer, _SHARE_ALONE, _BEND_ALONE)
+        if found is None:
+            return None
+        fit = found[0]
+        cone = fit.nadir_base, sphere.rho_from_altitude(fit.altitude_m + AIRGLOW_HEIGHT_M)
+    return found
+
+
+def _cone_of(
+    seen: Sequence[LimbObservation], layer: Planet, least_share: float, most_bend: float
+) -> tuple[HorizonFit, tuple[LimbObservation, ...]] | None:
+    """Cone that fits edges of the airglow, and those that lie on it; None where too few do, or they
+    bend.
+    """
+    if not any(one.limb.status is Status.OK for one in seen):
+        return None
     found = fit_maximum_likelihood(seen, layer)
     if not found.ok:
         return None
-    on_it = [_of_layer(one, found) for one in seen]
-    if sum(len(one.rays) for one in on_it) < _LEAST_SHARE * sum(len(one.rays) for one in seen):
+    on_it = tuple(_of_layer(one, found) for one in seen)
+    if sum(len(one.rays) for one in on_it) < least_share * sum(len(one.rays) for one in seen):
         return None
-    seen = on_it
-    found = fit_maximum_likelihood(seen, layer, (found.nadir_base, found.rho_rad))
+    found = fit_maximum_likelihood(on_it, layer, (found.nadir_base, found.rho_rad))
     if not found.ok:
         return None
-    if any(bend_px(found, one.rays) > _MOST_BEND * one.limb.coherent_px for one in seen):
+    bends = (bend_px(found, one.rays) / one.limb.coherent_px for one in on_it if len(one.rays))
+    if any(bend > most_bend for bend in bends):
         return None
-    return with_shared_error(found, seen, MeanSphere(layer, "geocentric"))
+    return with_shared_error(found, on_it, MeanSphere(layer, "geocentric")), on_it
 
 
 def _of_layer(seen: LimbObservation, found: HorizonFit) -> LimbObservation:
     """Those of the edges that lie on the cone."""
     limb = seen.limb
+    if limb.status is not Status.OK:
+        return seen
     off_px = np.abs(seen.rays.residuals_px(found.nadir_base, found.rho_rad))
     on_it = off_px < _OFF * np.hypot(limb.sigma_px, limb.coherent_px)
     return LimbObservation(seen.view, limb.take(on_it))

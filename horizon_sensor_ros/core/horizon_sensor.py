@@ -13,7 +13,13 @@ import numpy as np
 
 from horizon_sensor_ros.core.agreement import each_alone, with_contradiction
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
-from horizon_sensor_ros.core.airglow_nadir import fit_airglow, with_airglow
+from horizon_sensor_ros.core.airglow_nadir import (
+    HEIGHT_SIGMA_M,
+    fit_airglow,
+    fit_airglow_alone,
+    shows_stars,
+    with_airglow,
+)
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.figure import (
@@ -41,6 +47,7 @@ from horizon_sensor_ros.core.judgement import (
     nadir_sigma_rad,
     refusal,
 )
+from horizon_sensor_ros.core.limb.airglow_edge import AIRGLOW_HEIGHT_M, sphere_of_airglow
 from horizon_sensor_ros.core.limb.canny_limbs import canny_limbs
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb, follow_limb
@@ -72,7 +79,8 @@ class HorizonFix:
     fit : the estimate, NaN when status is not OK. limbs : one per frame, in order; a frame that
     contributed nothing says why. cameras_used : names of those that did. predicted : where the limb
     was expected, if it was followed and not searched for. airglow : the edge of the airglow above
-    the limb, as a fit of its own, where nadir is by that too.
+    the limb, as a fit of its own, where nadir is by that too. airglow_alone : all is by that edge,
+    and limbs are points of it.
     """
 
     status: Status
@@ -82,6 +90,7 @@ class HorizonFix:
     cameras_used: tuple[str, ...]
     predicted: Disc | None = None
     airglow: HorizonFit | None = None
+    airglow_alone: bool = False
 
     @property
     def ok(self) -> bool:
@@ -111,6 +120,7 @@ _NOT_LESS_SURE = 1.5
 _LESS_SURE = "the other camera is surer without it"
 # Nadir by the limb alone that airglow would say little more of: it knows it to .15 deg at best.
 _SURE_RAD = np.radians(0.05)
+_BY_AIRGLOW_ALONE = "by the airglow's edge alone: no limb of the ground's shows below it"
 # Sets of frames followed before the whole frames are searched again: a track that had slipped off
 # the limb, or a camera that has come to see it, is noticed after so many at the latest.
 _LONGEST_TRACK = 50
@@ -183,6 +193,7 @@ class HorizonSensor:
             fix, doubtful = self._judge(seen, detection, figure, aiding)
             fix, detection = self._told_apart(seen, fix, detection, figure, aiding)
             if not doubtful:
+                fix = self._by_airglow_alone(seen, fix, detection, figure, aiding) or fix
                 reason = fix.reason if fix.ok else _reason_and_left_out(frames, limbs, fix.reason)
                 for i, limb in zip(rest, fix.limbs, strict=True):
                     limbs[i] = limb
@@ -192,7 +203,7 @@ class HorizonSensor:
                     return contradicted, None
                 return self._from_singles(frames, fix, aiding) or (
                     fix,
-                    detection if everything else None,
+                    detection if everything and not fix.airglow_alone else None,
                 )
             # What a camera says against itself may have misled the others: once more without it.
             everything = False
@@ -414,10 +425,8 @@ class HorizonSensor:
         """
         limbs = tuple(seen.limb for seen in observations)
         unused = ""
-        estimate, contradicted, airglow = fit, None, None
-        if detection.airglow and nadir_sigma_rad(fit) > _SURE_RAD:
-            seen = [(frame.gray, one) for frame, one in zip(frames, observations, strict=True)]
-            airglow = fit_airglow(seen, fit, self._sphere)
+        estimate, contradicted = fit, None
+        airglow = self._airglow(frames, fit, observations, detection)
         if airglow is not None:
             estimate, contradicted = self._with_airglow(fit, airglow, observations, figure)
         if aiding.altitude is not None:
@@ -450,6 +459,27 @@ class HorizonSensor:
         found = replace(figure.estimate(estimate), disc=disc)
         return HorizonFix(Status.OK, doubts, found, limbs, fit.cameras, airglow=airglow)
 
+    def _airglow(
+        self,
+        frames: Sequence[Frame],
+        fit: HorizonFit,
+        observations: Sequence[LimbObservation],
+        detection: Detection,
+    ) -> HorizonFit | None:
+        """The airglow's edge above the limb of a fit; None where it does not show by night, or the
+        limb knows nadir well without it.
+        """
+        if not detection.airglow or nadir_sigma_rad(fit) <= _SURE_RAD:
+            return None
+        seen = [(frame.gray, one) for frame, one in zip(frames, observations, strict=True)]
+        airglow = fit_airglow(seen, fit, self._sphere)
+        # A layer shows by night alone; where the limb is followed it was found by a search.
+        known = detection.layer_rad > 0.0 or detection.agreed is None
+        if airglow is None or known:
+            return airglow
+        views = [one.view for one in observations]
+        return airglow if shows_stars(views, detection.candidates, airglow) else None
+
     def _with_airglow(
         self,
         fit: HorizonFit,
@@ -466,6 +496,62 @@ class HorizonSensor:
         common = self._with_calibration_error(exact, observations).cov_nadir_altitude
         common = common + figure.covariance(fit, observations)
         return with_airglow(fit, airglow, common, self._sphere), None
+
+    def _by_airglow_alone(
+        self,
+        frames: Sequence[Frame],
+        fix: HorizonFix,
+        detection: Detection,
+        figure: Figure,
+        aiding: Aiding,
+    ) -> HorizonFix | None:
+        """Fix by the airglow's edge, where a layer of it shows and no ground behind it that would
+        tell nadir; None otherwise.
+        """
+        layer = detection.consensus
+        no_ground = layer.status is Status.POOR_FIT or fix.status is Status.ILL_CONDITIONED
+        as_usual = self.config.method == MAXIMUM_LIKELIHOOD and self.config.limb == "subpixel"
+        if fix.ok or layer.layer_rad == 0.0 or not (no_ground and as_usual):
+            return None
+        figure = figure.aligned(layer.nadir_base)
+        images = [(frame.gray, figure.view(frame.view)) for frame in frames]
+        found = fit_airglow_alone(images, (layer.nadir_base, layer.rho_rad), self._sphere)
+        if found is None:
+            return None
+        edge, observations = found
+        cov = edge.cov_nadir_altitude + figure.covariance(edge, observations)
+        edge = with_calibration_error(
+            replace(edge, cov_nadir_altitude=cov),
+            observations,
+            sphere_of_airglow(self._sphere),
+            mounting_sigma_rad=self.config.mounting_sigma_rad,
+            lens_sigma_px=self.config.lens_sigma_px,
+            limb_height_sigma_m=HEIGHT_SIGMA_M,
+        )
+        altitude_m = edge.altitude_m + AIRGLOW_HEIGHT_M
+        rho_rad = self._sphere.rho_from_altitude(altitude_m)
+        estimate, unused = replace(edge, altitude_m=altitude_m, rho_rad=rho_rad), ""
+        if aiding.altitude is not None:
+            known = figure.altitude(aiding.altitude)
+            estimate, unused = with_altitude(estimate, known, self._sphere)
+        refused = refusal(edge, observations, self.config, layered=True, estimate=estimate)
+        limbs = tuple(seen.limb for seen in observations)
+        if refused is not None:
+            if refused[0] is not Status.UNCERTAIN:
+                return None
+            reason = f"{refused[1]}, by the airglow's edge alone"
+            none = HorizonFit.none(refused[0], reason, self.config.method, edge.num_points)
+            return HorizonFix(none.status, reason, none, fix.limbs, ())
+        disc = Disc(figure, edge.nadir_base, edge.rho_rad)
+        return HorizonFix(
+            Status.OK,
+            "; ".join(filter(None, (_BY_AIRGLOW_ALONE, unused))),
+            replace(figure.estimate(estimate), disc=disc),
+            limbs,
+            edge.cameras,
+            airglow=edge,
+            airglow_alone=True,
+        )
 
     def _told_apart(
         self,

@@ -69,7 +69,7 @@ class _Tile:
             self._draw_expected(self._fix.predicted)
         if self._fix.ok:
             self._draw_limb(self._fix.fit)
-        if self._fix.airglow is not None and self._used:
+        if self._fix.airglow is not None and self._used and not self._fix.airglow_alone:
             self._draw_airglow(disc_of(self._fix.fit), self._fix.airglow)
         counts = self._draw_points()
         if self._fix.ok:
@@ -229,6 +229,7 @@ class _Tile:
                 f"altitude {fix.fit.altitude_m / 1e3:.1f} km, sigma {sigma_km:.2g};  "
                 f"residual {fix.fit.rms_residual_px:.2f} px"
                 + ("; followed" if fix.predicted else "")
+                + ("; by the airglow alone" if fix.airglow_alone else "")
             )
         elif (whole := f"{fix.reason or fix.status}") not in found:
             lines.append(whole)

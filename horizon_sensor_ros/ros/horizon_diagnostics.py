@@ -135,7 +135,7 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
                 values["residual_px"] = f"{fit.rms_residual_px:.4f}"
             values["cameras_used"] = ", ".join(self._fix.cameras_used)
             if self._fix.airglow is not None:
-                values["airglow"] = "used"
+                values["airglow"] = "alone" if self._fix.airglow_alone else "used"
         for name in ("frames", "sets", "fixes", "time_jumps"):
             values[name] = str(pipeline.counts[name])
         values.update(rejected_values(pipeline.rejected))

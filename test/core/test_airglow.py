@@ -15,17 +15,19 @@ from limb_frames import CAMERA, PLANET, as_frames, clouds, draw, limb_views, pho
 from limb_samples import nadir_nees
 from scipy.ndimage import gaussian_filter1d
 
+from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding, AltitudeMeasurement
 from horizon_sensor_ros.core.airglow_nadir import fit_airglow, with_airglow
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
+from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix, HorizonSensor
 from horizon_sensor_ros.core.limb.airglow_edge import airglow_edge
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.mask import Mask
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.self_calibration.measurement import camera_horizon
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.air import airglow_layer
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
@@ -297,6 +299,157 @@ def test_the_ellipsoids_error_is_the_layers_too() -> None:
     more = wide.fit.cov_nadir_altitude - sphere.fit.cov_nadir_altitude
     # Of the order of the flattening: a tenth of a degree.
     assert np.sqrt(np.linalg.eigvalsh(more[:3, :3])[-1]) > np.radians(0.05)
+
+
+# ---------------------------------------------------------------- by the layer alone
+
+
+def dark(seed: int, **changes: float) -> EarthScene:
+    """The layer above ground that does not show."""
+    return replace(moonlit(seed, **changes), night_light=0.0)
+
+
+PAIR = limb_views(ALTITUDE_M, azimuths_rad=(0.0, np.pi / 2), above_rad=0.05)
+REASON = "by the airglow's edge alone: no limb of the ground's shows below it"
+
+
+def fix_by_layer(
+    scene: EarthScene,
+    views: tuple[CameraView, ...] = (VIEW,),
+    config: HorizonConfig | None = None,
+    aiding: Aiding = NOTHING_KNOWN,
+) -> HorizonFix:
+    frames = as_frames(views, draw(views, ALTITUDE_M, scene, NOISE))
+    return HorizonSensor(config).process(frames, aiding)
+
+
+@pytest.mark.parametrize("views", [(VIEW,), PAIR])
+@pytest.mark.parametrize("uneven_m", [0.0, 3e3])
+def test_nadir_and_altitude_by_the_layer_alone(
+    views: tuple[CameraView, ...], uneven_m: float
+) -> None:
+    nees, off = [], []
+    for seed in range(8):
+        fix = fix_by_layer(dark(seed, airglow_uneven_m=uneven_m), views)
+        assert fix.ok, fix.reason
+        assert fix.airglow_alone
+        assert fix.airglow is not None
+        assert fix.reason == REASON
+        assert fix.cameras_used == tuple(view.name for view in views)
+        nees.append(nadir_nees(fix.fit, DOWN))
+        sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
+        assert sigma_m > 5e3, "how high the layer is"
+        off.append((fix.fit.altitude_m - ALTITUDE_M) / sigma_m)
+        # Its points lie on the cone that the frames show, which is not that of the ground.
+        for view, limb in zip(views, fix.limbs, strict=True):
+            assert fix.residual_px(view, limb) < 1.5
+    assert max(nees) < 11.8
+    assert np.mean(nees) < 2.4
+    assert np.abs(off).max() < 3.0
+
+
+def test_a_known_altitude_is_joined_with_the_layers() -> None:
+    known = AltitudeMeasurement(ALTITUDE_M, 200.0)
+    alone, aided = (
+        fix_by_layer(dark(1), aiding=aiding) for aiding in (NOTHING_KNOWN, Aiding(altitude=known))
+    )
+    assert alone.airglow_alone
+    assert aided.airglow_alone
+    assert aided.fit.altitude_m == pytest.approx(ALTITUDE_M, abs=1e3)
+    assert np.trace(aided.fit.cov_nadir_altitude[:3, :3]) < np.trace(
+        alone.fit.cov_nadir_altitude[:3, :3]
+    )
+    assert nadir_nees(aided.fit, DOWN) < 11.8
+
+
+def test_by_the_layer_alone_the_ellipsoids_error_and_the_mountings_are_claimed() -> None:
+    plain = fix_by_layer(dark(2))
+    for config in (HorizonConfig(planet=Planet.wgs84()), LOOSE):
+        wide = fix_by_layer(dark(2), config=config)
+        assert wide.airglow_alone
+        more = (wide.fit.cov_nadir_altitude - plain.fit.cov_nadir_altitude)[:3, :3]
+        assert np.sqrt(np.linalg.eigvalsh(more)[-1]) > np.radians(0.05)
+
+
+def test_a_short_arc_of_the_layer_says_how_little_it_knows() -> None:
+    camera = camera_from_fov(640, 480, np.radians(20.0))
+    view = limb_views(ALTITUDE_M, camera, above_rad=0.05)[0]
+    fix = fix_by_layer(dark(1), (view,))
+    assert fix.status is Status.UNCERTAIN
+    assert fix.reason.endswith("by the airglow's edge alone")
+    loose = fix_by_layer(dark(1), (view,), HorizonConfig(max_nadir_sigma_rad=np.radians(5.0)))
+    assert loose.airglow_alone
+    assert nadir_nees(loose.fit, DOWN) < 11.8
+
+
+def test_an_altitude_out_of_bounds_is_none_by_the_layer_either() -> None:
+    assert not fix_by_layer(dark(1), config=HorizonConfig(altitude_min_m=6e5)).ok
+
+
+def test_bright_air_over_a_dark_sea_is_not_the_layer() -> None:
+    """By day, when no stars show."""
+    for seed in range(4):
+        assert not fix_by_layer(replace(dark(seed), star_count=0)).airglow_alone
+
+
+@pytest.mark.parametrize("height_px", [8.0, 15.0])
+def test_a_band_that_undulates_is_not_the_layer(height_px: float) -> None:
+    """As aurora does."""
+    for seed in range(4):
+        gray = image(dark(seed))
+        along = np.arange(gray.shape[1])
+        shift = np.rint(height_px * np.sin(along / 25.0 + seed)).astype(int)
+        gray = np.stack([np.roll(gray[:, x], by) for x, by in zip(along, shift, strict=True)], 1)
+        assert not HorizonSensor().process([Frame(VIEW, gray)]).ok
+
+
+def test_the_layer_alone_is_searched_for_in_every_frame() -> None:
+    frames = as_frames((VIEW,), draw((VIEW,), ALTITUDE_M, dark(1), NOISE))
+    sensor = HorizonSensor()
+    for _ in range(3):
+        assert sensor.process(frames).airglow_alone
+        assert not sensor.following
+
+
+@pytest.mark.parametrize("change", [{"method": "arc"}, {"limb": "canny"}])
+def test_other_methods_stay_what_their_papers_say(change: dict[str, str]) -> None:
+    config = replace(HorizonConfig(), **change)  # type: ignore[arg-type]
+    assert not fix_by_layer(dark(1), config=config).ok
+
+
+def test_self_calibration_takes_no_limb_of_the_layer() -> None:
+    fix = fix_by_layer(dark(1))
+    assert fix.airglow_alone
+    assert camera_horizon(VIEW, fix, PLANET) is None
+
+
+def test_without_stars_an_edge_above_the_limb_is_not_the_airglows() -> None:
+    """In photographs by day haze, ghosts and compression were taken for it."""
+    lit = moonlit(2, airglow_dn=8.0)
+    by_night, by_day = (
+        fix_by_layer(replace(lit, star_count=stars), config=LOOSE) for stars in (3000, 0)
+    )
+    assert by_night.ok
+    assert by_day.ok
+    assert by_night.airglow is not None
+    assert by_day.airglow is None
+
+
+# ---------------------------------------------------------------- photographs
+
+
+@pytest.mark.parametrize(("name", "focal_length_mm"), [("iss044e045576.jpg", 28.0)])
+def test_a_photograph_with_nothing_but_the_layer(
+    name: str, focal_length_mm: float, shared_data: Path
+) -> None:
+    """City lights, lightning and the Moon. It was cropped to three quarters: with the whole frame's
+    lens the altitude comes out too low, which nothing in the frame tells.
+    """
+    frame = photograph(shared_data / "earth_real" / name, focal_length_mm)
+    fix = HorizonSensor().process([frame])
+    assert fix.ok, fix.reason
+    assert fix.airglow_alone
+    assert 250e3 < fix.fit.altitude_m < 600e3
 
 
 @pytest.mark.parametrize(

@@ -145,12 +145,15 @@ def test_the_dawns_lit_air_is_no_limb(
     assert ("twilight" in after.reason) is refused
 
 
-def test_a_layer_without_ground_is_no_limb() -> None:
+def test_a_layer_without_ground_is_not_the_grounds_limb() -> None:
+    """Where that would be is told for those who look for the layer."""
     before, after = searched(night(1))
     assert before.status is Status.OK
     assert after.status is Status.POOR_FIT
     assert "airglow" in after.reason
-    assert not fixed(night(1)).ok
+    assert PLANET.altitude_from_rho(before.rho_rad) < ALTITUDE_M - 90e3
+    assert PLANET.altitude_from_rho(after.rho_rad) == pytest.approx(ALTITUDE_M, abs=15e3)
+    assert after.layer_rad > 0.0
 
 
 @pytest.mark.parametrize("stars", [0, 3000])

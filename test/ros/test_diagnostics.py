@@ -189,12 +189,15 @@ def values_of(monitor: HorizonMonitor, now: int) -> dict[str, str]:
     return {v.key: v.value for v in monitor.message(now, pipeline).status[0].values}
 
 
-@pytest.mark.parametrize("shows", [True, False])
-def test_airglow_is_told_where_the_fix_is_by_it(shows: bool) -> None:
+@pytest.mark.parametrize(
+    ("shows", "alone", "told"), [(True, False, "used"), (True, True, "alone"), (False, False, None)]
+)
+def test_airglow_is_told_where_the_fix_is_by_it(shows: bool, alone: bool, told: str | None) -> None:
     monitor = monitor_of()
     fix = fix_of()
-    deliver(monitor, S, replace(fix, airglow=fix.fit if shows else None))
-    assert values_of(monitor, S).get("airglow") == ("used" if shows else None)
+    airglow = fix.fit if shows else None
+    deliver(monitor, S, replace(fix, airglow=airglow, airglow_alone=alone))
+    assert values_of(monitor, S).get("airglow") == told
 
 
 def test_each_camera_says_how_it_fares() -> None:

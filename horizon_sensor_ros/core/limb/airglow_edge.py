@@ -21,7 +21,7 @@ from horizon_sensor_ros.core.status import Status
 
 # Height of the edge above the ground: that of the green line's layer, and half of its thickness.
 # Where it is looked for besides: as far as it may be higher or lower, and the limb below it off.
-_HEIGHT_M, _REACH_M = 97e3, 35e3
+AIRGLOW_HEIGHT_M, _REACH_M = 97e3, 35e3
 _LEAST_REACH_PX = 3.0
 _MOST_M_PER_PX = 15e3  # coarser pixels show a line
 _BLUR_M, _LEAST_BLUR_PX = 3e3, 1.0  # light is smoothed by before its fall is asked for
@@ -38,7 +38,7 @@ _STRETCH_M, _ENDS_M, _ALL_M = 1.5e3, 3e3, 3e3
 
 def sphere_of_airglow(planet: Planet) -> Planet:
     """The sphere whose limb the airglow's upper edge is."""
-    return Planet(planet.radius_m + _HEIGHT_M)
+    return Planet(planet.radius_m + AIRGLOW_HEIGHT_M)
 
 
 def airglow_edge(
@@ -51,7 +51,7 @@ def airglow_edge(
     """
     from_centre_m = planet.limb_radius_m / math.sin(rho_rad)
     layer_rho = sphere_of_airglow(planet).rho_from_altitude(
-        from_centre_m - planet.radius_m - _HEIGHT_M
+        from_centre_m - planet.radius_m - AIRGLOW_HEIGHT_M
     )
     if not math.isfinite(layer_rho):
         return LimbPoints.none(Status.NO_LIMB, "the camera is in the airglow or below")

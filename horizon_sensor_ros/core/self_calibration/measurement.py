@@ -86,7 +86,7 @@ def camera_horizon(
     view : of that frame; sphere : the planet that was fitted. With `focal` the limb points are
     fitted twice more, for the derivative by the focal length.
     """
-    if not fix.ok:
+    if not fix.ok or fix.airglow_alone:
         return None
     limb = fix.limbs[0]
     optical = CameraView(view.name, view.camera, np.eye(3))

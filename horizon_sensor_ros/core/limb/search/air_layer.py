@@ -63,7 +63,8 @@ def ground_under_airglow(
 
     candidates : those of every view, with their reduced images. refined : its cone was fitted to
     edges: it knows nadir better than steps of depth do, and about it a layer looks alike all along.
-    Where the layer is seen but no ground behind it: status POOR_FIT.
+    Where the layer is seen but no ground behind it: status POOR_FIT, and the cone and layer_rad of
+    what would be the ground's limb.
     """
     if consensus.status is not Status.OK:
         return consensus
@@ -117,15 +118,17 @@ def ground_under_airglow(
                 below = float(np.median(depths[at[together]]))
                 cone = consensus.nadir_base, consensus.rho_rad - below
             return consensus if cone is None else _moved(consensus, cone, scale)
-    if layered and _starry(views, candidates, consensus, scale):
-        return Consensus(Status.POOR_FIT, "a layer of airglow, and no ground behind it")
     dawns = any(
         _is_twilight(found.rays[middle], seen, consensus.nadir_base)
         for middle, seen in zip(columns, levels, strict=True)
     )
-    if dawns and _starry(views, candidates, consensus, scale):
+    if not (dawns or layered) or not _starry(views, candidates, consensus, scale):
+        return consensus
+    if dawns:
         return Consensus(Status.POOR_FIT, "twilight: lit air over ground that is dark")
-    return consensus
+    no_ground = _moved(consensus, (consensus.nadir_base, consensus.rho_rad - scale), scale)
+    reason = "a layer of airglow, and no ground behind it"
+    return replace(no_ground, status=Status.POOR_FIT, reason=reason)
 
 
 def layer_height_m(edge: RayCandidates, cone: tuple[np.ndarray, float], planet: Planet) -> float:

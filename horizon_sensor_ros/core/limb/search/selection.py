@@ -67,8 +67,9 @@ class RayCandidates:
 
 @dataclass(frozen=True)
 class Consensus:
-    """The winning hypothesis; `inliers` is a mask over the ray candidates. Not OK: NaN and a
-    reason. unanimous : it explains nearly all of them, and lies as near to the limb as they do.
+    """The winning hypothesis; `inliers` is a mask over the ray candidates. Not OK: a reason, and
+    NaN but below a layer of airglow without ground. unanimous : it explains nearly all of them, and
+    lies as near to the limb as they do.
     layer_rad : how far above the limb a layer of airglow lies, whose edge then the inliers are; 0
     where there is none.
     """
