@@ -13,6 +13,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.profiles import pixel_rad_across, sample_profiles, scatter_px
+from horizon_sensor_ros.core.limb.sample import thinning
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
@@ -28,7 +29,6 @@ _BLUR_M, _LEAST_BLUR_PX = 3e3, 1.0  # light is smoothed by before its fall is as
 _TOGETHER = 8  # neighbouring profiles whose median counts as one, without stars
 _LEAST_EDGES, _MOST_SCATTER_M, _GLANCE_SCATTER_M = 8, 6e3, 14e3
 _LEAST_SIGMA_PX = 0.05
-_DENSE_WIDTH_PX = 1024  # a profile a pixel up to frames this wide
 # Sigmas of the layer's height: of stretches, of ends one up and one down, and of all that one
 # camera sees. Six stretches each of five photographs from the ISS were off the cone that was fitted
 # by 0.1 to 0.9 km, which takes half of their variance; tides tilt the layer by kilometres in a
@@ -55,7 +55,7 @@ def airglow_edge(
     )
     if not math.isfinite(layer_rho):
         return LimbPoints.none(Status.NO_LIMB, "the camera is in the airglow or below")
-    spacing_px = max(1, round(gray.shape[1] / _DENSE_WIDTH_PX))
+    spacing_px = thinning(gray)
     curve = limb_curve(view, nadir_base, layer_rho, spacing_px=spacing_px)
     num = len(curve) // _TOGETHER
     if num < _LEAST_EDGES:
@@ -72,13 +72,13 @@ def airglow_edge(
     d_px = step_px * np.arange(-count, count + 1)
     # Without airglow the steepest falls are the noise's, and lie anywhere: single profiles show it.
     glance_px, inside = _places(gray, few, d_px, 1)
+    inside &= _clear(view, few.px, reach_px)
     if not scatter_px(glance_px[inside]) * px_m < _GLANCE_SCATTER_M:
         return LimbPoints.none(Status.NO_LIMB, "no edge of airglow")
     offset_px, inside = _places(gray, curve, d_px, _TOGETHER)
     used = num * _TOGETHER
-    if view.mask is not None:
-        clear = view.mask.clear(curve.px[:used], reach_px)
-        inside &= clear.reshape(num, _TOGETHER).all(axis=1)
+    clear = _clear(view, curve.px[:used], reach_px)
+    inside &= clear.reshape(num, _TOGETHER).all(axis=1)
     offset_px = offset_px[inside]
     own_px = scatter_px(offset_px)
     if len(offset_px) < _LEAST_EDGES or not own_px * px_m < _MOST_SCATTER_M:
@@ -97,6 +97,13 @@ def airglow_edge(
         predicted=curve,
         offset_px=offset_px,
     )
+
+
+def _clear(view: CameraView, px: np.ndarray, reach_px: float) -> np.ndarray:
+    """Whether the mask hides nothing so near to places (N, 2): (N,)."""
+    if view.mask is None:
+        return np.ones(len(px), dtype=bool)
+    return view.mask.clear(px, reach_px)
 
 
 def _places(
