@@ -41,6 +41,7 @@ _LEAST_STARS = 3
 # it is .85 and more of it lay on the cone, and bent by .8 at most; beside twilight and structure
 # .78 and .63, and 1.6.
 _SHARE_ALONE, _BEND_ALONE = 0.82, 1.0
+STARS_ALONE = 8
 _PASSES = 2  # around the search's cone, and around what was found
 # How high the edge lies, besides what `airglow_edge` claims of one camera's: the layer rises and
 # sinks by some kilometres with the hour and the season.
@@ -67,17 +68,21 @@ def fit_airglow(
 
 
 def shows_stars(
-    views: Sequence[CameraView], searched: Sequence[LimbCandidates], airglow: HorizonFit
+    views: Sequence[CameraView],
+    searched: Sequence[LimbCandidates],
+    airglow: HorizonFit,
+    least: int = _LEAST_STARS,
 ) -> bool:
-    """Whether there are stars above what may be the airglow, in the search's images. By day, when
-    there are none, edges of haze, ghosts and compression run beside the limb as well.
+    """Whether there are stars above what may be the airglow, in the search's images, at least so
+    many in one. By day, when there are none, edges of haze, ghosts and compression run beside the
+    limb as well.
     """
     stars = [
         count_stars(view, seen, airglow.nadir_base, airglow.rho_rad)
         for view, seen in zip(views, searched, strict=True)
         if view.name in airglow.cameras
     ]
-    return max(stars) >= _LEAST_STARS
+    return max(stars) >= least
 
 
 def fit_airglow_alone(

@@ -15,6 +15,7 @@ from horizon_sensor_ros.core.agreement import each_alone, with_contradiction
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
 from horizon_sensor_ros.core.airglow_nadir import (
     HEIGHT_SIGMA_M,
+    STARS_ALONE,
     fit_airglow,
     fit_airglow_alone,
     shows_stars,
@@ -192,8 +193,10 @@ class HorizonSensor:
             detection, figure = self._detect(seen, aiding)
             fix, doubtful = self._judge(seen, detection, figure, aiding)
             fix, detection = self._told_apart(seen, fix, detection, figure, aiding)
+            by_layer = self._by_airglow_alone(seen, fix, doubtful, detection, figure, aiding)
+            if by_layer is not None and (by_layer.ok or not doubtful):
+                fix, doubtful = by_layer, {}
             if not doubtful:
-                fix = self._by_airglow_alone(seen, fix, detection, figure, aiding) or fix
                 reason = fix.reason if fix.ok else _reason_and_left_out(frames, limbs, fix.reason)
                 for i, limb in zip(rest, fix.limbs, strict=True):
                     limbs[i] = limb
@@ -501,15 +504,21 @@ class HorizonSensor:
         self,
         frames: Sequence[Frame],
         fix: HorizonFix,
+        doubtful: dict[int, LimbPoints],
         detection: Detection,
         figure: Figure,
         aiding: Aiding,
     ) -> HorizonFix | None:
         """Fix by the airglow's edge, where a layer of it shows and no ground behind it that would
-        tell nadir; None otherwise.
+        tell nadir, or none that is beyond doubt; None otherwise.
         """
         layer = detection.consensus
-        no_ground = layer.status is Status.POOR_FIT or fix.status is Status.ILL_CONDITIONED
+        shown = [limb.status for limb in fix.limbs].count(Status.OK)
+        no_ground = (
+            layer.status is Status.POOR_FIT
+            or fix.status is Status.ILL_CONDITIONED
+            or 0 < shown == len(doubtful)
+        )
         as_usual = self.config.method == MAXIMUM_LIKELIHOOD and self.config.limb == "subpixel"
         if fix.ok or layer.layer_rad == 0.0 or not (no_ground and as_usual):
             return None
@@ -519,6 +528,9 @@ class HorizonSensor:
         if found is None:
             return None
         edge, observations = found
+        views = [seen.view for seen in observations]
+        if not shows_stars(views, detection.candidates, edge, STARS_ALONE):
+            return None
         cov = edge.cov_nadir_altitude + figure.covariance(edge, observations)
         edge = with_calibration_error(
             replace(edge, cov_nadir_altitude=cov),
