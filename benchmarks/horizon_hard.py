@@ -59,6 +59,7 @@ class _Tally:
     lone: dict[str, int] = field(default_factory=lambda: dict.fromkeys(("solvable", "fixed"), 0))
     fixes: list[Fixed] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
+    by_airglow: list[Fixed] = field(default_factory=list)
 
     def row(self, kind: str) -> tuple[str, ...]:
         counts = [str(n) for what in _EXPECT for n in (self.scenes[what], self.fixed[what])]
@@ -121,6 +122,8 @@ def run(options: Options) -> list[Table]:
                 fix = _fixed(scene, judged)
                 tally.fixed[scene.expect] += 1
                 tally.fixes.append(fix)
+                if judged.airglow_alone and scene.expect == "none":
+                    tally.by_airglow.append(fix)
                 if fix.error_deg > WRONG_DEG and fix.beyond:
                     tally.wrong.append(scene.name)
     if options.out is not None:
@@ -146,6 +149,7 @@ def _scenes_table(count: int, tallies: dict[str, _Tally], everything: _Tally) ->
     missed = 1.0 - everything.fixed["fix"] / solvable if solvable else np.nan
     beyond, lone = sum(fix.beyond for fix in everything.fixes), everything.lone
     worst = percentile([fix.error_deg for fix in everything.fixes], 100)
+    worst_by_airglow = percentile([fix.error_deg for fix in everything.by_airglow], 100)
     notes = (
         "Two perpendicular 640 x 480 cameras, both given to the sensor with its default settings; "
         "of the planet it is told the shape (wgs84: no position, so it fits a sphere). "
@@ -154,7 +158,8 @@ def _scenes_table(count: int, tallies: dict[str, _Tally], everything: _Tally) ->
         "rest. By the drawn scene's truth, not by its kind.",
         f"Of the {solvable} solvable, {number(100.0 * missed, 1)} % are refused: "
         f"{verdict(missed, 1.0 - FIXED_BAR)}; of the {everything.scenes['none']} without a limb, "
-        f"{everything.fixed['none']} are fixed. Of the solvable, {lone['solvable']} show it to one "
+        f"{everything.fixed['none']} are fixed, {len(everything.by_airglow)} of them by the airglow "
+        f"above it alone, {number(worst_by_airglow, 2)} deg off at most. Of the solvable, {lone['solvable']} show it to one "
         f"camera alone, and {lone['fixed']} of those are fixed: a short arc in glowing air.",
         "median, max: error of geocentric nadir of all fixes. over 3 sigma: fixes whose error is "
         "above three sigma of nadir's least certain direction; the normal law allows 1.1 % or "
