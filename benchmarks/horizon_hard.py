@@ -158,9 +158,10 @@ def _scenes_table(count: int, tallies: dict[str, _Tally], everything: _Tally) ->
         "rest. By the drawn scene's truth, not by its kind.",
         f"Of the {solvable} solvable, {number(100.0 * missed, 1)} % are refused: "
         f"{verdict(missed, 1.0 - FIXED_BAR)}; of the {everything.scenes['none']} without a limb, "
-        f"{everything.fixed['none']} are fixed, {len(everything.by_airglow)} of them by the airglow "
-        f"above it alone, {number(worst_by_airglow, 2)} deg off at most. Of the solvable, {lone['solvable']} show it to one "
-        f"camera alone, and {lone['fixed']} of those are fixed: a short arc in glowing air.",
+        f"{everything.fixed['none']} are fixed, {len(everything.by_airglow)} by the airglow above "
+        f"the dark one, {number(worst_by_airglow, 2)} deg off at most. Of the solvable, "
+        f"{lone['solvable']} show it to one camera alone, and {lone['fixed']} of those are fixed: "
+        "a short arc in glowing air.",
         "median, max: error of geocentric nadir of all fixes. over 3 sigma: fixes whose error is "
         "above three sigma of nadir's least certain direction; the normal law allows 1.1 % or "
         f"fewer; here {beyond} of {len(everything.fixes)}.",
