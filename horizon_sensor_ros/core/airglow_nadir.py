@@ -19,11 +19,7 @@ from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likeliho
 from horizon_sensor_ros.core.fits.moved import moved
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.limb.airglow_edge import (
-    AIRGLOW_HEIGHT_M,
-    airglow_edge,
-    sphere_of_airglow,
-)
+from horizon_sensor_ros.core.limb.airglow_edge import airglow_edge, sphere_of_airglow
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.stars import count_stars
 from horizon_sensor_ros.core.planet import Planet
@@ -37,15 +33,6 @@ _MOST_BEND = 3.0  # of the layer's stretches, over what they claim: aurora is no
 # In 40 photographs by night there are 3 and more, most of them dozens; in 5 by day with what seemed
 # an edge of airglow, none.
 _LEAST_STARS = 3
-# Without the ground nothing else says that it is a layer. In 40 photographs from the ISS in which
-# it is .85 and more of it lay on the cone, and bent by .8 at most; beside twilight and structure
-# .78 and .63, and 1.6.
-_SHARE_ALONE, _BEND_ALONE = 0.82, 1.0
-STARS_ALONE = 8
-_PASSES = 2  # around the search's cone, and around what was found
-# How high the edge lies, besides what `airglow_edge` claims of one camera's: the layer rises and
-# sinks by some kilometres with the hour and the season.
-HEIGHT_SIGMA_M = 4e3
 
 
 def fit_airglow(
@@ -63,7 +50,7 @@ def fit_airglow(
         for gray, ground in frames
         if ground.view.name in fit.cameras
     ]
-    found = _cone_of(seen, sphere_of_airglow(sphere), _LEAST_SHARE, _MOST_BEND)
+    found = cone_of_airglow(seen, sphere_of_airglow(sphere), _LEAST_SHARE, _MOST_BEND)
     return None if found is None else found[0]
 
 
@@ -85,35 +72,14 @@ def shows_stars(
     return max(stars) >= least
 
 
-def fit_airglow_alone(
-    frames: Sequence[tuple[np.ndarray, CameraView]], cone: tuple[np.ndarray, float], sphere: Planet
-) -> tuple[HorizonFit, tuple[LimbObservation, ...]] | None:
-    """Cone of the airglow's upper edge where no limb of the ground's tells what it is above; with
-    the edges, one per frame.
-
-    frames : image (H, W), and its camera. cone : nadir (3,) and rho of where the ground's limb
-    would be, which the search made of the layer. The fit's altitude is above the layer. None where
-    it is not as even as airglow is in nearly all of its edges.
-    """
-    layer = sphere_of_airglow(sphere)
-    found = None
-    for _ in range(_PASSES):
-        seen = [
-            LimbObservation(view, airglow_edge(gray, view, *cone, sphere)) for gray, view in frames
-        ]
-        found = _cone_of(seen, layer, _SHARE_ALONE, _BEND_ALONE)
-        if found is None:
-            return None
-        fit = found[0]
-        cone = fit.nadir_base, sphere.rho_from_altitude(fit.altitude_m + AIRGLOW_HEIGHT_M)
-    return found
-
-
-def _cone_of(
+def cone_of_airglow(
     seen: Sequence[LimbObservation], layer: Planet, least_share: float, most_bend: float
 ) -> tuple[HorizonFit, tuple[LimbObservation, ...]] | None:
-    """Cone that fits edges of the airglow, and those that lie on it; None where too few do, or they
-    bend.
+    """Cone that fits edges of the airglow, with what they share of errors, and those that lie on
+    it; None where too few do, or they bend.
+
+    layer : the sphere whose limb they are. least_share : on the cone, of all. most_bend : of their
+    stretches, over what these claim.
     """
     if not any(one.limb.status is Status.OK for one in seen):
         return None

@@ -13,14 +13,8 @@ import numpy as np
 
 from horizon_sensor_ros.core.agreement import each_alone, with_contradiction
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
-from horizon_sensor_ros.core.airglow_nadir import (
-    HEIGHT_SIGMA_M,
-    STARS_ALONE,
-    fit_airglow,
-    fit_airglow_alone,
-    shows_stars,
-    with_airglow,
-)
+from horizon_sensor_ros.core.airglow_alone import by_airglow_alone
+from horizon_sensor_ros.core.airglow_nadir import fit_airglow, shows_stars, with_airglow
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.figure import (
@@ -48,7 +42,6 @@ from horizon_sensor_ros.core.judgement import (
     nadir_sigma_rad,
     refusal,
 )
-from horizon_sensor_ros.core.limb.airglow_edge import AIRGLOW_HEIGHT_M, sphere_of_airglow
 from horizon_sensor_ros.core.limb.canny_limbs import canny_limbs
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb, follow_limb
@@ -523,26 +516,17 @@ class HorizonSensor:
         if fix.ok or layer.layer_rad == 0.0 or not (no_ground and as_usual):
             return None
         figure = figure.aligned(layer.nadir_base)
-        images = [(frame.gray, figure.view(frame.view)) for frame in frames]
-        found = fit_airglow_alone(images, (layer.nadir_base, layer.rho_rad), self._sphere)
+        found = by_airglow_alone(
+            [(frame.gray, figure.view(frame.view)) for frame in frames],
+            detection.candidates,
+            (layer.nadir_base, layer.rho_rad),
+            figure,
+            self.config,
+        )
         if found is None:
             return None
-        edge, observations = found
-        views = [seen.view for seen in observations]
-        if not shows_stars(views, detection.candidates, edge, STARS_ALONE):
-            return None
-        cov = edge.cov_nadir_altitude + figure.covariance(edge, observations)
-        edge = with_calibration_error(
-            replace(edge, cov_nadir_altitude=cov),
-            observations,
-            sphere_of_airglow(self._sphere),
-            mounting_sigma_rad=self.config.mounting_sigma_rad,
-            lens_sigma_px=self.config.lens_sigma_px,
-            limb_height_sigma_m=HEIGHT_SIGMA_M,
-        )
-        altitude_m = edge.altitude_m + AIRGLOW_HEIGHT_M
-        rho_rad = self._sphere.rho_from_altitude(altitude_m)
-        estimate, unused = replace(edge, altitude_m=altitude_m, rho_rad=rho_rad), ""
+        edge, observations = found.edge, found.observations
+        estimate, unused = found.above_ground(self._sphere), ""
         if aiding.altitude is not None:
             known = figure.altitude(aiding.altitude)
             estimate, unused = with_altitude(estimate, known, self._sphere)
