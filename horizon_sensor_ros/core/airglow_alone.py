@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.airglow_nadir import cone_of_airglow, shows_stars
+from horizon_sensor_ros.core.airglow_nadir import cone_of_airglow, under_stars
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.figure import Figure
@@ -24,13 +24,13 @@ from horizon_sensor_ros.core.limb.airglow_edge import (
     sphere_of_airglow,
 )
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
+from horizon_sensor_ros.core.limb.search.stars import NIGHT_STARS
 from horizon_sensor_ros.core.planet import Planet
 
 # Without the ground nothing else says that it is a layer. In 40 photographs from the ISS in which
 # it is .85 and more of it lay on the cone, and bent by .8 at most; beside twilight and structure
 # .78 and .63, and 1.6.
 _LEAST_SHARE, _MOST_BEND = 0.82, 1.0
-_LEAST_STARS = 8
 _PASSES = 2  # around the search's cone, and around what was found
 # How high the edge lies, besides what `airglow_edge` claims of one camera's: the layer rises and
 # sinks by some kilometres with the hour and the season.
@@ -78,7 +78,7 @@ def by_airglow_alone(
         edge, observations = found
         cone = edge.nadir_base, sphere.rho_from_altitude(edge.altitude_m + AIRGLOW_HEIGHT_M)
     views = [view for _, view in frames]
-    if not shows_stars(views, searched, edge, _LEAST_STARS):
+    if not under_stars(views, searched, edge, NIGHT_STARS):
         return None
     cov = edge.cov_nadir_altitude + figure.covariance(edge, observations)
     edge = with_calibration_error(

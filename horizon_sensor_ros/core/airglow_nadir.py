@@ -21,7 +21,7 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.airglow_edge import airglow_edge, sphere_of_airglow
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
-from horizon_sensor_ros.core.limb.search.stars import count_stars
+from horizon_sensor_ros.core.limb.search.stars import shows_stars
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.shared_error import bend_px, with_shared_error
 from horizon_sensor_ros.core.status import Status
@@ -54,7 +54,7 @@ def fit_airglow(
     return None if found is None else found[0]
 
 
-def shows_stars(
+def under_stars(
     views: Sequence[CameraView],
     searched: Sequence[LimbCandidates],
     airglow: HorizonFit,
@@ -64,12 +64,14 @@ def shows_stars(
     many in one. By day, when there are none, edges of haze, ghosts and compression run beside the
     limb as well.
     """
-    stars = [
-        count_stars(view, seen, airglow.nadir_base, airglow.rho_rad)
-        for view, seen in zip(views, searched, strict=True)
-        if view.name in airglow.cameras
-    ]
-    return max(stars) >= least
+    used = [i for i, view in enumerate(views) if view.name in airglow.cameras]
+    return shows_stars(
+        [views[i] for i in used],
+        [searched[i] for i in used],
+        airglow.nadir_base,
+        airglow.rho_rad,
+        least,
+    )
 
 
 def cone_of_airglow(

@@ -14,7 +14,7 @@ import numpy as np
 from horizon_sensor_ros.core.agreement import each_alone, with_contradiction
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
 from horizon_sensor_ros.core.airglow_alone import by_airglow_alone
-from horizon_sensor_ros.core.airglow_nadir import fit_airglow, shows_stars, with_airglow
+from horizon_sensor_ros.core.airglow_nadir import fit_airglow, under_stars, with_airglow
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.figure import (
@@ -420,14 +420,11 @@ class HorizonSensor:
         alone : as of `each_alone`. apart : what cameras contradict each other by, in words.
         """
         limbs = tuple(seen.limb for seen in observations)
-        unused = ""
         estimate, contradicted = fit, None
         airglow = self._airglow(frames, fit, observations, detection)
         if airglow is not None:
             estimate, contradicted = self._with_airglow(fit, airglow, observations, figure)
-        if aiding.altitude is not None:
-            known = figure.altitude(aiding.altitude)
-            estimate, unused = with_altitude(estimate, known, self._sphere)
+        estimate, unused = self._with_known_altitude(estimate, figure, aiding)
         glows = [
             detection.glow_over_usual(i)
             for i, seen in enumerate(observations)
@@ -455,6 +452,14 @@ class HorizonSensor:
         found = replace(figure.estimate(estimate), disc=disc)
         return HorizonFix(Status.OK, doubts, found, limbs, fit.cameras, airglow=airglow)
 
+    def _with_known_altitude(
+        self, estimate: HorizonFit, figure: Figure, aiding: Aiding
+    ) -> tuple[HorizonFit, str]:
+        """Estimate by the altitude that is known, if one is, and why it is not used."""
+        if aiding.altitude is None:
+            return estimate, ""
+        return with_altitude(estimate, figure.altitude(aiding.altitude), self._sphere)
+
     def _airglow(
         self,
         frames: Sequence[Frame],
@@ -474,7 +479,7 @@ class HorizonSensor:
         if airglow is None or known:
             return airglow
         views = [one.view for one in observations]
-        return airglow if shows_stars(views, detection.candidates, airglow) else None
+        return airglow if under_stars(views, detection.candidates, airglow) else None
 
     def _with_airglow(
         self,
@@ -526,10 +531,8 @@ class HorizonSensor:
         if found is None:
             return None
         edge, observations = found.edge, found.observations
-        estimate, unused = found.above_ground(self._sphere), ""
-        if aiding.altitude is not None:
-            known = figure.altitude(aiding.altitude)
-            estimate, unused = with_altitude(estimate, known, self._sphere)
+        estimate = found.above_ground(self._sphere)
+        estimate, unused = self._with_known_altitude(estimate, figure, aiding)
         refused = refusal(edge, observations, self.config, layered=True, estimate=estimate)
         limbs = tuple(seen.limb for seen in observations)
         if refused is not None:

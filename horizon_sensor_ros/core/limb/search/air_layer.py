@@ -19,7 +19,7 @@ import numpy as np
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.selection import Consensus, RayCandidates
-from horizon_sensor_ros.core.limb.search.stars import count_stars
+from horizon_sensor_ros.core.limb.search.stars import shows_stars
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
@@ -47,7 +47,6 @@ _FADES_M, _FADED, _ALIKE = (25e3, 70e3), 0.85, 0.14
 _BAND_ENDS, _BAND_M, _NARROWS = 0.75, (33e3, 84e3), 0.95
 _GROUND, _DARK_SHARE = 0.6, 0.5
 _LEAST_COLUMNS = 7  # from which it is asked whether the air's band narrows along the limb
-_STARS = 8  # that show an exposure for the night
 
 
 def ground_under_airglow(
@@ -158,11 +157,7 @@ def _starry(
     depth_rad: float,
 ) -> bool:
     """Whether stars above the layer show an exposure for the night."""
-    beyond = consensus.rho_rad + depth_rad
-    return any(
-        count_stars(view, seen, consensus.nadir_base, beyond) >= _STARS
-        for view, seen in zip(views, candidates, strict=True)
-    )
+    return shows_stars(views, candidates, consensus.nadir_base, consensus.rho_rad + depth_rad)
 
 
 def _is_layer(level: np.ndarray, falls: np.ndarray, crest: np.ndarray) -> bool:

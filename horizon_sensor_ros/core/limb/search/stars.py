@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 
+NIGHT_STARS = 8  # that show an exposure for the night
 _SIGMAS = 8.0  # of noise that a star stands above what is around it
+
+
+def shows_stars(
+    views: Sequence[CameraView],
+    searched: Sequence[LimbCandidates],
+    nadir_base: np.ndarray,
+    beyond_rad: float,
+    least: int = NIGHT_STARS,
+) -> bool:
+    """Whether any frame, as the search has it, shows so many stars farther from nadir than this."""
+    return any(
+        count_stars(view, seen, nadir_base, beyond_rad) >= least
+        for view, seen in zip(views, searched, strict=True)
+    )
 
 
 def count_stars(
