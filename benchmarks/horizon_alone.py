@@ -8,7 +8,8 @@ from tables import Options, Table, number, percentile
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
+from horizon_sensor_ros.core.horizon_fix import Frame
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.sim.hard_scenes import ALL_KINDS, hard_scenes
 
 _COLUMNS = (

@@ -12,7 +12,8 @@ from tables import Options, Table, number, percentile, verdict
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix, HorizonSensor
+from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.sim.hard_scenes import ALL_KINDS, HardScene, hard_scenes
 
 WRONG_DEG, WRONG_SIGMAS = 1.0, 3.0

@@ -10,7 +10,8 @@ from horizon_errors import BEYOND_NEES, fit_errors, nadir_sigma_deg
 from tables import Options, Table, number, percentile, root_mean_square
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
+from horizon_sensor_ros.core.horizon_fix import Frame
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.sim.scene_sets import MOVING_SCENES, SMEARS_PX, moving_scene, set_m
 
 COLUMNS = (

@@ -6,7 +6,7 @@ import numpy as np
 import paper_b
 from tables import Options, Text, verdict
 
-from horizon_sensor_ros.core.horizon_sensor import HorizonConfig
+from horizon_sensor_ros.core.horizon_config import HorizonConfig
 
 BAR_DEG = 0.005
 _STEP_DEG, _COARSE_STEP_DEG = 6.0, 30.0

@@ -23,7 +23,8 @@ from tables import Options, Table, Text, absent, number, percentile, shared_data
 
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
+from horizon_sensor_ros.core.horizon_fix import Frame
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 
 # Nadir's largest error by kind, deg. Those of the second line may also go without a fix.
 BARS_DEG = {

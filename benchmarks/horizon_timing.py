@@ -15,7 +15,9 @@ from tables import Options, Table, number, verdict
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonConfig, HorizonSensor
+from horizon_sensor_ros.core.horizon_config import HorizonConfig
+from horizon_sensor_ros.core.horizon_fix import Frame
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.detector import detect_limb
 from horizon_sensor_ros.core.limb.passes import EXPECTED
 from horizon_sensor_ros.core.limb.refinement import refine_limb

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.horizon_sensor import Frame
+from horizon_sensor_ros.core.horizon_fix import Frame
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging

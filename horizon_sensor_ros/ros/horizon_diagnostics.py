@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.horizon_sensor import HorizonFix
+from horizon_sensor_ros.core.horizon_fix import HorizonFix
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.diagnostics import (
     ERROR,

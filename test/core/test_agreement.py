@@ -10,7 +10,8 @@ from limb_frames import as_frames, clouds, draw, limb_views
 from limb_samples import nadir_nees
 from scipy.spatial.transform import Rotation
 
-from horizon_sensor_ros.core.horizon_sensor import HorizonFix, HorizonSensor
+from horizon_sensor_ros.core.horizon_fix import HorizonFix
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging

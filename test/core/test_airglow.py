@@ -22,7 +22,8 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonFix, HorizonSensor
+from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.airglow_edge import airglow_edge
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.mask import Mask
@@ -195,7 +196,7 @@ def test_the_layer_is_followed_with_the_limb() -> None:
 def test_by_day_nobody_looks_for_it_in_followed_frames(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
     monkeypatch.setattr(
-        "horizon_sensor_ros.core.horizon_sensor.fit_airglow", lambda *_: asked.append(1)
+        "horizon_sensor_ros.core.horizon_estimator.fit_airglow", lambda *_: asked.append(1)
     )
     sensor = HorizonSensor(LOOSE)
     for seed in range(3):

@@ -29,12 +29,9 @@ from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.horizon_sensor import (
-    Frame,
-    HorizonConfig,
-    HorizonFix,
-    HorizonSensor,
-)
+from horizon_sensor_ros.core.horizon_config import HorizonConfig
+from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.judgement import full_scale
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from limb_frames import as_frames, draw, limb_views
 
-from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
+from horizon_sensor_ros.core.horizon_fix import Frame
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.edge.black import Black, black_of
 from horizon_sensor_ros.sim.earth_scene import Imaging
 

@@ -10,7 +10,8 @@ import pytest
 from limb_frames import PLANET, as_frames, draw, limb_views
 
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
+from horizon_sensor_ros.core.horizon_fix import Frame
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.edge.clipping import (
     clipped,
     cut_off,

@@ -7,7 +7,8 @@ import pytest
 from limb_frames import draw, limb_views
 from limb_samples import nadir_nees
 
-from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
+from horizon_sensor_ros.core.horizon_fix import Frame
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.glow.fading import FADING_SIGMA, either_lens, with_either_lens
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 

@@ -9,7 +9,8 @@ from limb_frames import draw, limb_views
 from limb_samples import angle_between, nadir_nees
 from scipy.spatial.transform import Rotation
 
-from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
+from horizon_sensor_ros.core.horizon_fix import Frame
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.edge.smear import blur_along
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging

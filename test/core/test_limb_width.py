@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from limb_frames import as_frames, clouds, draw, limb_views
 
-from horizon_sensor_ros.core.horizon_sensor import Frame, HorizonSensor
+from horizon_sensor_ros.core.horizon_fix import Frame
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.edge.width import smear_from_parts, smear_of
 from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
 from horizon_sensor_ros.core.limb_curve import limb_curve

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from horizon_messages import CAMERAS, PARAMETERS, coarse_pose_of, recording
 
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.horizon_sensor import HorizonFix
+from horizon_sensor_ros.core.horizon_fix import HorizonFix
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor

@@ -13,7 +13,7 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.horizon_sensor import HorizonFix
+from horizon_sensor_ros.core.horizon_fix import HorizonFix
 from horizon_sensor_ros.core.planet import Planet
 
 _FOCAL_STEP = 1e-3

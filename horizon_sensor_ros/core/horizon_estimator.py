@@ -1,0 +1,377 @@
+"""From the limb found in simultaneous frames to nadir and altitude with all that may be wrong with
+them, or the reason why there is no fix.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from horizon_sensor_ros.core.agreement import each_alone, with_contradiction
+from horizon_sensor_ros.core.aiding import Aiding
+from horizon_sensor_ros.core.airglow_alone import by_airglow_alone
+from horizon_sensor_ros.core.airglow_nadir import fit_airglow, under_stars, with_airglow
+from horizon_sensor_ros.core.calibration_error import with_calibration_error
+from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.figure import (
+    Disc,
+    Figure,
+    MeanSphere,
+    StretchedEllipsoid,
+    mean_sphere,
+)
+from horizon_sensor_ros.core.fits import fit_horizon
+from horizon_sensor_ros.core.fits.known_altitude import with_altitude
+from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD as MAXIMUM_LIKELIHOOD
+from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.hidden_air import hidden_air_sigma_m
+from horizon_sensor_ros.core.horizon_config import HorizonConfig
+from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix, told_by
+from horizon_sensor_ros.core.judgement import (
+    bends_by_itself,
+    disagreement_rad,
+    doubt,
+    full_scale,
+    nadir_sigma_rad,
+    refusal,
+)
+from horizon_sensor_ros.core.limb.canny_limbs import canny_limbs
+from horizon_sensor_ros.core.limb.detection import Detection
+from horizon_sensor_ros.core.limb.evidence import sky_evidence
+from horizon_sensor_ros.core.limb.night import by_night
+from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.shared_error import with_shared_error
+from horizon_sensor_ros.core.status import Status
+
+# Points count by what each is off by on its own; where one camera's are off together by much more
+# than another's, both together may be off by more than the one. It is taken by itself where it
+# claims less than so much of that: of edges found one by one, and of a limb told from its glow
+# beside such, which of 24 pairs was nearer to the truth by itself in all but three. Limbs that all
+# are told from their glow are weighed by what they are off by together.
+_SURER, _SURER_IN_GLOW = 0.5, 0.95
+# Edges in glow lie too high, by more than they know: of simulated scenes limbs that were told from
+# it are nearer to the truth even where they claim so much more.
+_NOT_LESS_SURE = 1.5
+# Nadir by the limb alone that airglow would say little more of: it knows it to .15 deg at best.
+_SURE_RAD = np.radians(0.05)
+_BY_AIRGLOW_ALONE = "by the airglow's edge alone: no limb of the ground's shows below it"
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """Simultaneous frames, where their limb was found, the planet's figure as it then lies, and
+    what is known from elsewhere.
+    """
+
+    frames: Sequence[Frame]
+    detection: Detection
+    figure: Figure
+    aiding: Aiding
+
+    @cached_property
+    def views(self) -> list[CameraView]:
+        """Cameras as they see the figure's sphere, one per frame."""
+        return [self.figure.view(frame.view) for frame in self.frames]
+
+    @property
+    def images(self) -> list[np.ndarray]:
+        """Images, one per frame."""
+        return [frame.gray for frame in self.frames]
+
+
+@dataclass(frozen=True, eq=False)
+class _Limbs:
+    """What a fit is of, and what it was weighed by.
+
+    observations : one per frame. alone : as of `each_alone`. apart : what cameras contradict each
+    other by, in words.
+    """
+
+    observations: Sequence[LimbObservation]
+    alone: Sequence[HorizonFit]
+    apart: str
+
+    @property
+    def points(self) -> tuple[LimbPoints, ...]:
+        """Points of the limb, one set per frame."""
+        return tuple(seen.limb for seen in self.observations)
+
+
+class HorizonEstimator:
+    """Limbs that were found, to a fix."""
+
+    def __init__(self, config: HorizonConfig) -> None:
+        self.config = config
+        self.sphere = mean_sphere(config.planet)
+
+    def figure(self, aiding: Aiding) -> Figure:
+        """Return what stands for the planet, by what is known of a set of frames."""
+        planet, vertical = self.config.planet, self.config.vertical
+        if planet.flattening == 0.0 or aiding.coarse_pose is None:
+            return MeanSphere(planet, vertical)
+        return StretchedEllipsoid(planet, vertical, aiding.coarse_pose)
+
+    def fix(self, sighting: Sighting) -> tuple[HorizonFix, dict[int, LimbPoints]]:
+        """Fix, or why there is none; with the frames whose own evidence speaks against them, in
+        which case there is none, and why.
+        """
+        views, detection = sighting.views, sighting.detection
+        observations = by_night(detection).seen_by(views)
+        if self.config.limb == "canny" and np.isfinite(detection.rho_rad):
+            found = canny_limbs(views, sighting.images, detection.nadir_base, detection.rho_rad)
+            observations = tuple(map(LimbObservation, views, found))
+        limbs = tuple(seen.limb for seen in observations)
+        if not any(limb.status is Status.OK for limb in limbs):
+            why = told_by(views, limbs)
+            fit = HorizonFit.none(limbs[0].status, limbs[0].reason, self.config.method)
+            return HorizonFix(fit.status, why, fit, limbs, ()), {}
+        fit = self._fit(observations, detection)
+        if not fit.ok:
+            return HorizonFix(fit.status, fit.reason, fit, limbs, ()), {}
+        doubtful = self._doubts(sighting, limbs, fit)
+        if doubtful:
+            return HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), doubtful
+        fit = self._with_errors(fit, observations, sighting.figure)
+        apart = ""
+        alone: tuple[HorizonFit, ...] = ()
+        if len(fit.cameras) > 1 and self.config.limb == "subpixel":
+            with_errors = partial(self._with_errors, figure=sighting.figure)
+            alone = each_alone(fit, observations, self.sphere, with_errors)
+            bent = bends_by_itself(fit, observations, alone)
+            if bent:
+                none = {i: LimbPoints.none(Status.NO_LIMB, why) for i, why in bent.items()}
+                return HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), none
+            fit, apart = with_contradiction(fit, alone, observations, self.sphere)
+        return self._surest(sighting, fit, _Limbs(observations, alone, apart)), {}
+
+    def told_apart(self, sighting: Sighting, fix: HorizonFix) -> tuple[HorizonFix, Detection]:
+        """Fix of only those cameras whose limb was told apart from the glow above it, and their
+        detection, where it claims hardly more than the one given, which is of edges in glow, or
+        where these are not a limb's.
+        """
+        apart = sighting.detection.told_apart
+        if apart is None or not (fix.ok or fix.status in (Status.UNCERTAIN, Status.POOR_FIT)):
+            return fix, sighting.detection
+        other, _ = self.fix(replace(sighting, detection=apart))
+        if not other.ok:
+            return fix, sighting.detection
+        if fix.ok and nadir_sigma_rad(other.fit) > _NOT_LESS_SURE * nadir_sigma_rad(fix.fit):
+            return fix, sighting.detection
+        return other, apart
+
+    def by_airglow_alone(
+        self, sighting: Sighting, fix: HorizonFix, doubtful: dict[int, LimbPoints]
+    ) -> HorizonFix | None:
+        """Fix by the airglow's edge, where a layer of it shows and no ground behind it that would
+        tell nadir, or none that is beyond doubt; None otherwise.
+
+        fix, doubtful : by the ground's limb.
+        """
+        detection = sighting.detection
+        layer = detection.consensus
+        shown = [limb.status for limb in fix.limbs].count(Status.OK)
+        no_ground = (
+            layer.status is Status.POOR_FIT
+            or fix.status is Status.ILL_CONDITIONED
+            or 0 < shown == len(doubtful)
+        )
+        as_usual = self.config.method == MAXIMUM_LIKELIHOOD and self.config.limb == "subpixel"
+        if fix.ok or layer.layer_rad == 0.0 or not (no_ground and as_usual):
+            return None
+        figure = sighting.figure.aligned(layer.nadir_base)
+        found = by_airglow_alone(
+            [(frame.gray, figure.view(frame.view)) for frame in sighting.frames],
+            detection.candidates,
+            (layer.nadir_base, layer.rho_rad),
+            figure,
+            self.config,
+        )
+        if found is None:
+            return None
+        edge, observations = found.edge, found.observations
+        estimate = found.above_ground(self.sphere)
+        estimate, unused = self._with_known_altitude(estimate, figure, sighting.aiding)
+        refused = refusal(edge, observations, self.config, layered=True, estimate=estimate)
+        if refused is not None:
+            if refused[0] is not Status.UNCERTAIN:
+                return None
+            reason = f"{refused[1]}, by the airglow's edge alone"
+            return self._none(refused[0], reason, edge, fix.limbs)
+        disc = Disc(figure, edge.nadir_base, edge.rho_rad)
+        return HorizonFix(
+            Status.OK,
+            "; ".join(filter(None, (_BY_AIRGLOW_ALONE, unused))),
+            replace(figure.estimate(estimate), disc=disc),
+            tuple(seen.limb for seen in observations),
+            edge.cameras,
+            airglow=edge,
+            airglow_alone=True,
+        )
+
+    def _surest(self, sighting: Sighting, fit: HorizonFit, limbs: _Limbs) -> HorizonFix:
+        """Fix of all cameras together, or of the one that is much surer by itself."""
+        fix = self._published(sighting, fit, limbs)
+        surest = min(limbs.alone, key=nadir_sigma_rad, default=fit)
+        told = {seen.view.name for seen in limbs.observations if seen.limb.joint}
+        surer = (
+            surest.method == fit.method
+            and not (limbs.apart or told.issuperset(fit.cameras))
+            and nadir_sigma_rad(surest)
+            < (_SURER_IN_GLOW if told.issuperset(surest.cameras) else _SURER) * nadir_sigma_rad(fit)
+        )
+        if surer and (fix.ok or fix.status is Status.UNCERTAIN):
+            other = self._published(sighting, surest, limbs)
+            return other.surer_without_rest(sighting.views) if other.ok else fix
+        return fix
+
+    def _published(self, sighting: Sighting, fit: HorizonFit, limbs: _Limbs) -> HorizonFix:
+        """Fix of a fit with its errors, with what else is known, if it may be published."""
+        figure, detection = sighting.figure, sighting.detection
+        estimate, contradicted = fit, None
+        airglow = self._airglow(sighting, fit, limbs.observations)
+        if airglow is not None:
+            estimate, contradicted = self._with_airglow(fit, airglow, limbs.observations, figure)
+        estimate, unused = self._with_known_altitude(estimate, figure, sighting.aiding)
+        glows = [
+            detection.glow_over_usual(i)
+            for i, seen in enumerate(limbs.observations)
+            if seen.view.name in fit.cameras
+        ]
+        refused = refusal(
+            fit,
+            limbs.observations,
+            self.config,
+            alone=limbs.alone,
+            layered=detection.layer_rad > 0.0,
+            layer_m=detection.layer_height_m(fit, self.config.planet),
+            glow_over_usual=max(glows, default=0.0),
+            estimate=estimate,
+        )
+        refused = refused or contradicted
+        if limbs.apart and refused is not None and refused[0] is Status.UNCERTAIN:
+            refused = Status.CAMERAS_DISAGREE, limbs.apart
+        if refused is not None:
+            return self._none(*refused, fit, limbs.points)
+        doubts = "; ".join(filter(None, (limbs.apart, unused)))
+        # The disc stays the one that the frames show, wherever the known altitude puts nadir.
+        disc = Disc(figure, fit.nadir_base, fit.rho_rad)
+        found = replace(figure.estimate(estimate), disc=disc)
+        return HorizonFix(Status.OK, doubts, found, limbs.points, fit.cameras, airglow=airglow)
+
+    def _none(
+        self, status: Status, reason: str, fit: HorizonFit, limbs: tuple[LimbPoints, ...]
+    ) -> HorizonFix:
+        """No fix, where a fit is refused."""
+        none = HorizonFit.none(status, reason, self.config.method, fit.num_points)
+        return HorizonFix(status, reason, none, limbs, ())
+
+    def _airglow(
+        self, sighting: Sighting, fit: HorizonFit, observations: Sequence[LimbObservation]
+    ) -> HorizonFit | None:
+        """The airglow's edge above the limb of a fit; None where it does not show by night, or the
+        limb knows nadir well without it.
+        """
+        detection = sighting.detection
+        if not detection.airglow or nadir_sigma_rad(fit) <= _SURE_RAD:
+            return None
+        seen = list(zip(sighting.images, observations, strict=True))
+        airglow = fit_airglow(seen, fit, self.sphere)
+        # A layer shows by night alone; where the limb is followed it was found by a search.
+        known = detection.layer_rad > 0.0 or detection.agreed is None
+        if airglow is None or known:
+            return airglow
+        return airglow if under_stars(sighting.views, detection.candidates, airglow) else None
+
+    def _with_airglow(
+        self,
+        fit: HorizonFit,
+        airglow: HorizonFit,
+        observations: Sequence[LimbObservation],
+        figure: Figure,
+    ) -> tuple[HorizonFit, tuple[Status, str] | None]:
+        """Estimate by the airglow's nadir too, and why there is none where that is another."""
+        apart_rad = disagreement_rad(fit, airglow)
+        if apart_rad > 0.0:
+            reason = f"the airglow above it has its nadir {np.degrees(apart_rad):.1f} deg off"
+            return fit, (Status.POOR_FIT, f"not the ground's limb: {reason}")
+        exact = replace(fit, cov_nadir_altitude=np.zeros((4, 4)))
+        common = self._with_calibration_error(exact, observations).cov_nadir_altitude
+        common = common + figure.covariance(fit, observations)
+        return with_airglow(fit, airglow, common, self.sphere), None
+
+    def _with_known_altitude(
+        self, estimate: HorizonFit, figure: Figure, aiding: Aiding
+    ) -> tuple[HorizonFit, str]:
+        """Estimate by the altitude that is known, if one is, and why it is not used."""
+        if aiding.altitude is None:
+            return estimate, ""
+        return with_altitude(estimate, figure.altitude(aiding.altitude), self.sphere)
+
+    def _with_errors(
+        self, fit: HorizonFit, observations: Sequence[LimbObservation], figure: Figure
+    ) -> HorizonFit:
+        """Return the fit with all that may be wrong with observations in its covariance."""
+        shared = with_shared_error(fit, observations, figure)
+        return self._with_calibration_error(shared, observations)
+
+    def _with_calibration_error(
+        self, fit: HorizonFit, observations: Sequence[LimbObservation]
+    ) -> HorizonFit:
+        """Return the fit with what may be wrong with cameras and the limb's height."""
+        hidden_m = hidden_air_sigma_m(fit, observations, self.sphere)
+        return with_calibration_error(
+            fit,
+            observations,
+            self.sphere,
+            mounting_sigma_rad=self.config.mounting_sigma_rad,
+            lens_sigma_px=self.config.lens_sigma_px,
+            limb_height_sigma_m=math.hypot(self.config.limb_height_sigma_m, hidden_m),
+        )
+
+    def _fit(self, observations: Sequence[LimbObservation], detection: Detection) -> HorizonFit:
+        """Fit by the configured method, from the cone that the limb was measured around."""
+        if self.config.method == MAXIMUM_LIKELIHOOD and np.isfinite(detection.rho_rad):
+            near = detection.nadir_base, detection.rho_rad
+            fit = fit_maximum_likelihood(observations, self.sphere, near)
+            if fit.ok:
+                return fit
+        return fit_horizon(observations, self.sphere, self.config.method)
+
+    def _doubts(
+        self, sighting: Sighting, limbs: Sequence[LimbPoints], fit: HorizonFit
+    ) -> dict[int, LimbPoints]:
+        """Frames that delivered limb points but whose sky or limb says that they are not the
+        limb.
+        """
+        detection = sighting.detection
+        doubts = {}
+        for i, (image, view, limb) in enumerate(
+            zip(sighting.images, sighting.views, limbs, strict=True)
+        ):
+            if limb.status is not Status.OK:
+                continue
+            candidates = detection.candidates[i]
+            evidence = sky_evidence(
+                candidates.reduced,
+                int(candidates.pitch_px),
+                candidates.space_level,
+                candidates.noise,
+                view,
+                fit.nadir_base,
+                fit.rho_rad,
+                limb.predicted,
+                detection.layer_rad,
+            )
+            found_px = len(limb.px) * limb.spacing_px if self.config.limb == "subpixel" else np.inf
+            space_share = candidates.space_level / full_scale(image)
+            outside = detection.left_outside(i)
+            reason = doubt(evidence, found_px, space_share, outside, self.config)
+            if reason:
+                doubts[i] = LimbPoints.none(Status.NO_LIMB, reason)
+        return doubts

@@ -1,0 +1,93 @@
+"""Simultaneous frames, and what they told: nadir and altitude, or the reason why not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.figure import Disc, disc_of
+from horizon_sensor_ros.core.fits.assessment import inliers, root_mean_square
+from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.status import Status
+
+_LESS_SURE = "the other camera is surer without it"
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One image and the camera that took it. gray : (H, W) uint8 or uint16."""
+
+    view: CameraView
+    gray: np.ndarray
+
+
+@dataclass(frozen=True)
+class HorizonFix:
+    """What simultaneous frames told.
+
+    reason : why there is no estimate, or what makes it less certain; empty where nothing does.
+    fit : the estimate, NaN when status is not OK. limbs : one per frame, in order; a frame that
+    contributed nothing says why. cameras_used : names of those that did. predicted : where the limb
+    was expected, if it was followed and not searched for. airglow : the edge of the airglow above
+    the limb, as a fit of its own, where nadir is by that too. airglow_alone : all is by that edge,
+    and limbs are points of it.
+    """
+
+    status: Status
+    reason: str
+    fit: HorizonFit
+    limbs: tuple[LimbPoints, ...]
+    cameras_used: tuple[str, ...]
+    predicted: Disc | None = None
+    airglow: HorizonFit | None = None
+    airglow_alone: bool = False
+
+    @property
+    def ok(self) -> bool:
+        """True when there is an estimate."""
+        return self.status is Status.OK
+
+    def residual_px(self, view: CameraView, limb: LimbPoints) -> float:
+        """Root mean square distance of one camera's limb points from the fitted limb.
+
+        Outliers are left out. NaN without a fix or without points.
+        """
+        if not self.ok:
+            return np.nan
+        residual = disc_of(self.fit).residuals_px(view, limb)
+        return root_mean_square(residual[inliers(residual)]) if len(residual) else np.nan
+
+    def cameras_on_cone(self, views: Sequence[CameraView]) -> tuple[str, ...]:
+        """Names of the cameras whose limbs agree, also of those without which the fix is surer.
+
+        views : of the frames, in order.
+        """
+        return tuple(
+            view.name
+            for view, limb in zip(views, self.limbs, strict=True)
+            if view.name in self.cameras_used or limb.reason == _LESS_SURE
+        )
+
+    def surer_without_rest(self, views: Sequence[CameraView]) -> HorizonFix:
+        """The same, where limbs that are not in it, though on its cone, say so.
+
+        views : of the frames, in order.
+        """
+        limbs = tuple(
+            replace(limb, reason=_LESS_SURE)
+            if limb.status is Status.OK and view.name not in self.cameras_used
+            else limb
+            for view, limb in zip(views, self.limbs, strict=True)
+        )
+        return replace(self, limbs=limbs)
+
+
+def told_by(views: Sequence[CameraView], limbs: Sequence[LimbPoints]) -> str:
+    """Why there is no fix, as each camera's limb says."""
+    if len({limb.reason for limb in limbs}) == 1:
+        return limbs[0].reason
+    return "; ".join(f"{v.name}: {limb.reason}" for v, limb in zip(views, limbs, strict=True))

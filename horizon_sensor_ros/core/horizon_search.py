@@ -1,0 +1,195 @@
+"""The limb searched for all over simultaneous frames: with all cameras, without those that say
+something against themselves, and by what single ones find.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from horizon_sensor_ros.core.aiding import Aiding
+from horizon_sensor_ros.core.figure import disc_of
+from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Sighting
+from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix, told_by
+from horizon_sensor_ros.core.judgement import disagreement_rad, nadir_sigma_rad
+from horizon_sensor_ros.core.limb.detection import Detection
+from horizon_sensor_ros.core.limb.detector import detect_limb
+from horizon_sensor_ros.core.limb_curve import limb_in_sight
+from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.status import Status
+
+
+class HorizonSearch:
+    """Frames of any number of cameras, of which nothing is known, to nadir and altitude."""
+
+    def __init__(self, estimator: HorizonEstimator) -> None:
+        config = estimator.config
+        self._estimator = estimator
+        # However little one camera knows: that is in its covariance.
+        self._any_sigma = HorizonEstimator(replace(config, max_nadir_sigma_rad=np.pi))
+        self._rho_min = estimator.sphere.rho_from_altitude(config.altitude_max_m)
+        # Nothing is seen from below the limb.
+        lowest_m = max(config.altitude_min_m, config.planet.limb_height_m)
+        self._rho_max = estimator.sphere.rho_from_altitude(lowest_m)
+
+    def fix(
+        self, frames: Sequence[Frame], unusable: Sequence[LimbPoints | None], aiding: Aiding
+    ) -> tuple[HorizonFix, Detection | None]:
+        """Look for the limb all over the frames; with the detection, if the answer is of them all.
+
+        unusable : one per frame, why it is not to be looked at; None where it is.
+        """
+        limbs = list(unusable)
+        everything = not any(limbs)
+        while True:
+            rest = [i for i, limb in enumerate(limbs) if limb is None]
+            if not rest:
+                return _no_fix(frames, limbs), None
+            sighting = self._sighting([frames[i] for i in rest], aiding)
+            fix, doubtful = self._estimator.fix(sighting)
+            fix, detection = self._estimator.told_apart(sighting, fix)
+            sighting = replace(sighting, detection=detection)
+            by_layer = self._estimator.by_airglow_alone(sighting, fix, doubtful)
+            if by_layer is not None and (by_layer.ok or not doubtful):
+                fix, doubtful = by_layer, {}
+            if not doubtful:
+                reason = fix.reason if fix.ok else _reason_and_left_out(frames, limbs, fix.reason)
+                for i, limb in zip(rest, fix.limbs, strict=True):
+                    limbs[i] = limb
+                fix = replace(fix, reason=reason, limbs=tuple(_filled(limbs)))
+                contradicted = self._contradicted(frames, fix, aiding)
+                if contradicted is not None:
+                    return contradicted, None
+                return self._from_singles(frames, fix, aiding) or (
+                    fix,
+                    detection if everything and not fix.airglow_alone else None,
+                )
+            # What a camera says against itself may have misled the others: once more without it.
+            everything = False
+            for i, limb in doubtful.items():
+                limbs[rest[i]] = limb
+
+    def _contradicted(
+        self, frames: Sequence[Frame], fix: HorizonFix, aiding: Aiding
+    ) -> HorizonFix | None:
+        """Refusal of one camera's fix where another camera, looked at alone, has a fix elsewhere.
+
+        Where the extrinsics are wrong two good limbs lie on no common cone; the consensus keeps
+        one of them, and nothing tells which camera is the one that is mounted as it should be.
+        """
+        if not fix.ok or len(fix.cameras_used) > 1:
+            return None
+        for frame, limb in zip(frames, fix.limbs, strict=True):
+            if limb.status in (Status.OK, Status.BAD_IMAGE):
+                continue
+            alone, _ = self._any_sigma.fix(self._sighting([frame], aiding))
+            if not alone.ok:
+                continue
+            apart = disagreement_rad(alone.fit, fix.fit)
+            if apart > 0.0:
+                reason = (
+                    f"{frame.view.name} alone finds nadir {np.degrees(apart):.1f} deg "
+                    f"from that of {fix.cameras_used[0]}"
+                )
+                none = HorizonFit.none(
+                    Status.CAMERAS_DISAGREE,
+                    reason,
+                    self._estimator.config.method,
+                    fix.fit.num_points,
+                )
+                return HorizonFix(none.status, reason, none, fix.limbs, ())
+        return None
+
+    def _from_singles(
+        self, frames: Sequence[Frame], fix: HorizonFix, aiding: Aiding
+    ) -> tuple[HorizonFix, Detection | None] | None:
+        """Fix by what single cameras find by themselves, where all together have none; with the
+        detection, if it is of them all.
+
+        A flooded frame, or one that glares, may spoil what they agree on. The cone of one camera is
+        believed where the others are blind by themselves, or see their limbs on it as well when
+        they are asked about it: if another limb is there, nothing tells which to believe.
+        """
+        if fix.ok or len(frames) < 2:
+            return None
+        seen = [limb.status for limb in fix.limbs].count(Status.OK)
+        # Of one camera's it is known already, with what the others' frames say of the light.
+        known = fix.status is Status.UNCERTAIN and seen == 1
+        blind = not known and fix.status is not Status.CAMERAS_DISAGREE
+        found, limbs = [], list(fix.limbs)
+        for i, frame in enumerate(frames):
+            if fix.limbs[i].status is Status.BAD_IMAGE:
+                continue
+            alone, doubtful = self._any_sigma.fix(self._sighting([frame], aiding))
+            if alone.ok:
+                found.append(alone)
+            elif not doubtful and alone.status is not Status.NO_LIMB:
+                blind = False
+            # Of a camera that is left out, what it says by itself.
+            limbs[i] = doubtful.get(0, alone.limbs[0])
+        found.sort(key=lambda one: nadir_sigma_rad(one.fit))
+        if blind and len(found) == 1:
+            sure = nadir_sigma_rad(found[0].fit) <= self._estimator.config.max_nadir_sigma_rad
+            return (replace(found[0], limbs=tuple(limbs)), None) if sure else None
+        for alone in found:
+            disc = disc_of(alone.fit)
+            near = disc.nadir, disc.rho_rad
+            if not all(len(limb_in_sight(frame.view, *near)) for frame in frames):
+                continue
+            sighting = self._sighting(frames, aiding, near)
+            together, _ = self._estimator.fix(sighting)
+            if together.ok and len(together.cameras_used) == len(frames):
+                return together, sighting.detection
+        return None
+
+    def _sighting(
+        self,
+        frames: Sequence[Frame],
+        aiding: Aiding,
+        near: tuple[np.ndarray, float] | None = None,
+    ) -> Sighting:
+        """Limb in whole frames, and the planet's figure as it turned out to lie.
+
+        near : as of `detect_limb`.
+        """
+        figure = self._estimator.figure(aiding)
+        detection = detect_limb(
+            [figure.view(frame.view) for frame in frames],
+            [frame.gray for frame in frames],
+            self._estimator.sphere,
+            rho_min_rad=self._rho_min,
+            rho_max_rad=self._rho_max,
+            near=near,
+        )
+        if np.isfinite(detection.rho_rad):
+            figure = figure.aligned(detection.nadir_base)
+        return Sighting(frames, detection, figure, aiding)
+
+
+def _no_fix(frames: Sequence[Frame], limbs: Sequence[LimbPoints | None]) -> HorizonFix:
+    filled = _filled(limbs)
+    reason = told_by([frame.view for frame in frames], filled)
+    fit = HorizonFit.none(filled[0].status, reason, "")
+    return HorizonFix(filled[0].status, reason, fit, tuple(filled), ())
+
+
+def _reason_and_left_out(
+    frames: Sequence[Frame], limbs: Sequence[LimbPoints | None], reason: str
+) -> str:
+    """Why there is no fix, and before that why cameras were left out of it, if any were.
+
+    limbs : None where a camera took part.
+    """
+    names = [frame.view.name for frame in frames]
+    out = [f"{name}: {limb.reason}" for name, limb in zip(names, limbs, strict=True) if limb]
+    if not out:
+        return reason
+    rest = [name for name, limb in zip(names, limbs, strict=True) if limb is None]
+    return "; ".join([*out, f"{rest[0]}: {reason}" if len(rest) == 1 else reason])
+
+
+def _filled(limbs: Sequence[LimbPoints | None]) -> list[LimbPoints]:
+    return [limb or LimbPoints.none(Status.NO_LIMB, "not looked at") for limb in limbs]
