@@ -57,6 +57,7 @@ ENCODINGS: dict[str, tuple[int, int, int | None]] = {
 
 _FARTHEST_M = 1e12  # of a coarse pose
 _FOCAL_OF_SIZE = (0.02, 1e4)  # over the frame's width and height: from 177 deg across to 20 arcsec
+_FARTHEST_OFF_AXIS = 60.0  # focal lengths from the axis to the frame's middle: 89 deg
 _MAX_BEND = 4.0  # of angles off the axis by a lens; a fisheye as plumb_bob has less than 2
 _FASTEST_RAD_S = 100.0  # of an angular rate; no gyro measures more
 
@@ -153,9 +154,15 @@ def camera_from_info(msg: Any) -> Camera | Refusal:
         )
     except ValueError as error:
         return Refusal("bad_camera_info", f"camera_info: {error}")
-    for focal, size in ((camera.fx, camera.width), (camera.fy, camera.height)):
+    for focal, centre, size in (
+        (camera.fx, camera.cx, camera.width),
+        (camera.fy, camera.cy, camera.height),
+    ):
         if not _FOCAL_OF_SIZE[0] <= focal / size <= _FOCAL_OF_SIZE[1]:
             what = f"camera_info: no lens has a focal length of {focal:.3g} px for {size} px"
+            return Refusal("bad_camera_info", what)
+        if abs(centre - 0.5 * (size - 1)) > _FARTHEST_OFF_AXIS * focal:
+            what = f"camera_info: no lens has its axis at {centre:.3g} px of {size} px"
             return Refusal("bad_camera_info", what)
     if _bend(camera) > _MAX_BEND:
         return Refusal("bad_camera_info", "camera_info: no lens has such distortion coefficients")

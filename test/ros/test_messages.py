@@ -210,6 +210,8 @@ def test_region_of_interest_and_binning_shape_the_camera() -> None:
         ({"k": [np.nan] * 9}, "bad_camera_info"),
         ({"d": [np.inf] * 5}, "bad_camera_info"),
         ({"k": [5e-324, 0, 1, 0, 100, 1, 0, 0, 1]}, "bad_camera_info"),
+        ({"k": [100.0, 0, 1e30, 0, 100, 1, 0, 0, 1]}, "bad_camera_info"),
+        ({"k": [100.0, 0, 1, 0, 100, -7e3, 0, 0, 1]}, "bad_camera_info"),
         ({"d": [1e9, 0.0, 0.0, 0.0, 0.0]}, "bad_camera_info"),
         ({"d": [0.1] * 3}, "bad_camera_info"),
         ({"distortion_model": "fisheye62"}, "bad_camera_info"),
