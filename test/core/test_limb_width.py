@@ -8,10 +8,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from limb_frames import as_frames, clouds, draw, limb_views
+from limb_samples import nadir_nees
 
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_fix import Frame
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
-from horizon_sensor_ros.core.limb.edge.width import smear_from_parts, smear_of
+from horizon_sensor_ros.core.limb.edge.width import smear_from_parts, smear_of, widened_one_way
 from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
 from horizon_sensor_ros.core.limb_curve import limb_curve
 from horizon_sensor_ros.core.limb_points import LimbPoints
@@ -30,11 +32,18 @@ SCENES = {
 }
 
 
-def smeared(scene: EarthScene, smear_px: float, angle_rad: float, seed: int = 0) -> SimFrame:
+def smeared(
+    scene: EarthScene,
+    smear_px: float,
+    angle_rad: float,
+    seed: int = 0,
+    view: CameraView = VIEW,
+    altitude_m: float = ALTITUDE_M,
+) -> SimFrame:
     """A frame whose middle moved so far, that way in the image."""
-    motion = np.array([np.sin(angle_rad), -np.cos(angle_rad), 0.0]) * smear_px / VIEW.camera.fx
-    turn = VIEW.rot_base_from_cam @ motion
-    return draw((VIEW,), ALTITUDE_M, scene, Imaging(noise_dn=3.0), seed, turn_base_rad=turn)[0]
+    motion = np.array([np.sin(angle_rad), -np.cos(angle_rad), 0.0]) * smear_px / view.camera.fx
+    turn = view.rot_base_from_cam @ motion
+    return draw((view,), altitude_m, scene, Imaging(noise_dn=3.0), seed, turn_base_rad=turn)[0]
 
 
 def across_px(frame: SimFrame, smear_px: float, angle_rad: float) -> float:
@@ -123,6 +132,33 @@ def test_fixes_of_smeared_frames_are_as_far_off_as_claimed(scene: str) -> None:
         nees.append(2.0 * off @ off / np.trace(fix.fit.cov_nadir_altitude[:3, :3]))
     assert np.mean([2.0, *nees]) < 6.0
     assert len(nees) == len(motions) or scene == "clouds"
+
+
+@pytest.mark.parametrize(("smear_px", "angle_rad"), [(5.0, 1.2), (5.0, 2.2), (7.0, 2.7)])
+def test_motion_is_not_taken_for_thick_air(smear_px: float, angle_rad: float) -> None:
+    """Before, these were off by 3.6 to 6.5 sigmas."""
+    (view,) = limb_views(450e3)
+    frame = smeared(EarthScene(air_dn=60.0), smear_px, angle_rad, view=view, altitude_m=450e3)
+    fix = HorizonSensor().process(as_frames((view,), (frame,)))
+    assert fix.ok
+    assert nadir_nees(fix.fit, frame.truth.nadir_base) < 6.0
+
+
+def test_width_is_motions_where_it_goes_with_the_direction() -> None:
+    angle = np.linspace(0.2, 1.5, 6)
+    normal_px = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    one_way = 36.0 * np.square(np.cos(angle - 0.4)) + 4.0
+    rough = np.array([9.0, -6.0, 12.0, -12.0, 3.0, -9.0])
+    moved, still, uneven = (
+        smear_from_parts(normal_px, across2)
+        for across2 in (one_way, np.full(6, 36.0), 30.0 + rough)
+    )
+    assert widened_one_way([moved])
+    assert not widened_one_way([still])
+    assert not widened_one_way([uneven])
+    # In one of two cameras chance may feign it.
+    assert widened_one_way([moved, still])
+    assert not widened_one_way([moved, uneven])
 
 
 def test_a_frame_that_motion_leaves_nothing_of_is_refused() -> None:

@@ -41,6 +41,7 @@ from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
 from horizon_sensor_ros.core.limb.smeared import (
     misjudged,
     smeared_alike,
+    smeared_one_way,
     still_sharp,
     without_smear,
 )
@@ -192,7 +193,7 @@ def _looked_for(
     looked = _seen_at_once(views, images, near) if consensus.unanimous else None
     if looked is None:
         hazy = look_through_haze(views, images, planet, near)
-        if hazy is not None:
+        if hazy is not None and not smeared_one_way(images, hazy):
             return hazy
         frames = [
             SizedFrame(image, max(1, int(found.pitch_px) // 2), int(found.pitch_px))
