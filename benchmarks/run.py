@@ -27,6 +27,7 @@ PARTS = {
     "horizon_hard": "horizon_hard",
     "horizon_alone": "horizon_alone",
     "horizon_figure": "horizon_figure",
+    "horizon_sun": "horizon_sun",
     "horizon_motion": "horizon_motion",
     "horizon_timing": "horizon_timing",
     "self_calibration": "self_calibration",

@@ -45,6 +45,7 @@ from horizon_sensor_ros.core.limb.canny_limbs import canny_limbs
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.evidence import sky_evidence
 from horizon_sensor_ros.core.limb.night import by_night
+from horizon_sensor_ros.core.limb.sun_artefact import sun_artefact
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.shared_error import with_shared_error
 from horizon_sensor_ros.core.status import Status
@@ -371,7 +372,9 @@ class HorizonEstimator:
             found_px = len(limb.px) * limb.spacing_px if self.config.limb == "subpixel" else np.inf
             space_share = candidates.space_level / full_scale(image)
             outside = detection.left_outside(i)
-            reason = doubt(evidence, found_px, space_share, outside, self.config)
+            reason = doubt(evidence, found_px, space_share, outside, self.config) or sun_artefact(
+                limb.px, candidates, view, fit.nadir_base, fit.rho_rad
+            )
             if reason:
                 doubts[i] = LimbPoints.none(Status.NO_LIMB, reason)
         return doubts

@@ -1,0 +1,107 @@
+"""Discs that the Sun draws where there is no planet: itself, overexposed; its halo's rings; ghosts.
+
+They are as round as a planet from far away. But a planet ends in a step, and is lit by the Sun.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
+from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
+
+# The largest disc that was taken for a planet where there was only the Sun: from 9000 km.
+LARGEST_RAD = math.radians(24.5)
+# Where ground and sky are looked at, working pixels from the limb, sky no nearer than so many scale
+# heights of air; and how much of a planet's light there is still beyond its edge: .02 at most of
+# 450 simulated ones and in photographs of the whole Earth.
+_GROUND_PX, _SKY_PX, _SCALE_HEIGHTS = (-1.5, -3.0), 2.5, 4.0
+_MOST_BEYOND, _SIGMAS = 0.1, 3.0
+# The Sun is brighter than what it lights, larger than a star or a lamp (working pixels), and leaves
+# dark where it stands so far below the horizon. Of the limb that may be a tenth. Inside a ring
+# about it, so far towards the middle, it is as dark as that; no planet's lit limb is so thin.
+_BRIGHTER, _LEAST_SUN_PX, _DARK, _MOST_DARK = 1.4, 30, math.sin(math.radians(-6.0)), 0.1
+_INWARDS, _HOLLOW = 0.3, 0.3
+
+
+def sun_artefact(
+    limb_px: np.ndarray, seen: LimbCandidates, view: CameraView, nadir_base: np.ndarray, rho: float
+) -> str:
+    """Why a disc is no planet but made by the Sun; empty where nothing says so.
+
+    limb_px : (N, 2) edges found, raw pixels. seen : the frame as the search has it. rho : radius
+    of the disc, rad; none above `LARGEST_RAD` is asked about.
+    """
+    if rho > LARGEST_RAD or len(limb_px) == 0:
+        return ""
+    nadir = view.rot_base_from_cam.T @ nadir_base
+    rays = view.camera.rays(limb_px)
+    outward = rays - (rays @ nadir)[:, None] * nadir
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    pitch_rad = seen.pitch_px * view.camera.pixel_rad
+
+    def level(beside_px: float) -> np.ndarray:
+        """Brightness over space beside each edge; NaN outside the frame."""
+        at = rho + beside_px * pitch_rad
+        px = view.camera.pixels(math.cos(at) * nadir + math.sin(at) * outward)
+        return _levels(seen, view, px)
+
+    air_px = _SCALE_HEIGHTS * usual_length_px(view, rho) / seen.pitch_px
+    ground = np.fmax(*(level(beside_px) for beside_px in _GROUND_PX))
+    beyond = level(max(_SKY_PX, air_px))
+    known = np.isfinite(ground) & np.isfinite(beyond)
+    if not known.any():
+        return ""
+    step, left = float(np.median(ground[known])), float(np.median(beyond[known]))
+    sun = _sun(seen, view, _BRIGHTER * step)
+    if sun is not None and float(sun @ nadir) < math.cos(rho):
+        # Sine of the Sun's height above the horizon of the ground that is seen at each edge.
+        height = math.cos(rho) * (outward @ sun) - math.sin(rho) * float(nadir @ sun)
+        dark = float(np.mean(height < _DARK))
+        if dark > _MOST_DARK:
+            return f"a ghost, not a planet: the Sun in sight does not light {dark:.0%} of its edge"
+        return ""
+    noise = seen.noise / math.sqrt(np.count_nonzero(known))
+    if left > max(_MOST_BEYOND * step, _SIGMAS * noise):
+        return f"glare, not a planet: {left / step:.0%} of its light is still there beyond its edge"
+    if sun is not None and float(sun @ nadir) > math.cos(0.5 * rho):
+        inside = level(-_INWARDS * rho / pitch_rad)
+        inside = inside[np.isfinite(inside)]
+        if len(inside) and float(np.median(inside)) < _HOLLOW * step:
+            return "a ring about the Sun, not a planet"
+    return ""
+
+
+def _levels(seen: LimbCandidates, view: CameraView, px: np.ndarray) -> np.ndarray:
+    """Brightness (N,) over space at raw pixels (N, 2); NaN outside the frame and on the mask."""
+    small = seen.reduced
+    height, width = small.shape
+    with np.errstate(invalid="ignore"):
+        x, y = np.floor((px.T + 0.5) / seen.pitch_px)
+        inside = (x >= 0.0) & (x < width) & (y >= 0.0) & (y < height)
+    if view.mask is not None:
+        inside &= view.mask.clear(np.where(inside[:, None], px, 0.0), seen.pitch_px)
+    x, y = np.where(inside, (x, y), 0.0).astype(np.intp)
+    return np.where(inside, small[y, x] - np.float32(seen.space_level), np.nan)
+
+
+def _sun(seen: LimbCandidates, view: CameraView, brighter: float) -> np.ndarray | None:
+    """Direction (3,) in the camera of what may be the Sun; None if nothing is.
+
+    brighter : than what, over space.
+    """
+    bright = (seen.reduced > seen.space_level + brighter).astype(np.uint8)
+    if view.mask is not None:
+        bright &= view.mask.reduced(int(seen.pitch_px))
+    if cv2.countNonZero(bright) < _LEAST_SUN_PX:
+        return None
+    _, _, stats, centres = cv2.connectedComponentsWithStats(bright)
+    largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+    if stats[largest, cv2.CC_STAT_AREA] < _LEAST_SUN_PX:
+        return None
+    sun: np.ndarray = view.camera.rays((centres[largest : largest + 1] + 0.5) * seen.pitch_px - 0.5)
+    return sun[0] if np.isfinite(sun[0, 0]) else None
