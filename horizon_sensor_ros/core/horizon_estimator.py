@@ -203,7 +203,7 @@ class HorizonEstimator:
             if refused[0] is not Status.UNCERTAIN:
                 return None
             reason = f"{refused[1]}, by the airglow's edge alone"
-            return self._none(refused[0], reason, edge, fix.limbs)
+            return self.refused(refused[0], reason, edge, fix.limbs)
         disc = Disc(figure, edge.nadir_base, edge.rho_rad)
         return HorizonFix(
             Status.OK,
@@ -214,6 +214,13 @@ class HorizonEstimator:
             airglow=edge,
             airglow_alone=True,
         )
+
+    def refused(
+        self, status: Status, reason: str, fit: HorizonFit, limbs: tuple[LimbPoints, ...]
+    ) -> HorizonFix:
+        """Return no fix, where there is a fit that is not to be believed, and why."""
+        none = HorizonFit.none(status, reason, self.config.method, fit.num_points)
+        return HorizonFix(status, reason, none, limbs, ())
 
     def _surest(self, sighting: Sighting, fit: HorizonFit, limbs: _Limbs) -> HorizonFix:
         """Fix of all cameras together, or of the one that is much surer by itself."""
@@ -258,19 +265,12 @@ class HorizonEstimator:
         if limbs.apart and refused is not None and refused[0] is Status.UNCERTAIN:
             refused = Status.CAMERAS_DISAGREE, limbs.apart
         if refused is not None:
-            return self._none(*refused, fit, limbs.points)
+            return self.refused(*refused, fit, limbs.points)
         doubts = "; ".join(filter(None, (limbs.apart, unused)))
         # The disc stays the one that the frames show, wherever the known altitude puts nadir.
         disc = Disc(figure, fit.nadir_base, fit.rho_rad)
         found = replace(figure.estimate(estimate), disc=disc)
         return HorizonFix(Status.OK, doubts, found, limbs.points, fit.cameras, airglow=airglow)
-
-    def _none(
-        self, status: Status, reason: str, fit: HorizonFit, limbs: tuple[LimbPoints, ...]
-    ) -> HorizonFix:
-        """No fix, where a fit is refused."""
-        none = HorizonFit.none(status, reason, self.config.method, fit.num_points)
-        return HorizonFix(status, reason, none, limbs, ())
 
     def _airglow(
         self, sighting: Sighting, fit: HorizonFit, observations: Sequence[LimbObservation]

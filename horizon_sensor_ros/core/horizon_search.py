@@ -94,13 +94,7 @@ class HorizonSearch:
                     f"{frame.view.name} alone finds nadir {np.degrees(apart):.1f} deg "
                     f"from that of {fix.cameras_used[0]}"
                 )
-                none = HorizonFit.none(
-                    Status.CAMERAS_DISAGREE,
-                    reason,
-                    self._estimator.config.method,
-                    fix.fit.num_points,
-                )
-                return HorizonFix(none.status, reason, none, fix.limbs, ())
+                return self._estimator.refused(Status.CAMERAS_DISAGREE, reason, fix.fit, fix.limbs)
         return None
 
     def _from_singles(

@@ -140,3 +140,11 @@ def test_discs_from_nearer_are_not_asked_about() -> None:
     nadir = np.array([0.0, 0.0, 1.0])
     assert sun_artefact(edges(250.0, 200.0, 60.0), candidates, VIEW, nadir, 0.6) == ""
     assert sun_artefact(np.empty((0, 2)), candidates, VIEW, nadir, 0.2) == ""
+
+
+def test_where_nothing_shows_nothing_is_said() -> None:
+    """Without a step there is no share of it that is left."""
+    dark = np.zeros((480, 640), dtype=np.uint8)
+    brighter = from_px(300.0, 200.0) > 64.0
+    assert reason(np.where(brighter, 60, 0).astype(np.uint8), edges(300.0, 200.0, 60.0)) == ""
+    assert reason(dark, edges(300.0, 200.0, 60.0)) == ""

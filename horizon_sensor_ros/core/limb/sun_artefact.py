@@ -57,6 +57,8 @@ def sun_artefact(
     if not known.any():
         return ""
     step, left = float(np.median(ground[known])), float(np.median(beyond[known]))
+    if not step > 0.0:
+        return ""  # no planet either, which others say
     sun = _sun(seen, view, _BRIGHTER * step)
     if sun is not None and float(sun @ nadir) < math.cos(rho):
         # Sine of the Sun's height above the horizon of the ground that is seen at each edge.
