@@ -53,6 +53,7 @@ PSF_LADDER_PX = tuple(float(psf) for psf in np.round(0.42 * 1.06 ** np.arange(37
 GLOW_LADDER_PX = (1.0, 1.6, 2.5, 4.0, 6.3, 10.0)
 # Correlation length of texture, in the root of the depth in pixels.
 _SMOOTH_ROOT_LENGTH, _ROUGH_ROOT_LENGTH = 3.0, 1.5
+KEPT_TABLES = 192  # of all looks and levels, .1 to .5 MB each
 MAX_LEVEL = 512.0  # brightness over noise beyond which more says nothing
 _FINE_PX = 0.1  # grid on which the texture's covariance is blurred
 _SHAPE_ERROR = 0.003  # what interpolation and a not quite normal blur add, over the level
@@ -71,8 +72,9 @@ class EdgeTable:
 
     Several of them stacked have one more axis, in front.
 
-    residual (E, J, J): whitened residual projectors, the cost of place e is ``|residual[e] @ I|^2
-    + log_det[e]``. step (E, J): the step's estimate is ``step[e] @ I``.
+    residual (E, J - 2, J): what background and level leave of the whitened profile, the cost of
+    place e is ``|residual[e] @ I|^2 + log_det[e]``. step (E, J): the step's estimate is
+    ``step[e] @ I``.
     """
 
     e_px: np.ndarray
@@ -80,11 +82,17 @@ class EdgeTable:
     log_det: np.ndarray
     step: np.ndarray
 
+    @property
+    def nbytes(self) -> int:
+        """What the likelihoods take."""
+        return self.residual.nbytes + self.log_det.nbytes + self.step.nbytes
+
     def looked_up(self, profiles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Squares of residuals, and steps, of profiles (N, J), for every place: (N, ..., E)."""
         num = profiles.shape[1]
         shape = len(profiles), *self.log_det.shape
-        stacked = (profiles @ self.residual.reshape(-1, num).T).reshape(-1, num)
+        rows = self.residual.shape[-2]
+        stacked = (profiles @ self.residual.reshape(-1, num).T).reshape(-1, rows)
         squares = np.einsum("ij,ij->i", stacked, stacked).reshape(shape)
         return squares, (profiles @ self.step.reshape(-1, num).T).reshape(shape)
 
@@ -215,20 +223,21 @@ def edge_table(
     taken = (len(e_px) - 1 - np.arange(len(e_px)))[:, None] + stride * np.arange(num)
     lower = np.linalg.cholesky(relative[taken[:, :, None], taken[:, None, :]] + np.eye(num))
     whiten = np.linalg.inv(lower)
-    q, r = np.linalg.qr(whiten @ basis[taken])
-    projected = np.swapaxes(q, 1, 2) @ whiten
-    step = np.linalg.solve(r, projected)[:, 1]
+    q, r = np.linalg.qr(whiten @ basis[taken], mode="complete")
+    free, rotated = basis.shape[1], np.swapaxes(q, 1, 2) @ whiten
+    r = r[:, :free]
+    step = np.linalg.solve(r, rotated[:, :free])[:, 1]
     diagonals = np.diagonal(lower, axis1=1, axis2=2), np.diagonal(r, axis1=1, axis2=2)
     log_det = sum(2.0 * np.log(np.abs(diagonal)).sum(axis=1) for diagonal in diagonals)
     return EdgeTable(
         e_px,
-        (whiten - q @ projected).astype(np.float32),
+        rotated[:, free:].astype(np.float32),
         np.asarray(log_det),
         step.astype(np.float32),
     )
 
 
-@lru_cache(maxsize=192)
+@lru_cache(maxsize=KEPT_TABLES)
 def edge_tables(look: EdgeLook, level: float, grid: ProfileGrid) -> EdgeTable:
     """Return the tables of all the look's textures and glows, one after the other (K, E, ...)."""
     tables = [
