@@ -6,7 +6,6 @@ import ast
 import os
 import py_compile
 import re
-import runpy
 import signal
 import subprocess
 import sys
@@ -187,10 +186,54 @@ def test_launch_files_compile(tmp_path: Path) -> None:
         py_compile.compile(str(path), cfile=str(tmp_path / "launch.pyc"), doraise=True)
 
 
-def test_launch_files_describe_nodes() -> None:
+# What `ros2 launch` does with a file, without the command line tools.
+_LAUNCH = """
+import sys
+from launch import LaunchDescription, LaunchService
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+source = PythonLaunchDescriptionSource(sys.argv[1])
+arguments = [tuple(argument.split(":=")) for argument in sys.argv[2:]]
+service = LaunchService()
+included = IncludeLaunchDescription(source, launch_arguments=arguments)
+service.include_launch_description(LaunchDescription([included]))
+sys.exit(service.run())
+"""
+
+
+@pytest.mark.parametrize("name", [path.name for path in sorted(ROOT.glob("launch/*.launch.py"))])
+def test_launch_files_bring_all_nodes_to_active(
+    installed: Path,
+    ros_environment: dict[str, str],
+    ros_domain: int,
+    tmp_path: Path,
+    name: str,
+) -> None:
     pytest.importorskip("launch_ros", reason="the launch system is not on PyPI, only in apt's ROS")
-    for path in launch_files():
-        assert runpy.run_path(str(path))["generate_launch_description"]().entities
+    params = tmp_path / "params.yaml"
+    rotations = (text.split(":=") for text in EXTRINSICS if text != "-p")
+    lines = ("/**:", "  ros__parameters:", *(f"    {key}: {value}" for key, value in rotations))
+    params.write_text("\n".join(lines) + "\n")
+    file = installed / "share" / PACKAGE / "launch" / name
+    arguments = f"params_file:={params}", "namespace:=nav", "use_sim_time:=true"
+    with subprocess.Popen(
+        in_workspace(installed, sys.executable, "-c", _LAUNCH, str(file), *arguments),
+        env=ros_environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        try:
+            states = {node: lifecycle_state(f"nav/{node}", ros_domain) for node in NODES}
+            # As Ctrl-C does: to the launch system and the nodes alike.
+            os.killpg(process.pid, signal.SIGINT)
+            output, _ = process.communicate(timeout=20)
+        finally:
+            process.kill()
+    assert states == dict.fromkeys(NODES, "active"), output
+    assert output.count("process has finished cleanly") == output.count("process started")
+    assert "Traceback" not in output
 
 
 def test_launch_files_ask_for_the_parameters() -> None:
