@@ -17,7 +17,7 @@ from horizon_sensor_ros.core.robust import median, robust_sigma
 # edge is never quite the model's: on frames of known noise this factor makes the residuals of a
 # clean limb as large as their sigmas.
 _NOISE_FACTOR = 1.3
-_PIECE = 256  # profiles that are sampled at a time
+_PIECE = 96  # profiles that are sampled at a time
 _REMAP_STEPS = np.float32(32.0)  # to a pixel: cv2.remap rounds positions to these
 # Samples near an edge, and what each says about its place, over the steps to a pixel.
 _NEAR_EDGE_PX = np.array([-1.0, 0.0, 1.0])

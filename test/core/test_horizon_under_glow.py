@@ -1,0 +1,76 @@
+"""The whole chain where air glows: limb and glow told apart, or claimed not to be."""
+
+from __future__ import annotations
+
+import pytest
+from horizon_fixes import error_deg, fix_of_one, nees, sigma_deg
+from limb_frames import as_frames
+
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.sim.hard_scenes import hard_scene
+
+
+@pytest.mark.parametrize(("i", "seed"), [(5, 4242), (32, 4242), (76, 6006)])
+def test_a_limb_in_even_glow_is_not_held_to_edges_in_the_others_uneven_glow(
+    i: int, seed: int
+) -> None:
+    """Towards the night one camera's glow cannot be told from the limb, the other's can; by edges
+    in the glow of both nadir was .09 to .18 deg off.
+    """
+    kind = "terminator"
+    scene = hard_scene(kind, i, seed)
+    frames = as_frames(scene.views, scene.frames)
+    sensor = HorizonSensor()
+    fix = sensor.process(frames)
+    assert fix.ok, fix.reason
+    assert len(fix.cameras_used) == 1
+    assert error_deg(fix, scene.frames[0].truth.nadir_base) < 0.06
+    assert any("is not told from the glow" in limb.reason for limb in fix.limbs)
+    # Followed it is the same limb.
+    again = sensor.process(frames)
+    assert again.cameras_used == fix.cameras_used
+    assert error_deg(again, fix.fit.nadir_base) < 0.5 * sigma_deg(fix)
+
+
+@pytest.mark.parametrize("i", [159, 199, 254, 264])
+def test_both_limbs_are_told_from_long_glow(i: int) -> None:
+    """From a balloon glow reaches over nine pixels; of these pairs one limb or none was told from
+    it, since the fit ran out of steps, began too far off, or was taken for smeared: nadir was .05
+    to .5 deg off.
+    """
+    scene = hard_scene("balloon", i, 902)
+    fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
+    assert fix.ok, fix.reason
+    assert all(limb.joint for limb in fix.limbs)
+    assert error_deg(fix, scene.frames[0].truth.nadir_base) < 0.1
+    assert nees(fix, scene.frames[0].truth.nadir_base) < 11.83
+
+
+@pytest.mark.parametrize(("i", "index"), [(10, 1), (13, 1)])
+def test_a_limb_under_glow_whose_blur_is_far_from_its_edges_claims_more(i: int, index: int) -> None:
+    """From a balloon glow and blur are mistaken for each other, and with them how the limb bends:
+    nadir was off by 3 and 4.3 sigma.
+    """
+    scene = hard_scene("balloon", i, 4321)
+    fix = fix_of_one(scene, index)
+    assert fix.ok, fix.reason
+    assert fix.limbs[0].joint
+    assert nees(fix, scene.frames[index].truth.nadir_base) < 9.0
+
+
+def test_edges_in_glow_say_how_far_they_turn_a_limb() -> None:
+    """One overexposed camera: they turned it by 3.9 sigma."""
+    scene = hard_scene("saturated", 26, 4321)
+    fix = fix_of_one(scene, 0)
+    assert fix.ok, fix.reason
+    assert not fix.limbs[0].joint
+    assert nees(fix, scene.frames[0].truth.nadir_base) < 9.0
+
+
+def test_saturated_samples_speak_neither_for_a_limb_under_glow_nor_against_it() -> None:
+    """Their residuals made stretches outliers, and the fit of limb and glow was given up."""
+    scene = hard_scene("saturated", 45, 4321)
+    fix = fix_of_one(scene, 0)
+    assert fix.ok, fix.reason
+    assert fix.limbs[0].joint
+    assert nees(fix, scene.frames[0].truth.nadir_base) < 9.0
