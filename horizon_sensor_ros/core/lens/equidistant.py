@@ -93,7 +93,7 @@ class EquidistantLens(Lens):
         radius = np.hypot(rays[:, 0], rays[:, 1])
         theta = np.arctan2(radius, rays[:, 2])
         # Straight behind the camera the direction in the image is undefined.
-        theta[~((theta <= self.max_angle_rad) & (theta < np.pi))] = np.nan
+        theta[~((theta <= self.max_angle_rad) & (theta < np.pi) & (radius < np.inf))] = np.nan
         distorted, slope = self._theta_distorted(theta)
         on_axis = radius < 1e-150
         factor = distorted / np.where(on_axis, 1.0, radius)
