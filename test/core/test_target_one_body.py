@@ -96,6 +96,28 @@ def test_one_body_moves_as_one(name: str, extra: ToFDisturbances | None) -> None
         assert part_off_m(first, second, truth[:3, :3], truth[:3, 3]) is None
 
 
+@pytest.mark.parametrize(
+    "poses",
+    [
+        (((0.58, 1.66, 1.78), (-0.03, -0.25, 5.5)), ((0.25, 1.49, 2.12), (-0.03, -0.32, 5.43))),
+        (((0.04, 1.22, -0.95), (-0.17, -0.2, 5.58)), ((0.41, 1.1, -0.74), (-0.07, -0.26, 5.68))),
+        (((1.25, -1.27, -1.22), (0.13, 0.15, 5.37)), ((1.71, -1.1, -1.27), (-0.02, 0.16, 5.43))),
+        (((2.63, 0.53, -0.3), (-0.2, 0.26, 5.03)), ((2.97, -0.04, -0.2), (-0.23, 0.3, 5.02))),
+    ],
+)
+def test_a_surface_seen_edge_on_is_no_part_that_moves_otherwise(poses: tuple) -> None:
+    """It is a pixel wide there, and beside it the other view sees farther."""
+    before, after = (
+        pose_matrix(Rotation.from_rotvec(turn).as_matrix(), np.array(place))
+        for turn, place in poses
+    )
+    camera, rng = ToFCamera(), np.random.default_rng(0)
+    a, b = (camera.scan(MESHES["n5"], pose, rng).points for pose in (before, after))
+    found = solved(a, b)
+    assert found.status is Status.OK, found.reason
+    assert not wrong(found, after @ inverse_pose(before))
+
+
 @pytest.mark.parametrize("seed", [1, 3, 4])
 def test_small_steps_do_not_add_up_to_the_motion_of_the_wall(seed: int) -> None:
     # Of a step of one degree the target's part is hardly off, of three it is.

@@ -121,7 +121,10 @@ class Finder:
         tried.append(self._settle(first[0][0], first[1][0], False))
         sure = _SURE - SCORE_LOST * self._odd
         if tried[-1].score >= sure and tried[-1].refined.converged:
-            return tried[-1]
+            # Of a shift that is not known well enough another start may know more.
+            known = tried[-1].uncertainty.covariance
+            if tried[-1].sound(config) or not _lost(known, b.size_m, config, 1.0):
+                return tried[-1]
         # A second candidate, and another reach, only where there is no likely answer yet.
         for reach in (_FIRST_GATES, _WIDE_GATES):
             for rotation, translation in _search(a, b, still, config.search_rad, reach):
@@ -216,13 +219,15 @@ def _near(rotation: np.ndarray, prior_rotation: np.ndarray) -> bool:
     return bool(np.linalg.norm(apart) < _NEAR_PRIOR_RAD)
 
 
-def _lost(covariance: np.ndarray, size_m: float, config: RegistrationConfig) -> bool:
-    """Whether what is known worst is a shift (turns count at the rms radius), and not known at
-    all."""
+def _lost(
+    covariance: np.ndarray, size_m: float, config: RegistrationConfig, by: float = _LOST
+) -> bool:
+    """Whether what is known worst is a shift (turns count at the rms radius), worse than allowed by
+    this factor."""
     scale = np.repeat([size_m, 1.0], 3)
     values, vectors = np.linalg.eigh(covariance * np.outer(scale, scale))
     shift = np.linalg.norm(vectors[3:, -1]) > np.linalg.norm(vectors[:3, -1])
-    return bool(shift and values[-1] > (_LOST * config.max_shift_std_m) ** 2)
+    return bool(shift and values[-1] > (by * config.max_shift_std_m) ** 2)
 
 
 def odd_share(a: SurfaceView, b: SurfaceView) -> float:

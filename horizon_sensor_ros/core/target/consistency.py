@@ -79,7 +79,8 @@ class Against:
     index : flat pixel of b.  off_m : distance from b's surface there, towards the sensor; where
         there is no plane, of half the depth, as there is room for a slope.
     confirmed : on b's surface, within noise.  before : b looks through the point, and sees farther.
-    beside : b sees nothing there, nor in the pixels around.
+    beside : b sees nothing there, nor in the pixels around.  depth_m : of the moved point in b.
+    tolerance_m : by which depths are alike.
     """
 
     index: np.ndarray
@@ -87,6 +88,8 @@ class Against:
     confirmed: np.ndarray
     before: np.ndarray
     beside: np.ndarray
+    depth_m: np.ndarray
+    tolerance_m: float
 
 
 def against(
@@ -114,4 +117,4 @@ def against(
     confirmed = returned & (np.abs(off) < tolerance) & facing
     before = returned & (off >= tolerance) & (z < seen - tolerance) & facing
     beside = (b.gap_px[index] > _EDGE_TOLERANCE_PX) & facing
-    return Against(index, off, confirmed, before, beside)
+    return Against(index, off, confirmed, before, beside, z, float(tolerance))

@@ -60,7 +60,7 @@ class Patches:
 
     off_m : (H, W) float32, mean distance of the patch about a pixel from b's surface, towards the
         sensor; NaN where too little is known.  before : (H, W) uint8, 1 where b looks through and
-        sees farther.  before_m : by how much, in the median.
+        sees farther, also in the pixels around.  before_m : by how much, in the median.
     """
 
     off_m: np.ndarray
@@ -93,6 +93,8 @@ def patches_of(
     )
     mean = np.full(some.shape, np.nan, np.float32)
     np.divide(total, count, out=mean, where=count > _LEAST - 0.5)
+    # A surface that b sees edge-on is a pixel wide there: beside it b sees farther.
+    before &= seen.depth_m[0] < b.closest_around[index] - np.float32(seen.tolerance_m)
     patch = np.zeros(some.shape, np.uint8)
     patch.ravel()[place[before]] = 1
     return Patches(mean, patch, median(off[before]) if before.any() else 0.0)

@@ -74,6 +74,13 @@ class SurfaceView:
         """(H W) index of the nearest pixel with a plane; only a search asks for it."""
         return _nearest(self.plane.reshape(self.image.inverse_depth.shape))
 
+    @cached_property
+    def closest_around(self) -> np.ndarray:
+        """(H W) depth of the closest return in a pixel and those around it; infinite without."""
+        highest = cv2.dilate(self.image.inverse_depth, np.ones((3, 3), np.uint8)).ravel()
+        closest = np.full(highest.shape, np.inf, np.float32)
+        return np.divide(np.float32(1.0), highest, out=closest, where=highest > 0)
+
     @property
     def coplanar(self) -> bool:
         """Whether nearly all returns lie on one plane, within noise."""
