@@ -80,7 +80,8 @@ class Against:
         there is no plane, of half the depth, as there is room for a slope.
     confirmed : on b's surface, within noise.  before : b looks through the point, and sees farther.
     beside : b sees nothing there, nor in the pixels around.  depth_m : of the moved point in b.
-    tolerance_m : by which depths are alike.
+    sight_m : along its normal, negative towards the sensor.  tolerance_m : by which depths are
+        alike.
     """
 
     index: np.ndarray
@@ -89,6 +90,7 @@ class Against:
     before: np.ndarray
     beside: np.ndarray
     depth_m: np.ndarray
+    sight_m: np.ndarray
     tolerance_m: float
 
 
@@ -107,7 +109,8 @@ def against(
     x, y, z = moved[:, 0], moved[:, 1], moved[:, 2]
     index = project(b, x, y, z)
     seen = b.depth_map[index]
-    facing = np.einsum("cis,cis->cs", np.matmul(r, normals.T), moved) <= 0
+    sight = np.einsum("cis,cis->cs", np.matmul(r, normals.T), moved)
+    facing = sight <= 0
     tolerance = np.float32(4 * np.hypot(a.sigma_m, b.sigma_m) + slack_px * b.footprint_m)
     q, n = b.point_map[index], b.normal_map[index]
     off = (x - q[..., 0]) * n[..., 0] + (y - q[..., 1]) * n[..., 1] + (z - q[..., 2]) * n[..., 2]
@@ -117,4 +120,4 @@ def against(
     confirmed = returned & (np.abs(off) < tolerance) & facing
     before = returned & (off >= tolerance) & (z < seen - tolerance) & facing
     beside = (b.gap_px[index] > _EDGE_TOLERANCE_PX) & facing
-    return Against(index, off, confirmed, before, beside, z, float(tolerance))
+    return Against(index, off, confirmed, before, beside, z, sight, float(tolerance))

@@ -22,6 +22,7 @@ _NOISE, _WIDTH = 0.8, 0.06
 # Stray returns fill no square of so many.
 _PATCH = 3
 _SLACK_PX = 0.5
+_EDGE_ON = 0.2  # cosine of the sight to a normal
 
 
 def part_off_m(
@@ -60,7 +61,8 @@ class Patches:
 
     off_m : (H, W) float32, mean distance of the patch about a pixel from b's surface, towards the
         sensor; NaN where too little is known.  before : (H, W) uint8, 1 where b looks through and
-        sees farther, also in the pixels around.  before_m : by how much, in the median.
+        sees farther; of what b sees edge-on also in the pixels around.  before_m : by how much,
+        in the median.
     """
 
     off_m: np.ndarray
@@ -94,7 +96,9 @@ def patches_of(
     mean = np.full(some.shape, np.nan, np.float32)
     np.divide(total, count, out=mean, where=count > _LEAST - 0.5)
     # A surface that b sees edge-on is a pixel wide there: beside it b sees farther.
-    before &= seen.depth_m[0] < b.closest_around[index] - np.float32(seen.tolerance_m)
+    edge_on = normals.any(axis=1) & (-seen.sight_m[0] < _EDGE_ON * seen.depth_m[0])
+    around = seen.depth_m[0] < b.closest_around[index] - np.float32(seen.tolerance_m)
+    before &= around | ~edge_on
     patch = np.zeros(some.shape, np.uint8)
     patch.ravel()[place[before]] = 1
     return Patches(mean, patch, median(off[before]) if before.any() else 0.0)
