@@ -20,7 +20,7 @@ from horizon_sensor_ros.core.limb.edge.model import (
     EdgeLook,
     Texture,
     edge_profile,
-    edge_table,
+    tables_of,
     texture_covariance,
 )
 from horizon_sensor_ros.core.limb.edge.places import place_edges
@@ -400,11 +400,11 @@ def test_edge_profile_is_a_blurred_step_with_blurred_glow() -> None:
 def test_likelihood_against_generalised_least_squares(texture: Texture) -> None:
     """One noisy profile: restricted log-likelihood of every place, by dense matrices."""
     level = 64.0
-    table = edge_table(SHARP, texture, 0.0, level, GRID)
+    table = tables_of(SHARP, (texture,), (0.0,), level, GRID)
     rng = np.random.default_rng(4)
     d_px = GRID.d_px
     profile = blurred_edges(np.array([0.6]), d_px, level)[0] + rng.normal(0, 1.0, len(d_px))
-    cost = np.sum((table.residual @ profile) ** 2, axis=1) + table.log_det
+    cost = np.sum((table.residual[0] @ profile) ** 2, axis=1) + table.log_det[0]
     want, steps = [], []
     for place in table.e_px:
         x = d_px - place
@@ -425,7 +425,7 @@ def test_likelihood_against_generalised_least_squares(texture: Texture) -> None:
         steps.append(solution[1])
     want = np.array(want)
     np.testing.assert_allclose(cost - cost.min(), want - want.min(), rtol=2e-3, atol=0.03)
-    np.testing.assert_allclose(table.step @ profile, steps, rtol=1e-3, atol=0.02)
+    np.testing.assert_allclose(table.step[0] @ profile, steps, rtol=1e-3, atol=0.02)
     np.testing.assert_array_equal(table.e_px, GRID.e_px)
 
 
@@ -563,3 +563,27 @@ def test_means_of_a_part_are_the_parts_of_the_means() -> None:
     some = bundles.part(slice(2, 7))
     np.testing.assert_allclose(some.mean(values), bundles.mean(values)[2:7])
     np.testing.assert_array_equal(some.middle, bundles.middle[2:7])
+
+
+@pytest.mark.parametrize("num", [1, 5, 6, 7, 17, 26])
+def test_triangular_matrices_are_inverted_by_halves(num: int) -> None:
+    rng = np.random.default_rng(num)
+    lower = np.tril(rng.normal(size=(3, 2, num, num))) + 4.0 * np.eye(num)
+    inverse = edge_model.inverse_of_lower(lower)
+    np.testing.assert_allclose(
+        inverse @ lower, np.broadcast_to(np.eye(num), lower.shape), atol=1e-12
+    )
+
+
+def test_tables_are_kept_up_to_a_bound_of_memory() -> None:
+    """The one used longest ago goes first; one that is larger than the bound is kept alone."""
+    one = edge_model.tables_of(SHARP, SHARP.textures, SHARP.glows, 8.0, GRID)
+    kept = edge_model.KeptTables(2.5 * one.nbytes)
+    first = kept.of(SHARP, 8.0, GRID)
+    kept.of(SHARP, 16.0, GRID)
+    assert kept.of(SHARP, 8.0, GRID) is first
+    kept.of(SHARP, 32.0, GRID)
+    assert kept.nbytes <= 2.5 * one.nbytes
+    assert kept.of(SHARP, 8.0, GRID) is first
+    small = edge_model.KeptTables(1.0)
+    assert small.of(SHARP, 8.0, GRID) is small.of(SHARP, 8.0, GRID)

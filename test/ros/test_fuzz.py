@@ -38,7 +38,7 @@ from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from target_messages import CLOUD_PERIOD_NS, MESHES, cloud_of, truth_at
 
-from horizon_sensor_ros.core.limb.edge.model import KEPT_TABLES, EdgeTable
+from horizon_sensor_ros.core.limb.edge.model import KEPT_BYTES, EdgeTable
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.horizon_node import LocalVerticalNode
@@ -86,7 +86,7 @@ def good_image(camera: str, stamp: int) -> Any:
 
 
 def heap_bytes() -> int:
-    """What is in use, but for the limb's tables: those are kept up to a number, and looks of broken
+    """What is in use, but for the limb's tables: those are kept up to a bound, and looks of broken
     cameras come late. What the allocator holds for its next use is given back first.
     """
     gc.collect()
@@ -228,7 +228,7 @@ def test_bad_messages(kind: type[HorizonFuzz | TargetFuzz], number: int) -> None
         assert fuzz.pipeline.counts["fixes"] > fixes
     assert not fuzz.wrong
     assert heap_bytes() - before < 20_000_000
-    assert len(kept_tables()) <= KEPT_TABLES
+    assert sum(table.nbytes for table in kept_tables()) <= KEPT_BYTES
 
 
 @settings(max_examples=300)

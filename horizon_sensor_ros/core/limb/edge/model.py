@@ -19,6 +19,7 @@ hides the ground has a law of its own, without F and G: see `haze.limb`.
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -53,7 +54,9 @@ PSF_LADDER_PX = tuple(float(psf) for psf in np.round(0.42 * 1.06 ** np.arange(37
 GLOW_LADDER_PX = (1.0, 1.6, 2.5, 4.0, 6.3, 10.0)
 # Correlation length of texture, in the root of the depth in pixels.
 _SMOOTH_ROOT_LENGTH, _ROUGH_ROOT_LENGTH = 3.0, 1.5
-KEPT_TABLES = 192  # of all looks and levels, .1 to .5 MB each
+# Of tables, of all looks and levels: towards the terminator one search asks for 300 of them, 46 MB.
+KEPT_BYTES = 64e6
+_SMALL = 6  # rows of a matrix that is not worth halving
 MAX_LEVEL = 512.0  # brightness over noise beyond which more says nothing
 _FINE_PX = 0.1  # grid on which the texture's covariance is blurred
 _SHAPE_ERROR = 0.003  # what interpolation and a not quite normal blur add, over the level
@@ -70,7 +73,7 @@ _WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
 class EdgeTable:
     """Precomputed likelihood of the edge's place, for profiles in units of their noise.
 
-    Several of them stacked have one more axis, in front.
+    Of several textures and glows they are stacked, along one more axis in front.
 
     residual (E, J - 2, J): what background and level leave of the whitened profile, the cost of
     place e is ``|residual[e] @ I|^2 + log_det[e]``. step (E, J): the step's estimate is
@@ -203,51 +206,94 @@ def _differences(
     return x_px, smooth, rough
 
 
-def edge_table(
-    look: EdgeLook, texture: Texture, glow: float, level: float, grid: ProfileGrid
+def tables_of(
+    look: EdgeLook,
+    textures: tuple[Texture, ...],
+    glows: tuple[float, ...],
+    level: float,
+    grid: ProfileGrid,
 ) -> EdgeTable:
-    """Likelihood table for one texture and one height of glow.
+    """Tables of all pairs of a texture and a height of glow, one after the other (K, E, ...).
 
     level : brightness just inside the limb, over the noise.
     """
     e_px, num = grid.e_px, grid.num
     stride = round(1.0 / grid.grid_px)
     x_px, smooth, rough = _differences(look.psf_px, look.hidden_px, grid)
-    profile = edge_profile(x_px, look, glow)
-    error = _HAZE_ERROR if look.haze else _GLOW_ERROR if glow else _SHAPE_ERROR
-    relative = np.diag((error * profile) ** 2)
-    if texture.amplitude > 0:
-        relative += texture.amplitude**2 * (rough if texture.rough else smooth)
-    relative *= level**2
-    basis = np.stack([np.ones_like(x_px), profile], axis=1)
     taken = (len(e_px) - 1 - np.arange(len(e_px)))[:, None] + stride * np.arange(num)
-    lower = np.linalg.cholesky(relative[taken[:, :, None], taken[:, None, :]] + np.eye(num))
-    whiten = np.linalg.inv(lower)
-    q, r = np.linalg.qr(whiten @ basis[taken], mode="complete")
-    free, rotated = basis.shape[1], np.swapaxes(q, 1, 2) @ whiten
-    r = r[:, :free]
-    step = np.linalg.solve(r, rotated[:, :free])[:, 1]
-    diagonals = np.diagonal(lower, axis1=1, axis2=2), np.diagonal(r, axis1=1, axis2=2)
-    log_det = sum(2.0 * np.log(np.abs(diagonal)).sum(axis=1) for diagonal in diagonals)
+    rows, columns = taken[:, :, None], taken[:, None, :]
+    smooth, rough = smooth[rows, columns], rough[rows, columns]
+    profile = np.stack([edge_profile(x_px, look, glow) for glow in glows])[:, taken]
+    error = np.array([_error(look, glow) for glow in glows])
+    own = 1.0 + np.square(level * error[:, None, None] * profile)
+    cov = np.empty((len(textures), len(glows), len(e_px), num, num))
+    for i, texture in enumerate(textures):
+        cov[i] = (level * texture.amplitude) ** 2 * (rough if texture.rough else smooth)
+    cov[..., np.arange(num), np.arange(num)] += own
+    basis = np.empty((*profile.shape, 2))
+    basis[..., 0], basis[..., 1] = 1.0, profile
+    lower = np.linalg.cholesky(cov)
+    whiten = inverse_of_lower(lower)
+    q, r = np.linalg.qr(whiten @ basis, mode="complete")
+    free, rotated = basis.shape[-1], np.swapaxes(q, -1, -2) @ whiten
+    r = r[..., :free, :]
+    step = np.linalg.solve(r, rotated[..., :free, :])[..., 1, :]
+    log_det = sum(
+        2.0 * np.log(np.abs(np.diagonal(part, axis1=-2, axis2=-1))).sum(axis=-1)
+        for part in (lower, r)
+    )
+
+    def stacked(values: np.ndarray, dtype: type) -> np.ndarray:
+        return values.reshape(-1, *values.shape[2:]).astype(dtype)
+
     return EdgeTable(
         e_px,
-        rotated[:, free:].astype(np.float32),
-        np.asarray(log_det),
-        step.astype(np.float32),
+        stacked(rotated[..., free:, :], np.float32),
+        stacked(np.asarray(log_det), np.float64),
+        stacked(step, np.float32),
     )
 
 
-@lru_cache(maxsize=KEPT_TABLES)
-def edge_tables(look: EdgeLook, level: float, grid: ProfileGrid) -> EdgeTable:
-    """Return the tables of all the look's textures and glows, one after the other (K, E, ...)."""
-    tables = [
-        edge_table(look, texture, glow, level, grid)
-        for texture in look.textures
-        for glow in look.glows
-    ]
-    return EdgeTable(
-        grid.e_px,
-        np.stack([table.residual for table in tables]),
-        np.stack([table.log_det for table in tables]),
-        np.stack([table.step for table in tables]),
-    )
+def _error(look: EdgeLook, glow: float) -> float:
+    """What no model of the edge gets right, over the level."""
+    if look.haze:
+        return _HAZE_ERROR
+    return _GLOW_ERROR if glow > 0.0 else _SHAPE_ERROR
+
+
+def inverse_of_lower(lower: np.ndarray) -> np.ndarray:
+    """Inverses of lower triangular matrices (..., N, N), by halves."""
+    num = lower.shape[-1]
+    if num <= _SMALL:
+        return np.linalg.inv(lower)
+    half = num // 2
+    out = np.zeros_like(lower)
+    first = out[..., :half, :half] = inverse_of_lower(lower[..., :half, :half])
+    last = out[..., half:, half:] = inverse_of_lower(lower[..., half:, half:])
+    out[..., half:, :half] = -last @ (lower[..., half:, :half] @ first)
+    return out
+
+
+class KeptTables:
+    """The tables used last, up to so many bytes of them."""
+
+    def __init__(self, most_bytes: float) -> None:
+        self._most_bytes = most_bytes
+        self.nbytes = 0
+        self._tables: OrderedDict[tuple[EdgeLook, float, ProfileGrid], EdgeTable] = OrderedDict()
+
+    def of(self, look: EdgeLook, level: float, grid: ProfileGrid) -> EdgeTable:
+        """Tables of all the look's textures and glows, one after the other (K, E, ...)."""
+        key = look, level, grid
+        table = self._tables.pop(key, None)
+        if table is None:
+            table = tables_of(look, look.textures, look.glows, level, grid)
+            self.nbytes += table.nbytes
+        self._tables[key] = table
+        while self.nbytes > self._most_bytes and len(self._tables) > 1:
+            _, oldest = self._tables.popitem(last=False)
+            self.nbytes -= oldest.nbytes
+        return table
+
+
+edge_tables = KeptTables(KEPT_BYTES).of
