@@ -15,6 +15,8 @@ from importlib import import_module
 from types import FrameType
 from typing import Any
 
+from horizon_sensor_ros.ros.interruption import END, Interrupted
+
 # These share the work on each frame.
 _IMAGE_NODES = {
     "local_vertical_node": "horizon_sensor_ros.ros.horizon_node:LocalVerticalNode",
@@ -52,14 +54,13 @@ class _QuietEnd:
 
     def __init__(self) -> None:
         self.immediately = True
-        self.asked_for = False
         for number in _SIGNALS:
             signal.signal(number, self._on_signal)
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
-        self.asked_for = True
         if self.immediately:
             os._exit(0)
+        END.ask()
 
     @staticmethod
     def begin() -> None:
@@ -78,7 +79,8 @@ def run(names: Sequence[str] = ()) -> int:
         return 0
     end = _QuietEnd()
     # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # And with another number of them sums come out in another order: a replay would not agree.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     import rclpy  # noqa: PLC0415 - takes time, and signals are taken care of only now
     from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415
     from rclpy.utilities import remove_ros_args  # noqa: PLC0415
@@ -106,9 +108,11 @@ def run(names: Sequence[str] = ()) -> int:
         # What is loaded stays: to look through it for garbage would hold up a frame by some 40 ms.
         gc.collect()
         gc.freeze()
-        while not end.asked_for:
+        while not END.asked_for:
             # Not spin(): in rclpy 7.1.6 that of the EventsExecutor outlives its context.
             executor.spin_once(timeout_sec=_WAKE_UP_S)
+    except Interrupted:
+        pass
     except Exception as error:
         program = names[0] if len(names) == 1 else "horizon_sensor"
         words = " ".join(str(error).split())

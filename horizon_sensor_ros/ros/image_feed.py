@@ -15,6 +15,7 @@ from sensor_msgs.msg import CameraInfo, Image, Imu
 
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
+from horizon_sensor_ros.ros.interruption import END
 from horizon_sensor_ros.ros.qos import overridable
 
 # Rates come many to a frame, and wait while it is processed.
@@ -100,7 +101,8 @@ class ImageFeed:
 
     def _on_image(self, camera: str, msg: Image) -> None:
         arrived = [(member, member.now()) for member in self._members]
-        step = self.pipeline.on_image(camera, msg)
+        with END.breakable():
+            step = self.pipeline.on_image(camera, msg)
         for member, time in arrived:
             member.on_step(step, time)
 

@@ -11,6 +11,7 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 
+from horizon_sensor_ros.ros.interruption import END
 from horizon_sensor_ros.ros.parameters.parameter import Parameter
 from horizon_sensor_ros.ros.parameters.target import target_parameters
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings, target_settings
@@ -102,7 +103,8 @@ class TargetPoseNode(ReportingNode[TargetSettings]):
     def _on_cloud(self, msg: PointCloud2) -> None:
         assert self._monitor is not None
         assert self._pipeline is not None
-        step = self._pipeline.on_cloud(msg)
+        with END.breakable():
+            step = self._pipeline.on_cloud(msg)
         self._monitor.on_step(step, self.now())
         for topic, message in step.outputs:
             self._outputs[topic].publish(message)

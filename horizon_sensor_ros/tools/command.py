@@ -18,7 +18,8 @@ def run_command(name: str, work: Callable[[Callable[[], bool]], str]) -> int:
     nothing behind. A BagError is printed after the command's name: exit code 1.
     """
     # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # And with another number of them sums come out in another order, and bags with other bytes.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     # A signal is looked at between two messages: raised just anywhere, the exception may get lost.
     stop = Event()
     signals = (signal.SIGINT, signal.SIGTERM)
