@@ -119,9 +119,10 @@ class AidingSources:
         age = stamp - self._pose[0]
         if abs(age) > self._settings.max_age_ns:
             off = "too old" if age > 0 else "of the future"
-            self.words[COARSE_POSE_TOPIC] = f"{off}: {abs(age) / NANOSECONDS:.1f} s"
+            self._say(COARSE_POSE_TOPIC, f"{off}: {abs(age) / NANOSECONDS:.1f} s")
             return None
-        self.words[COARSE_POSE_TOPIC] = "used"
+        of_use = self._planet.flattening > 0.0 or self._settings.pose_altitude_sigma_m > 0.0
+        self.words[COARSE_POSE_TOPIC] = "used" if of_use else "not used: the planet is a sphere"
         return self._pose[1]
 
     def _altitude(self, pose: CoarsePose | None) -> AltitudeMeasurement | None:
