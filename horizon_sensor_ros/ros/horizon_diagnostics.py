@@ -9,6 +9,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_fix import HorizonFix
+from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.diagnostics import (
     ERROR,
@@ -21,6 +22,8 @@ from horizon_sensor_ros.ros.diagnostics import (
 )
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
 from horizon_sensor_ros.ros.messages import NANOSECONDS, Refusal
+
+_SILENT = "no usable frames for longer than camera_timeout"
 
 
 @dataclass
@@ -86,6 +89,10 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
             return Health(STALE, "waiting", reason)
         if len(silent) + len(missing) == len(self._cameras):
             return Health(STALE, "stale", reason)
+        if self._flown_without(now):
+            without = self._fix_health()
+            known = f"{without.reason}; {reason}" if reason else without.reason
+            return Health(without.level, without.state, known)
         if refused:
             return Health(ERROR, "refused", reason)
         if silent:
@@ -108,9 +115,10 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
             f"{name} left out: {limb.reason or limb.status}"
             if limb.status is not Status.OK
             else f"{name} left out"
-            for name, limb in zip(self._cameras, fix.limbs, strict=True)
+            for name, limb in self._limbs().items()
             if name not in fix.cameras_used
         ]
+        left_out += [f"{name} left out: {_SILENT}" for name in self._unseen()]
         if fix.fit.disc is not None and fix.fit.disc.figure.shortfall:
             left_out.append(fix.fit.disc.figure.shortfall)
         if fix.reason:
@@ -118,6 +126,23 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         if left_out:
             return Health(WARN, "degraded", "; ".join(left_out))
         return Health(OK, "ok", f"fix from {', '.join(fix.cameras_used)}")
+
+    def _limbs(self) -> dict[str, LimbPoints]:
+        """Limbs of the last set, by camera."""
+        if self._fix is None:
+            return {}
+        return {view.name: limb for view, limb in zip(self._views, self._fix.limbs, strict=True)}
+
+    def _unseen(self) -> list[str]:
+        """Cameras without which the last set was made."""
+        limbs = self._limbs()
+        return [name for name in self._cameras if limbs and name not in limbs]
+
+    def _flown_without(self, now: int) -> bool:
+        """Whether sets are being made without some of the cameras."""
+        last = self._last_set_ns
+        fresh = last is not None and now - min(last, now) <= self.stale_after_ns
+        return fresh and bool(self._unseen())
 
     def _key(self, health: Health) -> tuple[bytes, str, str]:
         status = str(self._fix.status) if self._fix is not None else ""
@@ -153,14 +178,15 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         camera = self._cameras[name]
         state, reason = "waiting", "no complete set of frames yet"
         points, residual_px = 0, np.nan
-        if self._fix is not None:
-            index = list(self._cameras).index(name)
-            limb = self._fix.limbs[index]
+        limb = self._limbs().get(name)
+        if self._fix is not None and limb is None:
+            state, reason = "left_out", _SILENT
+        elif self._fix is not None and limb is not None:
             points = len(limb.px)
             if name in self._fix.cameras_used:
                 state, reason = "used", ""
-                if self._views:
-                    residual_px = self._fix.residual_px(self._views[index], limb)
+                (view,) = (view for view in self._views if view.name == name)
+                residual_px = self._fix.residual_px(view, limb)
             elif limb.status is Status.OK:
                 # What a fix says are doubts of it, not of a camera that has no part in it.
                 state, reason = "left_out", "" if self._fix.ok else self._fix.reason

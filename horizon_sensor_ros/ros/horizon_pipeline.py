@@ -44,7 +44,7 @@ class HorizonResult:
     """A set of frames and what came of it.
 
     stamp : nanoseconds, that of the first listed camera used in the fix; without a fix that of the
-    first camera. frames : as processed, in the cameras' order.
+    first camera. frames : as processed, in the cameras' order, without those that are silent.
     """
 
     stamp: int
@@ -180,7 +180,7 @@ class HorizonPipeline:
 
     def _new_pairing(self) -> Pairing[Frame]:
         s = self.settings
-        return Pairing(s.cameras, s.slop_ns, s.queue_size)
+        return Pairing(s.cameras, s.slop_ns, s.queue_size, s.camera_timeout_ns)
 
     def _refuse(self, camera: str, refusal: Refusal) -> Step:
         self.rejected[refusal.cause] += 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from horizon_messages import CAMERAS, PARAMETERS, coarse_pose_of, recording
 
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.horizon_fix import HorizonFix
+from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
@@ -38,9 +41,15 @@ def fix_of(
     return HorizonFix(status, reason, fit, limbs, used)
 
 
+def frames_of(cameras: Sequence[str]) -> tuple[Frame, ...]:
+    lens = Camera(4, 3, 5.0, 5.0, 1.5, 1.0)
+    dark = np.zeros((3, 4), np.uint8)
+    return tuple(Frame(CameraView(name, lens, np.eye(3)), dark) for name in cameras)
+
+
 def deliver(monitor: HorizonMonitor, now: int, fix: HorizonFix | None = None) -> None:
     monitor.on_step(Step("camera_1"), now)
-    results = (HorizonResult(now, fix, ()),) if fix is not None else ()
+    results = (HorizonResult(now, fix, frames_of(CAMERAS)),) if fix is not None else ()
     monitor.on_step(Step("camera_2", results), now)
 
 
@@ -111,12 +120,53 @@ def test_silence() -> None:
     assert monitor.health(9 * S).level == DiagnosticStatus.STALE
 
 
+def alone(monitor: HorizonMonitor, now: int, status: Status = Status.OK) -> None:
+    """A set of the first camera's frame only, as when the other is silent."""
+    fix = fix_of(status, CAMERAS[:1] if status is Status.OK else ())
+    fix = replace(fix, limbs=fix.limbs[:1])
+    result = HorizonResult(now, fix, frames_of(CAMERAS[:1]))
+    monitor.on_step(Step("camera_1", (result,)), now)
+
+
+def test_flown_without_a_silent_camera() -> None:
+    monitor = monitor_of()
+    deliver(monitor, 0, fix_of())
+    alone(monitor, 3 * S)
+    health = monitor.health(3 * S)
+    assert (health.level, health.state) == (DiagnosticStatus.WARN, "degraded")
+    assert health.reason == (
+        "camera_2 left out: no usable frames for longer than camera_timeout; "
+        "no frames from camera_2 for 3.0 s"
+    )
+    assert values_of(monitor, 3 * S)["camera_1.state"] == "used"
+    assert values_of(monitor, 3 * S)["camera_2.state"] == "silent"
+    alone(monitor, 4 * S, Status.NO_LIMB)
+    health = monitor.health(4 * S)
+    assert health.state == "no_fix"
+    assert health.reason == "no_limb: because; no frames from camera_2 for 4.0 s"
+    # The other one falls silent too, or both are back.
+    assert monitor.health(9 * S).state == "stale"
+    deliver(monitor, 9 * S, fix_of())
+    assert monitor.health(9 * S).state == "ok"
+
+
+def test_flown_without_a_camera_whose_frames_are_refused() -> None:
+    monitor = monitor_of()
+    deliver(monitor, 0, fix_of())
+    alone(monitor, 3 * S)
+    monitor.on_step(Step("camera_2", refusal=Refusal("zero_size", "image of 0 x 0")), 3 * S)
+    health = monitor.health(3 * S)
+    assert (health.level, health.state) == (DiagnosticStatus.WARN, "degraded")
+    assert health.reason.endswith("camera_2: image of 0 x 0")
+    assert values_of(monitor, 3 * S)["camera_2.state"] == "refused"
+
+
 def test_a_node_that_is_slow_does_not_call_a_camera_silent() -> None:
     monitor = monitor_of()
     deliver(monitor, 0, fix_of())
     monitor.on_step(Step("camera_1"), S)
     # A set that took three seconds: stale after two.
-    step = Step("camera_2", (HorizonResult(S, fix_of(used=("camera_1",)), ()),))
+    step = Step("camera_2", (HorizonResult(S, fix_of(used=("camera_1",)), frames_of(CAMERAS)),))
     monitor.on_step(step, 4 * S, busy_ns=3 * S)
     assert monitor.health(4 * S).state == "degraded"
     assert values_of(monitor, 4 * S)["camera_1.state"] == "used"

@@ -147,9 +147,66 @@ def test_steady_streams_lose_no_pair(data: st.DataObject, cameras: int, offset: 
     assert sets == [tuple(streams[c][i] for c in names) for i in range(12)]
 
 
+S = 1000 * MS
+
+
+def fed_without(missing: range, cameras: str = "ab", timeout: int = 2 * S) -> list[tuple[int, ...]]:
+    """Sets of five a second, the last camera's frames of some numbers missing; stamps in frames."""
+    pairing: Pairing = Pairing(list(cameras), SLOP, 10, timeout)
+    sets = []
+    for i in range(60):
+        for camera in cameras if i not in missing else cameras[:-1]:
+            for members in pairing.push(camera, i * 200 * MS, camera).sets:
+                assert [item for _, item in members] == list(cameras[: len(members)])
+                assert len({stamp for stamp, _ in members}) == 1
+                sets.append((members[0][0] // (200 * MS), len(members)))
+    return sets
+
+
+@pytest.mark.parametrize("cameras", ["ab", "abc"])
+def test_sets_are_made_without_a_silent_camera_until_it_is_back(cameras: str) -> None:
+    number = len(cameras)
+    pairs = [(i, number) for i in range(60)]
+    assert fed_without(range(60, 60), cameras) == pairs
+    # It is more than two seconds from number 10 to 21. Number 40 is taken before the last camera's,
+    # by which that is heard again, comes.
+    alone = [(i, number - 1) for i in range(21, 41)]
+    assert fed_without(range(10, 40), cameras) == [*pairs[:10], *alone, *pairs[41:]]
+    assert fed_without(range(10), cameras) == pairs[10:]
+    # One that never came.
+    assert fed_without(range(60), cameras) == [(i, number - 1) for i in range(11, 60)]
+    assert fed_without(range(10, 40), cameras, timeout=0) == [*pairs[:10], *pairs[40:]]
+
+
+def test_what_waited_for_a_silent_camera_is_old_and_counted() -> None:
+    pairing: Pairing = Pairing(["a", "b"], SLOP, 10, 2 * S)
+    steps = [pairing.push("a", i * 300 * MS, None) for i in range(9)]
+    assert [len(step.sets) for step in steps] == [0] * 7 + [1, 1]
+    assert sum(step.unpaired for step in steps) == 7
+
+
+def test_a_slow_camera_is_not_silent() -> None:
+    """Frames three seconds apart, one of which is lost."""
+    pairing: Pairing = Pairing(["a", "b"], SLOP, 10, 2 * S)
+    frames = [(c, i * 3 * S) for i in range(6) for c in "ab" if (c, i) != ("b", 3)]
+    assert feed(pairing, *frames) == [(i * 3 * S,) * 2 for i in (0, 1, 2, 4, 5)]
+
+
+def test_a_jump_back_begins_the_wait_anew() -> None:
+    pairing: Pairing = Pairing(["a", "b"], SLOP, 10, 2 * S)
+    later = [pairing.push("a", 100 * S + i * 200 * MS, None) for i in range(10)]
+    earlier = [pairing.push("a", i * 200 * MS, None) for i in range(12)]
+    assert [len(step.sets) for step in (*later, *earlier)] == [0] * 21 + [1]
+
+
 @pytest.mark.parametrize(
     ("cameras", "slop", "depth"), [([], 0, 10), (["a", "a"], 0, 10), (["a"], -1, 10), (["a"], 0, 1)]
 )
 def test_wrong_arguments(cameras: list[str], slop: int, depth: int) -> None:
     with pytest.raises(ValueError, match=r"cameras|slop_ns"):
         Pairing(cameras, slop, depth)
+
+
+def test_a_wrong_timeout() -> None:
+    with pytest.raises(ValueError, match="timeout_ns"):
+        Pairing(["a"], 0, timeout_ns=-1)

@@ -254,14 +254,32 @@ def test_no_estimate_is_a_valid_bag(
 def test_one_camera_missing_is_said_and_no_error(
     tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """After camera_timeout, two seconds, the fixes come from the other one."""
     alone = [m for m in recording(40) if "camera_1" in m[0]]
     bag = write_bag(tmp_path / "in", alone)
     assert run(bag, tmp_path / "out", "--params", params) == 0
+    assert "has no /camera_2/image_raw" in capsys.readouterr().err
+    out = read(tmp_path / "out")
+    stamps = [
+        msg.header.stamp.sec * 10**9 + msg.header.stamp.nanosec for _, msg in out["/attitude"]
+    ]
+    assert stamps == [START_NS + i * PERIOD_NS for i in range(21, 40)]
+    messages = [msg.status[0].message for _, msg in out["/diagnostics"]]
+    assert "no frames from camera_2 yet" in messages
+    assert messages[-1] == (
+        "camera_2 left out: no usable frames for longer than camera_timeout; "
+        "no frames from camera_2 yet"
+    )
+
+
+def test_cameras_that_wait_for_each_other(tmp_path: Path) -> None:
+    alone = [m for m in recording(40) if "camera_1" in m[0]]
+    bag = write_bag(tmp_path / "in", alone)
+    waiting = write_parameters(tmp_path / "waiting.yaml", camera_timeout=0.0)
+    assert run(bag, tmp_path / "out", "--params", waiting) == 0
     out = read(tmp_path / "out")
     assert out["/attitude"] == []
-    last = out["/diagnostics"][-1][1].status[0]
-    assert last.message == "no frames from camera_2 yet"
-    assert "has no /camera_2/image_raw" in capsys.readouterr().err
+    assert out["/diagnostics"][-1][1].status[0].message == "no frames from camera_2 yet"
 
 
 def test_diagnostics_in_bag_time(tmp_path: Path, params: Path) -> None:

@@ -284,6 +284,16 @@ HORIZON_PARAMETERS = (
         live=True,
     ),
     Parameter(
+        "camera_timeout",
+        "double",
+        2.0,
+        "A camera without a usable frame for longer than this, by the others' stamps, is left out, "
+        "and the fixes come from the others, until it is back; 0: they wait for it.",
+        unit="s",
+        minimum=0.0,
+        maximum=3600.0,
+    ),
+    Parameter(
         "queue_size",
         "integer",
         10,

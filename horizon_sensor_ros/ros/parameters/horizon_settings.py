@@ -82,6 +82,7 @@ class PipelineSettings:
     sensor: HorizonConfig
     located_sensor: HorizonConfig | None
     slop_ns: int
+    camera_timeout_ns: int
     queue_size: int
 
     @property
@@ -153,6 +154,7 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
             sensor=sensor,
             located_sensor=located_sensor,
             slop_ns=round(accepted["slop"] * 1e9),
+            camera_timeout_ns=round(accepted["camera_timeout"] * 1e9),
             queue_size=accepted["queue_size"],
         ),
         level_z=accepted["level_z"],
