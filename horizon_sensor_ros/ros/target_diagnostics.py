@@ -57,7 +57,14 @@ class TargetMonitor(Monitor[TargetPipeline]):
     def _key(self, health: Health) -> tuple[bytes, str, str]:
         if self._refusal is not None:
             return health.level, health.state, self._refusal.cause
-        return health.level, health.state, str(self._fix.status) if self._fix is not None else ""
+        if self._fix is None:
+            return health.level, health.state, ""
+        # One new frame after the other, each for a reason of its own, are news.
+        return (
+            health.level,
+            health.state,
+            self._fix.reason if self._fix.new_frame else str(self._fix.status),
+        )
 
     def _values(self, now: int, pipeline: TargetPipeline) -> dict[str, str]:
         values = {}

@@ -423,6 +423,19 @@ def test_diagnostics_say_state_reason_and_figures() -> None:
     assert not {"latency_ms", "rate_hz"} & third.keys()
 
 
+def test_one_new_target_frame_after_the_other_is_told_at_once() -> None:
+    pipeline = pipeline_of()
+    monitor = TargetMonitor("node: target", 2 * S, live=False)
+    reasons = []
+    for index, frame_id in ((0, "tof"), (1, "tof2"), (2, "tof")):
+        cloud = good_cloud(index)
+        cloud.header.frame_id = frame_id
+        monitor.on_step(pipeline.on_cloud(cloud), index * S)
+        assert monitor.changed(index * S)
+        reasons.append(said(monitor, pipeline, index * S)["reason"])
+    assert len(set(reasons)) == 3
+
+
 def test_directions_that_are_not_seen_are_named() -> None:
     # Nothing is certain to a thousandth of a millimetre.
     found = states_of(good_cloud(0), good_cloud(1), max_shift_sigma=1e-6)[-1]

@@ -366,6 +366,35 @@ def test_unknown_parameters_are_said(
     assert capsys.readouterr().err.count("unknown parameter planet_raduis is ignored") == 1
 
 
+def test_a_misspelt_node_is_said(
+    tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Sections of other nodes, a camera's driver, are not."""
+    params = write_parameters(tmp_path / "params.yaml")
+    sections = "atitude_node: {ros__parameters: {level_z: down}}\n"
+    params.write_text(params.read_text() + sections + sections.replace("atitude_node", "driver"))
+    assert run(flight, tmp_path / "out", "--params", params) == 0
+    told = capsys.readouterr().err
+    assert "section atitude_node is for no node: attitude_node?" in told
+    assert "driver" not in told
+
+
+def test_a_recording_that_was_cut_off_is_told_how_to_save(
+    tmp_path: Path, flight: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    (file,) = flight.glob("*.mcap")
+    cut = tmp_path / "cut"
+    cut.mkdir()
+    shutil.copy(file, cut)
+    told = refused(capsys, cut, out, "--params", params)
+    assert f"give {file.name} itself, or make one with `ros2 bag reindex`" in told
+    assert run(cut / file.name, out, "--params", params) == 0
+    (cut / file.name).write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    told = refused(capsys, cut / file.name, tmp_path / "none", "--params", params)
+    assert "`mcap recover`" in told
+
+
 def test_bags_that_are_none(
     tmp_path: Path, flight: Path, params: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

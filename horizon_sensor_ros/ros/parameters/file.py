@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,19 @@ def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str
         if _matches(pattern, full_name):
             values.update(_flat(parameters, ""))
     return values
+
+
+def misspelt_sections(path: Path, nodes: Sequence[str]) -> list[tuple[str, str]]:
+    """Sections of a ROS parameter file, a valid one, whose node's name is nearly one of these
+    nodes', and that name: other nodes' sections are none of our business.
+    """
+    found = []
+    for pattern, _ in _node_entries(read_yaml(path, aliases=False), ""):
+        name = pattern.rpartition("/")[2]
+        close = difflib.get_close_matches(name, nodes, n=1, cutoff=0.85)
+        if close and name not in nodes:
+            found.append((name, close[0]))
+    return found
 
 
 def _node_entries(content: Any, prefix: str) -> Iterator[tuple[str, Any]]:

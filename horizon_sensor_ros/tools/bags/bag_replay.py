@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
-from horizon_sensor_ros.ros.parameters.file import read_parameter_file
+from horizon_sensor_ros.ros.parameters.file import misspelt_sections, read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon_settings import (
     HorizonSettings,
     PipelineSettings,
@@ -204,6 +204,8 @@ def _read_values(params: Path | None, namespace: str) -> dict[str, dict[str, Any
     unknown = [name for given in values.values() for name in unknown_parameters(given)]
     for name in dict.fromkeys(unknown):
         print(f"unknown parameter {name} is ignored ({params})", file=sys.stderr)
+    for section, node in misspelt_sections(params, _NODES):
+        print(f"section {section} is for no node: {node}? ({params})", file=sys.stderr)
     return values
 
 

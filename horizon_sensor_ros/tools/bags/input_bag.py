@@ -28,8 +28,24 @@ def open_bag(path: Path) -> Reader:
             reader.open()
     except Exception as error:
         # Whatever the storage libraries raise; rosbags says in its own words what it misses.
-        raise BagError(f"{path} cannot be read as a rosbag2: {in_one_line(error)}") from None
+        why = f"{path} cannot be read as a rosbag2: {in_one_line(error)}"
+        raise BagError(f"{why}{_remedy(path)}") from None
     return reader
+
+
+def _remedy(path: Path) -> str:
+    """What a person may do about a bag that cannot be opened, as a recording that was cut off."""
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        files = sorted(file.name for kind in ("*.mcap", "*.db3") for file in path.glob(kind))
+        if not files:
+            return ""
+        return (
+            f"; it has no metadata.yaml, as a recording that was cut off: give {files[0]} itself, "
+            "or make one with `ros2 bag reindex`"
+        )
+    if path.suffix == ".mcap" or any(path.glob("*.mcap")):
+        return "; if the recording was cut off, `mcap recover` saves what was written"
+    return ""
 
 
 def bag_messages(
