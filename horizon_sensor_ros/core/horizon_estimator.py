@@ -50,16 +50,16 @@ from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.shared_error import with_shared_error
 from horizon_sensor_ros.core.status import Status
 
-# Points count by what each is off by on its own; where one camera's are off together by much more
-# than another's, both together may be off by more than the one. It is taken by itself where it
-# claims less than so much of that: of edges found one by one, and of a limb told from its glow
-# beside such, which of 24 pairs was nearer to the truth by itself in all but three. Limbs that all
-# are told from their glow are weighed by what they are off by together.
+# The fit weighs points by their own errors only. Where the points of one camera share a much larger
+# error than those of another, the joint fit may be worse than the better camera alone. That camera
+# is used alone where its sigma is below this share of the joint one: in general, and where its limb
+# was separated from the glow beside cameras with edges found one by one (in 24 such pairs it was
+# nearer to the truth in 21). Where all limbs were separated they are weighed by shared errors too.
 _SURER, _SURER_IN_GLOW = 0.5, 0.95
-# Edges in glow lie too high, by more than they know: of simulated scenes limbs that were told from
-# it are nearer to the truth even where they claim so much more.
+# Edges in glow lie too high, by more than they claim. In simulated scenes a fix of separated limbs
+# is nearer to the truth up to this multiple of the sigma of the fix with edges.
 _NOT_LESS_SURE = 1.5
-# Nadir by the limb alone that airglow would say little more of: it knows it to .15 deg at best.
+# Airglow knows nadir to 0.15 deg at best: it is not used where the limb alone has a smaller sigma.
 _SURE_RAD = np.radians(0.05)
 _BY_AIRGLOW_ALONE = "by the airglow's edge alone: no limb of the ground's shows below it"
 
@@ -88,10 +88,10 @@ class Sighting:
 
 @dataclass(frozen=True, eq=False)
 class _Limbs:
-    """What a fit is of, and what it was weighed by.
+    """The limbs that a fit was made of.
 
-    observations : one per frame. alone : as of `each_alone`. apart : what cameras contradict each
-    other by, in words.
+    observations : one per frame. alone : fits of single cameras, see `each_alone`. apart : how the
+    cameras contradict each other, for a person; empty where they agree.
     """
 
     observations: Sequence[LimbObservation]
@@ -119,8 +119,11 @@ class HorizonEstimator:
         return StretchedEllipsoid(planet, vertical, aiding.coarse_pose)
 
     def fix(self, sighting: Sighting) -> tuple[HorizonFix, dict[int, LimbPoints]]:
-        """Fix, or why there is none; with the frames whose own evidence speaks against them, in
-        which case there is none, and why.
+        """Fit the limbs of a sighting and judge the fit.
+
+        Returns the fix, and the doubtful frames: index into the frames, and a limb without points
+        whose `reason` says what speaks against it. Where any frame is doubtful the fix is not OK
+        and has no reason of its own; the caller searches again without those frames.
         """
         views, detection = sighting.views, sighting.detection
         observations = by_night(detection).seen_by(views)
@@ -152,9 +155,11 @@ class HorizonEstimator:
         return self._surest(sighting, fit, _Limbs(observations, alone, apart)), {}
 
     def told_apart(self, sighting: Sighting, fix: HorizonFix) -> tuple[HorizonFix, Detection]:
-        """Fix of only those cameras whose limb was told apart from the glow above it, and their
-        detection, where it claims hardly more than the one given, which is of edges in glow, or
-        where these are not a limb's.
+        """Prefer a fix from only those cameras whose limb was separated from the glow above it.
+
+        fix : of the sighting, from edges in glow. It is returned as it is where no limb was
+        separated, or where the other one is not OK or has more than `_NOT_LESS_SURE` times its
+        sigma. Returns the fix and the detection that it is of.
         """
         apart = sighting.detection.told_apart
         if apart is None or not (fix.ok or fix.status in (Status.UNCERTAIN, Status.POOR_FIT)):
@@ -347,8 +352,9 @@ class HorizonEstimator:
     def _doubts(
         self, sighting: Sighting, limbs: Sequence[LimbPoints], fit: HorizonFit
     ) -> dict[int, LimbPoints]:
-        """Frames that delivered limb points but whose sky or limb says that they are not the
-        limb.
+        """Frames with limb points whose sky or limb shows that these are not the limb's.
+
+        By index into the frames: a limb without points, whose `reason` says why.
         """
         detection = sighting.detection
         doubts = {}

@@ -28,7 +28,7 @@ class HorizonSearch:
     def __init__(self, estimator: HorizonEstimator) -> None:
         config = estimator.config
         self._estimator = estimator
-        # However little one camera knows: that is in its covariance.
+        # Accepts any nadir sigma, to ask what one camera finds by itself.
         self._any_sigma = HorizonEstimator(replace(config, max_nadir_sigma_rad=np.pi))
         self._rho_min = estimator.sphere.rho_from_altitude(config.altitude_max_m)
         # Nothing is seen from below the limb.
@@ -38,9 +38,11 @@ class HorizonSearch:
     def fix(
         self, frames: Sequence[Frame], unusable: Sequence[LimbPoints | None], aiding: Aiding
     ) -> tuple[HorizonFix, Detection | None]:
-        """Look for the limb all over the frames; with the detection, if the answer is of them all.
+        """Search whole frames for the limb.
 
         unusable : one per frame, why it is not to be looked at; None where it is.
+        Returns the fix, and the detection that a track may start from: None unless the fix is of
+        all frames and of the ground's limb.
         """
         limbs = list(unusable)
         everything = not any(limbs)
@@ -110,7 +112,8 @@ class HorizonSearch:
         if fix.ok or len(frames) < 2:
             return None
         seen = [limb.status for limb in fix.limbs].count(Status.OK)
-        # Of one camera's it is known already, with what the others' frames say of the light.
+        # One camera alone saw a limb, and its fix was too uncertain: what it finds by itself is
+        # known, and judged with what the other frames say of the light.
         known = fix.status is Status.UNCERTAIN and seen == 1
         blind = not known and fix.status is not Status.CAMERAS_DISAGREE
         found, limbs = [], list(fix.limbs)

@@ -19,13 +19,13 @@ from horizon_sensor_ros.core.shared_error import bend_px
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.symmetric3 import largest_eigenvalue
 
-# Two cameras that see the limb each for itself contradict each other when farther apart than both.
+# Nadirs of two fits contradict each other when they are apart by more than both of these limits.
 _DISAGREEMENT_SIGMAS = 5.0
 _DISAGREEMENT_RAD = np.radians(0.25)
-# Stretches of a limb lie off the best cone by the error that neighbours share; of another edge,
-# which happens to run along some cone, by more.
+# An edge is no limb where its stretches lie off the best cone (RMS) by more than this multiple of
+# the error that neighbours share (`LimbPoints.coherent_px`), and by more than this many pixels.
 _MAX_BEND, _LEAST_BEND_PX = 4.5, 0.75
-# Of edges that follow no model, over their own errors: beyond it another limb fits them as well.
+# Residual of edges that follow no model, over their claimed sigma; beyond it other cones fit too.
 _MOST_SCATTER = 1.5
 # Heights of the airglow's edge above a limb: 76 to 99 km in photographs in which that was the
 # ground's, 91 to 110 in simulated frames, whose layer is at 95.
@@ -92,13 +92,15 @@ def refusal(
 ) -> tuple[Status, str] | None:
     """Why a fit is not to be published, or None.
 
-    estimate : what is to be published, where more than the frames is in it, as an altitude known
-    from elsewhere; else the fit itself. Whether the edges are a limb is asked of the fit, whose
-    cone they lie on: a limb that is higher than thought is none of that altitude.
-    alone : fits of those cameras that determine a cone by themselves, against which their edges are
-    held: what the cameras contradict each other by is claimed. layered : a layer of airglow keeps
-    its distance from what was found all along, as it does from nothing but a limb. layer_m :
-    height of its edge, if it was measured. glow_over_usual : the longest as of `Detection`.
+    fit : of the frames alone; the shape of the edges is judged by its cone. estimate : what is to
+    be published, where it contains more than the frames (airglow, a known altitude); altitude and
+    sigma are judged by it. By default the fit.
+    alone : fits of those cameras that determine a cone by themselves; their edges are judged by
+    that cone, since what cameras contradict each other by is in the covariance. layered : a layer
+    of airglow was found at the same distance all along the limb, which proves that it is a limb.
+    layer_m : height of the layer's edge, NaN if it was not measured. glow_over_usual : largest
+    `Detection.glow_over_usual` of the cameras used.
+    Returns status and reason, for a person.
     """
     estimate = fit if estimate is None else estimate
     if math.isfinite(layer_m) and not _LAYER_HEIGHTS_M[0] < layer_m < _LAYER_HEIGHTS_M[1]:
@@ -157,10 +159,10 @@ def refusal(
 def bends_by_itself(
     fit: HorizonFit, observations: Sequence[LimbObservation], alone: Sequence[HorizonFit]
 ) -> dict[int, str]:
-    """Which of the observations that others share a fit with are no limb, whatever these are: they
-    bend as no cone of their own camera does. And why.
+    """Observations whose edge is no limb even by the cone of its own camera, by index, and why.
 
-    alone : as of `refusal`. None of them where they all do, which then is the fit's to tell.
+    alone : as of `refusal`. Empty where this is so of all cameras of the fit: `refusal` then
+    refuses the fit.
     """
     bent = {}
     for i, observation in enumerate(observations):

@@ -29,11 +29,12 @@ _SURE = 2.0  # times the points' own variance: what chance makes of it
 def with_shared_error(
     fit: HorizonFit, observations: Sequence[LimbObservation], figure: Figure
 ) -> HorizonFit:
-    """Return the fit with the errors that points share in its covariance.
+    """Add to a fit's covariance the errors that points share, and those of the planet's figure.
 
-    Those are what stretches of the limb have in common (`LimbPoints.coherent_px`), or what is known
-    of the cone that they lie on, and what the figure that was fitted leaves out of the planet's.
-    Where all cameras' limbs are cones' the fit moves to that which is nearest to these.
+    Of each camera: what stretches of its limb have in common (`LimbPoints.coherent_px`), or the
+    errors of the cone that its points lie on (`LimbPoints.cone_errors`). Where all cameras have
+    such cones the estimate itself changes too: nadir, rho and altitude move to the cone that is
+    nearest to theirs (`nearest_to_cones`).
     """
     nearest = nearest_to_cones(fit, observations, figure.sphere)
     if nearest is None:
@@ -92,7 +93,7 @@ def _with_shared(
     cov, height, of_cones = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 1))
     variance = np.diag(fit.cov_nadir_altitude).copy()
     variance[3] /= sphere.altitude_slope(fit.rho_rad) ** 2
-    # Of the points' own errors, over those that they claim.
+    # Factor between the variance that the fit found for the points and that which they claim.
     more_own = float(variance.sum() / np.trace(gain))
     for (limb, rays, claimed2, own2), a in zip(cameras, rows, strict=True):
         # How a sigma of each point moves the fit, and a pixel.
@@ -121,10 +122,10 @@ def _with_shared(
 
 
 def _left(rows_px: np.ndarray, by_px: np.ndarray) -> float:
-    """What a fit leaves of the variance of stretches that are off independently, mean of them.
+    """Share of the variance of independent errors of stretches that is left in the residuals.
 
-    rows_px, by_px : (N, 3), in order along the limb, how points' residuals move with the cone, and
-    the cone with the points.
+    rows_px : (N, 3) derivatives of the points' residuals by the cone's three unknowns. by_px :
+    (N, 3) derivatives of these by the points' places. Both in order along the limb.
     """
     starts = [part[0] for part in stretches(np.arange(len(rows_px)), _STRETCHES)]
     sizes = np.diff([*starts, len(rows_px)])

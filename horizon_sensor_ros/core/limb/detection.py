@@ -31,17 +31,20 @@ _SHORTEST_PX = 1.0  # length of glow that is told from the blur
 class Detection:
     """The limb in each frame, and where the last pass of refinement looked for it.
 
-    observations : one per frame, in order. nadir_base, rho_rad : the cone whose limb the last pass
-    refined; NaN where there is none. candidates : the search's, with the working image that
-    `sky_evidence` looks at. consensus : theirs. looks : one per frame, what the limb's edge looks
-    like; none where no model fits it. factors : one per frame, by which it was reduced for the last
-    pass. layer_rad : how far above the limb a layer of airglow lies, 0 without one. smears : one
-    per frame, motion's in it, None where there is hardly any. steepness : one per frame, that of
-    the limb when it was last asked whether motion smears it. apart : one per frame, the limbs that
-    were told apart from the glow above them where others were not; empty where all or none were.
-    airglow : whether a layer of it may show above the limb; where that is followed, whether it did.
-    agreed : the search's edges that the consensus is of, the limb's or the layer's; None where
-    nothing was searched.
+    One per frame, in order:
+    observations : the limb. looks : models of its edge; empty where none fits. factors : by which
+    the frame was reduced for the last pass. smears : motion's in it, None where there is hardly
+    any. steepness : of the limb, when it was last asked whether motion smears it. candidates : the
+    search's edges, and the working image that `sky_evidence` looks at. apart : the limbs that were
+    separated from the glow above them (`LimbPoints.joint`), where others were not; empty where all
+    or none were.
+
+    Of all frames together:
+    nadir_base (3,), rho_rad : the cone around which the last pass refined; NaN where there is none.
+    consensus : of the candidates. agreed : the search's edges that the consensus is of, the limb's
+    or the airglow's; None where the limb was followed and nothing was searched.
+    layer_rad : how far above the limb a layer of airglow lies, 0 without one. airglow : after a
+    search, whether such a layer may show; where the limb is followed, whether it did.
     """
 
     observations: tuple[LimbObservation, ...]
@@ -80,16 +83,16 @@ class Detection:
 
     @property
     def joint(self) -> bool:
-        """Whether limb and glow were told apart in every frame that shows a limb."""
+        """Whether limb and glow were separated in every frame that shows a limb."""
         return all(limb.joint for limb in self.limbs if limb.status is Status.OK)
 
     @property
     def told_apart(self) -> Detection | None:
-        """The same with only those limbs that were told apart from the glow above them, where
-        others were not; else None.
+        """The same with only those limbs that were separated from the glow above them; None where
+        all or none were.
 
-        Edges in glow lie a pixel or two too far out: in one fit these and the ground's limb are of
-        two cones, so that all limbs of the detection itself are edges.
+        Edges in glow lie a pixel or two too far out, so that they and the ground's limb lie on two
+        cones and must not be mixed in one fit. In the detection itself all limbs are edges.
         """
         if not self.apart:
             return None
@@ -111,8 +114,8 @@ class Detection:
         )
 
     def left_outside(self, index: int) -> float:
-        """Share of the edges on which the search agreed that lie outside of a frame's limb; 0 where
-        the glow above it may be why.
+        """Share (0 to 1) of the edges on which the search agreed that lie outside a frame's limb; 0
+        where the limb was followed, or where glow above it may explain them.
         """
         if self.agreed is None or self.layer_rad > 0.0 or self.limbs[index].joint:
             return 0.0
@@ -127,8 +130,8 @@ class Detection:
         return layer_height_m(self.agreed, (fit.nadir_base, fit.rho_rad), planet)
 
     def glow_over_usual(self, index: int) -> float:
-        """Length over which the glow above a frame's limb fades, over that of the Earth's air; 0
-        without glow, where limb and glow were told apart, and below a layer of airglow.
+        """Length over which the glow above a frame's limb fades, as a multiple of the Earth's usual
+        one; 0 without glow, where limb and glow were separated, and below a layer of airglow.
         """
         limb, looks = self.limbs[index], self.looks[index]
         if self.layer_rad > 0.0 or limb.joint or not looks or looks[0].glow_px == 0.0:

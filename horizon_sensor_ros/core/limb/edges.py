@@ -96,9 +96,11 @@ class LimbEdges:
 def modelled_edges(
     sample: LimbSample, look: EdgeLook, steepest: LimbEdges, rho_rad: float, step: RefinePass
 ) -> LimbEdges | None:
-    """Edges where a model of them lies, kriged where that is for them; None if the model is wrong:
-    most of the edges do not follow it, it makes them jump about, or without glow moves them all, or
-    a whole stretch of such as lie steadily.
+    """Edges placed by a model of them, and kriged where they are sharp enough for it.
+
+    None where the model is wrong: too few edges follow it (`_MODEL_SHARE`); it makes neighbouring
+    edges jump (`_CALM`); or, without glow, it moves all edges (`_MOVED_PX`), or a whole stretch of
+    edges that lie steadily (`_DRIFT_PX`), away from where brightness falls most steeply.
     """
     places, good = steepest.places, steepest.good
     plain = good & ~sample.clipped
@@ -357,7 +359,7 @@ def _unevenness(step: np.ndarray) -> float:
 
 
 def believable(places: EdgePlaces) -> np.ndarray:
-    """Which edges (M,) are significant, inside their profile and as a model has them."""
+    """Which edges (M,) are significant, not at the end of their profile, and of low misfit."""
     return (
         (places.significance > LEAST_SIGNIFICANCE)
         & ~places.at_border

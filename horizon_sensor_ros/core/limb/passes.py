@@ -51,9 +51,11 @@ def look_for(
 ) -> Detection:
     """Pass after pass, each around the cone that fits the last one's limb.
 
-    near : nadir (3,) and rho of the first pass. Passes that leave the cone open are the last, and
-    so is one in which every limb is fitted together with the glow above it. The first two are made
-    once more in frames of another size, the final one where it finds the limb off its cone.
+    near : nadir (3,), base frame, and rho (rad) for the first pass. frames, looks : one a view.
+    steps : the passes; one more `_FINAL` follows, unless the last of them found the limb on its
+    cone.
+    Ends early after a pass that leaves the cone undetermined, and after one in which every limb was
+    separated from its glow. `SEARCH` and `_NEAR` are made again where a frame's size changes.
     """
     nadir, rho = near
     looks = list(looks)
@@ -129,7 +131,7 @@ def refined(
     step: RefinePass,
     looks: Sequence[tuple[EdgeLook, ...]],
 ) -> tuple[list[LimbObservation], list[tuple[EdgeLook, ...]]]:
-    """One pass over all frames around a cone: the limbs, and the looks that hold of their edges."""
+    """One pass over all frames around a cone: each frame's limb, and models that fit its edge."""
     seen, held = [], []
     for view, frame, kinds in zip(views, frames, looks, strict=True):
         here = step
@@ -150,8 +152,8 @@ def _tell_apart_alike(
     seen: list[LimbObservation],
     held: list[tuple[EdgeLook, ...]],
 ) -> None:
-    """Tell more limbs apart from the glow above them, about the cone of those that are told, and
-    beginning with their air: all cameras see one sky. In place.
+    """Try again to separate limbs from glow, in the frames in which that failed, around the cone
+    and starting from the air of those in which it worked. Changes `seen` and `held` in place.
     """
     cone = refine(gather([found for found in seen if found.limb.joint]), planet, near)
     # The blur is one in pixels of a frame's size.

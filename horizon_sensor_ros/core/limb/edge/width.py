@@ -37,10 +37,13 @@ _BEFOREHAND = np.diag([0.0, 0.02, 0.02])  # parts of a limb that tell as much as
 
 @dataclass(frozen=True, eq=False)
 class Smear:
-    """across_px : how far motion smeared the limb where it did most; least_px : and where least.
-    lacking_px2 : (2, 2), the covariance of a blur that makes the frame's the same in all
-    directions; open_px2 : one sigma of what its variance then still differs by. boxed : the edge
-    falls as a box's does, not as soft optics let it fall.
+    """Smear of one frame by motion during the exposure, pixels of the full frame.
+
+    across_px : length of the smear across the limb, where it is largest along the limb. least_px :
+    where it is smallest. lacking_px2 : (2, 2) covariance, x right and y down, of the extra blur
+    that makes the frame's blur equal in all directions. open_px2 : one sigma of what is then still
+    unequal, as a variance. boxed : the edge falls as under a constant motion, not as with soft
+    optics.
     """
 
     across_px: float
@@ -51,8 +54,8 @@ class Smear:
 
     @property
     def sure_px(self) -> float:
-        """How far motion smeared the limb for sure: what is alike all along it may be soft optics',
-        and ground may widen parts of it by a little.
+        """Length of the smear that only motion explains: less what is equal all along the limb,
+        which may be soft optics, and less what clouds may feign.
         """
         optics2 = 0.0 if self.boxed else self.least_px**2
         by_ground2 = min(_BOX * self.open_px2, _BY_GROUND_PX2)
