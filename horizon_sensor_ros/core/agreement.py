@@ -65,7 +65,7 @@ def with_contradiction(
     multiplies the covariance by its chi squared (Birge, Phys. Rev. 40 (1932) 207). What nadirs
     differ by beyond that is added as a mounting error of each camera.
     """
-    pairs = [_Apart(pair, observations, sphere) for pair in combinations(alone, 2)]
+    pairs = [_Difference(pair, observations, sphere) for pair in combinations(alone, 2)]
     # The exact distance takes longer, and is hardly ever the larger one.
     pairs = [pair for pair in pairs if pair.linear_chi2() > _CONTRADICTION**2]
     worst = max(pairs, key=lambda pair: pair.chi2, default=None)
@@ -122,7 +122,7 @@ class _Arc:
 
 
 @dataclass(frozen=True, eq=False)
-class _Apart:
+class _Difference:
     """What separates two cameras' estimates, each by itself, of these limbs of a sphere."""
 
     fits: tuple[HorizonFit, HorizonFit]
@@ -130,8 +130,8 @@ class _Apart:
     sphere: Planet
 
     @cached_property
-    def apart(self) -> np.ndarray:
-        """(3,) by how much two components of nadir, and altitude, differ."""
+    def value(self) -> np.ndarray:
+        """Difference (3,): by how much two components of nadir, and altitude, differ."""
         one, other = self.fits
         nadir = other.nadir_base - one.nadir_base
         return self._to_tangent @ np.append(nadir, other.altitude_m - one.altitude_m)
@@ -152,7 +152,7 @@ class _Apart:
         times : factor that enlarges these. turned_rad : one sigma of each camera's mounting.
         """
         cov = times * self.cov + 2.0 * turned_rad**2 * np.diag([1.0, 1.0, 0.0])
-        chi2 = float(self.apart @ np.linalg.solve(cov, self.apart))
+        chi2 = float(self.value @ np.linalg.solve(cov, self.value))
         return chi2 if chi2 < math.inf else 0.0
 
     @cached_property
@@ -182,15 +182,15 @@ class _Apart:
 
     def chi2_altitude(self) -> float:
         """The same of the altitudes alone."""
-        return float(self.apart[2] ** 2 / self.cov[2, 2])
+        return float(self.value[2] ** 2 / self.cov[2, 2])
 
     def words(self) -> str:
         """Return the contradiction for a person."""
         names = " and ".join(name for fit in self.fits for name in fit.cameras)
-        nadir_deg = math.degrees(math.hypot(*self.apart[:2]))
+        nadir_deg = math.degrees(math.hypot(*self.value[:2]))
         return (
             f"{names}, each by itself, are {math.sqrt(self.chi2):.0f} sigma apart "
-            f"(nadir {nadir_deg:.2f} deg, altitude {abs(self.apart[2]) / 1e3:.1f} km): "
+            f"(nadir {nadir_deg:.2f} deg, altitude {abs(self.value[2]) / 1e3:.1f} km): "
             "are they mounted and calibrated as the parameters say?"
         )
 

@@ -45,7 +45,7 @@ def hidden_air_sigma_m(
         return math.hypot(above_m - sphere.limb_height_m, _ABOVE_M)
     finest_px = max((usual_length_px(each.view, fit.rho_rad) for each in used), default=0.0)
     higher = _HIGHER if finest_px < _SEEN_PX else 0.0
-    if not any(each.limb.joint for each in used):
+    if not any(each.limb.glow_separated for each in used):
         higher = max(higher, _passed_for_blur([each.limb for each in used], finest_px))
     return higher * USUAL_HEIGHT * sphere.radius_m
 

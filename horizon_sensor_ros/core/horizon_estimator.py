@@ -90,13 +90,13 @@ class Sighting:
 class _Limbs:
     """The limbs that a fit was made of.
 
-    observations : one per frame. alone : fits of single cameras, see `each_alone`. apart : how the
-    cameras contradict each other, for a person; empty where they agree.
+    observations : one per frame. alone : fits of single cameras, see `each_alone`.
+    contradiction : how the cameras contradict each other, for a person; empty where they agree.
     """
 
     observations: Sequence[LimbObservation]
     alone: Sequence[HorizonFit]
-    apart: str
+    contradiction: str
 
     @property
     def points(self) -> tuple[LimbPoints, ...]:
@@ -142,7 +142,7 @@ class HorizonEstimator:
         if doubtful:
             return HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), doubtful
         fit = self._with_errors(fit, observations, sighting.figure)
-        apart = ""
+        contradiction = ""
         alone: tuple[HorizonFit, ...] = ()
         if len(fit.cameras) > 1 and self.config.limb == "subpixel":
             with_errors = partial(self._with_errors, figure=sighting.figure)
@@ -151,25 +151,25 @@ class HorizonEstimator:
             if bent:
                 none = {i: LimbPoints.none(Status.NO_LIMB, why) for i, why in bent.items()}
                 return HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), none
-            fit, apart = with_contradiction(fit, alone, observations, self.sphere)
-        return self._surest(sighting, fit, _Limbs(observations, alone, apart)), {}
+            fit, contradiction = with_contradiction(fit, alone, observations, self.sphere)
+        return self._surest(sighting, fit, _Limbs(observations, alone, contradiction)), {}
 
-    def told_apart(self, sighting: Sighting, fix: HorizonFix) -> tuple[HorizonFix, Detection]:
+    def prefer_separated(self, sighting: Sighting, fix: HorizonFix) -> tuple[HorizonFix, Detection]:
         """Prefer a fix from only those cameras whose limb was separated from the glow above it.
 
         fix : of the sighting, from edges in glow. It is returned as it is where no limb was
         separated, or where the other one is not OK or has more than `_NOT_LESS_SURE` times its
         sigma. Returns the fix and the detection that it is of.
         """
-        apart = sighting.detection.told_apart
-        if apart is None or not (fix.ok or fix.status in (Status.UNCERTAIN, Status.POOR_FIT)):
+        separated = sighting.detection.separated_only
+        if separated is None or not (fix.ok or fix.status in (Status.UNCERTAIN, Status.POOR_FIT)):
             return fix, sighting.detection
-        other, _ = self.fix(replace(sighting, detection=apart))
+        other, _ = self.fix(replace(sighting, detection=separated))
         if not other.ok:
             return fix, sighting.detection
         if fix.ok and nadir_sigma_rad(other.fit) > _NOT_LESS_SURE * nadir_sigma_rad(fix.fit):
             return fix, sighting.detection
-        return other, apart
+        return other, separated
 
     def by_airglow_alone(
         self, sighting: Sighting, fix: HorizonFix, doubtful: dict[int, LimbPoints]
@@ -231,12 +231,12 @@ class HorizonEstimator:
         """Fix of all cameras together, or of the one that is much surer by itself."""
         fix = self._published(sighting, fit, limbs)
         surest = min(limbs.alone, key=nadir_sigma_rad, default=fit)
-        told = {seen.view.name for seen in limbs.observations if seen.limb.joint}
+        separated = {seen.view.name for seen in limbs.observations if seen.limb.glow_separated}
+        much = _SURER_IN_GLOW if separated.issuperset(surest.cameras) else _SURER
         surer = (
             surest.method == fit.method
-            and not (limbs.apart or told.issuperset(fit.cameras))
-            and nadir_sigma_rad(surest)
-            < (_SURER_IN_GLOW if told.issuperset(surest.cameras) else _SURER) * nadir_sigma_rad(fit)
+            and not (limbs.contradiction or separated.issuperset(fit.cameras))
+            and nadir_sigma_rad(surest) < much * nadir_sigma_rad(fit)
         )
         if surer and (fix.ok or fix.status is Status.UNCERTAIN):
             other = self._published(sighting, surest, limbs)
@@ -267,11 +267,11 @@ class HorizonEstimator:
             estimate=estimate,
         )
         refused = refused or contradicted
-        if limbs.apart and refused is not None and refused[0] is Status.UNCERTAIN:
-            refused = Status.CAMERAS_DISAGREE, limbs.apart
+        if limbs.contradiction and refused is not None and refused[0] is Status.UNCERTAIN:
+            refused = Status.CAMERAS_DISAGREE, limbs.contradiction
         if refused is not None:
             return self.refused(*refused, fit, limbs.points)
-        doubts = "; ".join(filter(None, (limbs.apart, unused)))
+        doubts = "; ".join(filter(None, (limbs.contradiction, unused)))
         # The disc stays the one that the frames show, wherever the known altitude puts nadir.
         disc = Disc(figure, fit.nadir_base, fit.rho_rad)
         found = replace(figure.estimate(estimate), disc=disc)

@@ -52,7 +52,7 @@ class HorizonSearch:
                 return _no_fix(frames, limbs), None
             sighting = self._sighting([frames[i] for i in rest], aiding)
             fix, doubtful = self._estimator.fix(sighting)
-            fix, detection = self._estimator.told_apart(sighting, fix)
+            fix, detection = self._estimator.prefer_separated(sighting, fix)
             sighting = replace(sighting, detection=detection)
             by_layer = self._estimator.by_airglow_alone(sighting, fix, doubtful)
             if by_layer is not None and (by_layer.ok or not doubtful):

@@ -102,7 +102,7 @@ class HorizonSensor:
         )
         sighting = Sighting(frames, detection, figure, aiding)
         fix, _ = self._estimator.fix(sighting)
-        fix, detection = self._estimator.told_apart(sighting, fix)
+        fix, detection = self._estimator.prefer_separated(sighting, fix)
         if not fix.ok or fix.cameras_on_cone(views) != track.cameras:
             return None
         self._track = track.continued(detection, fix.fit)

@@ -80,7 +80,7 @@ class LimbPoints:
     blur_px: float = np.nan
 
     @property
-    def joint(self) -> bool:
+    def glow_separated(self) -> bool:
         """Whether limb and glow were separated by a joint fit: then the limb is the ground's."""
         return self.cone_errors is not None
 

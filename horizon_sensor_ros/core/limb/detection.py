@@ -35,9 +35,9 @@ class Detection:
     observations : the limb. looks : models of its edge; empty where none fits. factors : by which
     the frame was reduced for the last pass. smears : motion's in it, None where there is hardly
     any. steepness : of the limb, when it was last asked whether motion smears it. candidates : the
-    search's edges, and the working image that `sky_evidence` looks at. apart : the limbs that were
-    separated from the glow above them (`LimbPoints.joint`), where others were not; empty where all
-    or none were.
+    search's edges, and the working image that `sky_evidence` looks at. separated : the limbs that
+    were separated from the glow above them (`LimbPoints.glow_separated`), where others were not;
+    empty where all or none were.
 
     Of all frames together:
     nadir_base (3,), rho_rad : the cone around which the last pass refined; NaN where there is none.
@@ -58,7 +58,7 @@ class Detection:
     smears: tuple[Smear | None, ...] = ()
     agreed: RayCandidates | None = None
     steepness: tuple[np.ndarray, ...] = ()
-    apart: tuple[LimbObservation, ...] = ()
+    separated: tuple[LimbObservation, ...] = ()
     airglow: bool = True
 
     @property
@@ -82,25 +82,25 @@ class Detection:
         )
 
     @property
-    def joint(self) -> bool:
+    def glow_separated(self) -> bool:
         """Whether limb and glow were separated in every frame that shows a limb."""
-        return all(limb.joint for limb in self.limbs if limb.status is Status.OK)
+        return all(limb.glow_separated for limb in self.limbs if limb.status is Status.OK)
 
     @property
-    def told_apart(self) -> Detection | None:
+    def separated_only(self) -> Detection | None:
         """The same with only those limbs that were separated from the glow above them; None where
         all or none were.
 
         Edges in glow lie a pixel or two too far out, so that they and the ground's limb lie on two
         cones and must not be mixed in one fit. In the detection itself all limbs are edges.
         """
-        if not self.apart:
+        if not self.separated:
             return None
         looks = tuple(
             kinds if seen.limb.status is Status.OK else ()
-            for seen, kinds in zip(self.apart, self.looks, strict=True)
+            for seen, kinds in zip(self.separated, self.looks, strict=True)
         )
-        return replace(self, observations=self.apart, looks=looks, apart=())
+        return replace(self, observations=self.separated, looks=looks, separated=())
 
     @cached_property
     def on_course(self) -> bool:
@@ -108,7 +108,7 @@ class Detection:
         sought around cones of its own.
         """
         return all(
-            limb.joint or _on_course(limb, _ON_COURSE_PX * factor)
+            limb.glow_separated or _on_course(limb, _ON_COURSE_PX * factor)
             for limb, factor in zip(self.limbs, self.factors, strict=True)
             if limb.status is Status.OK
         )
@@ -117,7 +117,7 @@ class Detection:
         """Share (0 to 1) of the edges on which the search agreed that lie outside a frame's limb; 0
         where the limb was followed, or where glow above it may explain them.
         """
-        if self.agreed is None or self.layer_rad > 0.0 or self.limbs[index].joint:
+        if self.agreed is None or self.layer_rad > 0.0 or self.limbs[index].glow_separated:
             return 0.0
         of_frame = self.agreed.take(self.agreed.camera == index)
         outside = of_frame.outside(self.nadir_base, self.rho_rad)
@@ -134,7 +134,7 @@ class Detection:
         one; 0 without glow, where limb and glow were separated, and below a layer of airglow.
         """
         limb, looks = self.limbs[index], self.looks[index]
-        if self.layer_rad > 0.0 or limb.joint or not looks or looks[0].glow_px == 0.0:
+        if self.layer_rad > 0.0 or limb.glow_separated or not looks or looks[0].glow_px == 0.0:
             return 0.0
         view = self.observations[index].view
         usual_px = usual_length_px(view, self.rho_rad, self.factors[index])

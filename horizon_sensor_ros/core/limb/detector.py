@@ -133,10 +133,10 @@ def follow_limb(
     for start, steps in attempts:
         found = look_for(views, frames, planet, (nadir_base, rho_rad), start, steps)
         if not _sees(found, sees):
-            apart = found.told_apart
-            if apart is None or not _sees(apart, sees):
+            separated = found.separated_only
+            if separated is None or not _sees(separated, sees):
                 continue
-            found = apart
+            found = separated
         if found.modelled and found.on_course:
             if not smeared_alike(views, images, found, smears):
                 return None

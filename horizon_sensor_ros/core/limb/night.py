@@ -30,8 +30,8 @@ def by_night(found: Detection) -> Detection:
     below_layer = found.layer_rad > 0.0
 
     def known(limb: LimbPoints) -> LimbPoints:
-        if limb.joint or limb.modelled:
-            doubted = beside_dark or (below_layer and not limb.joint)
+        if limb.glow_separated or limb.modelled:
+            doubted = beside_dark or (below_layer and not limb.glow_separated)
             return limb.misjudged(_MODELLED) if doubted else limb
         if below_layer:
             height_px = math.hypot(limb.height_px, _HEIGHT_PX)

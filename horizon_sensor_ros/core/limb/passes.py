@@ -25,18 +25,18 @@ from horizon_sensor_ros.core.status import Status
 # The search sees a reduced image, whose edges look sharper than they are.
 SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0, contour=False)
 _NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0)
-_GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0, joint=True)
-_FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0, joint=True, in_part=True)
+_GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0, separate_glow=True)
+_FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0, separate_glow=True, in_part=True)
 EXPECTED = replace(_FINAL, expected=True, inner_px=5.0)
 # Where the fit of limb and glow did not hold in the last frame one attempt is enough.
-NEARER = replace(_GLOW, joint=False)
+NEARER = replace(_GLOW, separate_glow=False)
 # Around a consensus that nearly all candidates agree on: it is as near as the passes come.
-AT_ONCE = replace(_FINAL, at_once=True, joint=False)
+AT_ONCE = replace(_FINAL, at_once=True, separate_glow=False)
 # Where the prediction was off.
 AGAIN = RefinePass(reach_px=10.0, grid_px=0.5, spacing_px=4.0, guess=False)
 # Where it is not known what the edge looks like.
 FRESH = (_NEAR, _GLOW, _FINAL)
-_NOT_TOLD_APART = "the ground's limb is not told from the glow above it"
+_NOT_SEPARATED = "the ground's limb is not told from the glow above it"
 # Jumps from edge to edge of a limb that shows itself well at once.
 _STEADY_PX = 0.3
 
@@ -68,12 +68,13 @@ def look_for(
         ):
             continue
         seen, held = refined(views, frames, (nadir, rho), step, looks)
-        apart: tuple[LimbObservation, ...] = ()
-        if step.joint and _of_two_limbs(seen, held):
-            _tell_apart_alike(views, frames, planet, (nadir, rho), step, seen, held)
-        if step.joint and _of_two_limbs(seen, held):
-            apart = _told_apart(seen, held)
-            seen, held = refined(views, frames, (nadir, rho), replace(step, joint=False), looks)
+        separated: tuple[LimbObservation, ...] = ()
+        if step.separate_glow and _of_two_limbs(seen, held):
+            _separate_the_rest(views, frames, planet, (nadir, rho), step, seen, held)
+        if step.separate_glow and _of_two_limbs(seen, held):
+            separated = _only_separated(seen, held)
+            edges_only = replace(step, separate_glow=False)
+            seen, held = refined(views, frames, (nadir, rho), edges_only, looks)
         looks = [kinds or before for kinds, before in zip(held, looks, strict=True)]
         found = Detection(
             tuple(seen),
@@ -82,11 +83,11 @@ def look_for(
             # The search's pass guesses, and fits no model.
             looks=tuple(() if step is SEARCH else kinds for kinds in held),
             factors=tuple(frame.factor for frame in frames),
-            apart=apart,
+            separated=separated,
         )
         if step in (EXPECTED, _FINAL) and (found.on_course or not found.modelled):
             break
-        if step is _GLOW and found.joint:
+        if step is _GLOW and found.glow_separated:
             break
         if step in (SEARCH, _NEAR):
             resized = [frame.resize(limb) for frame, limb in zip(frames, found.limbs, strict=True)]
@@ -115,12 +116,12 @@ def look_for(
                 passes.remove(_NEAR)
             else:
                 looks = [()] * len(views)
-    if not any(seen.limb.joint for seen in (*found.observations, *found.apart)):
+    if not any(seen.limb.glow_separated for seen in (*found.observations, *found.separated)):
         return found
     return replace(
         found,
         observations=told_together(found.observations),
-        apart=told_together(found.apart),
+        separated=told_together(found.separated),
     )
 
 
@@ -143,7 +144,7 @@ def refined(
     return seen, held
 
 
-def _tell_apart_alike(
+def _separate_the_rest(
     views: Sequence[CameraView],
     frames: Sequence[SizedFrame],
     planet: Planet,
@@ -155,17 +156,17 @@ def _tell_apart_alike(
     """Try again to separate limbs from glow, in the frames in which that failed, around the cone
     and starting from the air of those in which it worked. Changes `seen` and `held` in place.
     """
-    cone = refine(gather([found for found in seen if found.limb.joint]), planet, near)
+    cone = refine(gather([found for found in seen if found.limb.glow_separated]), planet, near)
     # The blur is one in pixels of a frame's size.
     whole = [i for i, frame in enumerate(frames) if frame.factor == 1]
-    known = next((held[i] for i in whole if seen[i].limb.joint), ())
+    known = next((held[i] for i in whole if seen[i].limb.glow_separated), ())
     if not cone.ok or not known:
         return
     for i in whole:
         if seen[i].limb.status is Status.OK and not _of_ground(seen[i].limb, held[i]):
             about = cone.nadir_base, cone.rho_rad
             limb, holds = refine_limb(frames[i].image(), views[i], *about, step, known)
-            if limb.joint:
+            if limb.glow_separated:
                 seen[i], held[i] = LimbObservation(views[i], limb), holds
 
 
@@ -173,21 +174,21 @@ def _of_two_limbs(seen: Sequence[LimbObservation], held: Sequence[tuple[EdgeLook
     """Whether some cameras have the ground's limb and others the edge of the glow above it."""
     limbs = [(found.limb, kinds) for found, kinds in zip(seen, held, strict=True)]
     limbs = [(limb, kinds) for limb, kinds in limbs if limb.status is Status.OK]
-    return any(limb.joint for limb, _ in limbs) and not all(
+    return any(limb.glow_separated for limb, _ in limbs) and not all(
         _of_ground(limb, kinds) for limb, kinds in limbs
     )
 
 
 def _of_ground(limb: LimbPoints, kinds: Sequence[EdgeLook]) -> bool:
     """Whether it is the ground's limb: told apart from the glow above it, or without any."""
-    return limb.joint or (bool(kinds) and kinds[0].glow_px == 0.0)
+    return limb.glow_separated or (bool(kinds) and kinds[0].glow_px == 0.0)
 
 
-def _told_apart(
+def _only_separated(
     seen: Sequence[LimbObservation], held: Sequence[tuple[EdgeLook, ...]]
 ) -> tuple[LimbObservation, ...]:
-    """`Detection.apart` of the limbs of one pass."""
-    none = LimbPoints.none(Status.NO_LIMB, _NOT_TOLD_APART)
+    """`Detection.separated` of the limbs of one pass."""
+    none = LimbPoints.none(Status.NO_LIMB, _NOT_SEPARATED)
     return tuple(
         LimbObservation(found.view, none)
         if found.limb.status is Status.OK and not _of_ground(found.limb, kinds)

@@ -50,7 +50,7 @@ def refine_limb(
     where a given one does not hold. Too few significant edges: status NO_LIMB, and no looks.
     """
     cone = nadir_base, rho_rad
-    joined, uneven = step.joint, False
+    joined, uneven = step.separate_glow, False
     if joined and len(looks) == 1 and looks[0].air is not None:
         if step.expected and looks[0].air.faint:
             sharp = EdgeLook(looks[0].psf_px, 0.0)

@@ -50,9 +50,9 @@ class RefinePass:
     like where that was not known. at_once : and go on with that guess, if it is that of a sharp
     edge. expected : the limb is where it is predicted, as far as is known.
     inner_px : how far a profile reaches into the planet, beside the search range. contour : where
-    air glows its contour draws the limb. joint : limb and glow are fitted together, in_part : in a
-    part of the limb where they cannot be in all of it. blur_open_px : one sigma of what the blur
-    may differ by along the limb.
+    air glows its contour draws the limb. separate_glow : limb and glow are fitted together, which
+    separates them; in_part : in a part of the limb where they cannot be in all of it.
+    blur_open_px : one sigma of what the blur may differ by along the limb.
     """
 
     reach_px: float
@@ -64,7 +64,7 @@ class RefinePass:
     expected: bool = False
     inner_px: float = 6.0
     contour: bool = True
-    joint: bool = False
+    separate_glow: bool = False
     in_part: bool = False
     blur_open_px: float = 0.0
 

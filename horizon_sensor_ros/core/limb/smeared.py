@@ -74,7 +74,7 @@ def misjudged(found: Detection) -> Detection:
     """Multiply the shared errors of smeared limbs by `_MISJUDGED`, as simulated ones need it."""
     if any(found.smears):
         # How far a fit of limb and glow is misled by a smear is known of all limbs together.
-        found = replace(found, apart=())
+        found = replace(found, separated=())
     return found.with_limbs(
         [
             limb.misjudged(_MISJUDGED) if smear else limb
@@ -92,7 +92,7 @@ def _smears(
     for view, image, limb, looks, factor in seen:
         smear = None
         sharp = _sharp(looks, factor)
-        if limb.status is Status.OK and (limb.joint or not sharp):
+        if limb.status is Status.OK and (limb.glow_separated or not sharp):
             smear = _smear_of(image, view, found, looks, factor, _UNSEEN_PX if sharp else 0.0)
         smears.append(smear)
     return smears
@@ -182,7 +182,8 @@ def still_sharp(
     for i, (limb, looks, factor) in enumerate(
         zip(found.limbs, found.looks, found.factors, strict=True)
     ):
-        as_it_was = _as_steep(limb.steepness, before[i]) or (limb.joint and _glows(expected[i]))
+        as_it_was = _as_steep(limb.steepness, before[i])
+        as_it_was |= limb.glow_separated and _glows(expected[i])
         if smears[i] or as_it_was or limb.status is not Status.OK:
             continue
         if _smear_of(images[i], views[i], found, looks, factor):
