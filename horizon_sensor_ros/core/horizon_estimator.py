@@ -5,8 +5,8 @@ them, or the reason why there is no fix.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -87,6 +87,19 @@ class Sighting:
 
 
 @dataclass(frozen=True, eq=False)
+class Judged:
+    """What the limbs of a sighting came to.
+
+    fix : of them; where any frame is doubtful it is not OK and has no reason of its own, and a
+    search is made again without those frames. doubtful : by index into the frames, a limb without
+    points whose `reason` says what speaks against it.
+    """
+
+    fix: HorizonFix
+    doubtful: Mapping[int, LimbPoints] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
 class _Limbs:
     """The limbs that a fit was made of.
 
@@ -118,13 +131,8 @@ class HorizonEstimator:
             return MeanSphere(planet, vertical)
         return StretchedEllipsoid(planet, vertical, aiding.coarse_pose)
 
-    def fix(self, sighting: Sighting) -> tuple[HorizonFix, dict[int, LimbPoints]]:
-        """Fit the limbs of a sighting and judge the fit.
-
-        Returns the fix, and the doubtful frames: index into the frames, and a limb without points
-        whose `reason` says what speaks against it. Where any frame is doubtful the fix is not OK
-        and has no reason of its own; the caller searches again without those frames.
-        """
+    def judged(self, sighting: Sighting) -> Judged:
+        """Fit the limbs of a sighting and judge the fit."""
         views, detection = sighting.views, sighting.detection
         observations = by_night(detection).seen_by(views)
         if self.config.limb == "canny" and np.isfinite(detection.rho_rad):
@@ -134,13 +142,13 @@ class HorizonEstimator:
         if not any(limb.status is Status.OK for limb in limbs):
             why = told_by(views, limbs)
             fit = HorizonFit.none(limbs[0].status, limbs[0].reason, self.config.method)
-            return HorizonFix(fit.status, why, fit, limbs, ()), {}
+            return Judged(HorizonFix(fit.status, why, fit, limbs, ()))
         fit = self._fit(observations, detection)
         if not fit.ok:
-            return HorizonFix(fit.status, fit.reason, fit, limbs, ()), {}
+            return Judged(HorizonFix(fit.status, fit.reason, fit, limbs, ()))
         doubtful = self._doubts(sighting, limbs, fit)
         if doubtful:
-            return HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), doubtful
+            return _withheld(fit, limbs, doubtful)
         fit = self._with_errors(fit, observations, sighting.figure)
         contradiction = ""
         alone: tuple[HorizonFit, ...] = ()
@@ -150,9 +158,9 @@ class HorizonEstimator:
             bent = bends_by_itself(fit, observations, alone)
             if bent:
                 none = {i: LimbPoints.none(Status.NO_LIMB, why) for i, why in bent.items()}
-                return HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), none
+                return _withheld(fit, limbs, none)
             fit, contradiction = with_contradiction(fit, alone, observations, self.sphere)
-        return self._surest(sighting, fit, _Limbs(observations, alone, contradiction)), {}
+        return Judged(self._surest(sighting, fit, _Limbs(observations, alone, contradiction)))
 
     def prefer_separated(self, sighting: Sighting, fix: HorizonFix) -> tuple[HorizonFix, Detection]:
         """Prefer a fix from only those cameras whose limb was separated from the glow above it.
@@ -164,28 +172,24 @@ class HorizonEstimator:
         separated = sighting.detection.separated_only
         if separated is None or not (fix.ok or fix.status in (Status.UNCERTAIN, Status.POOR_FIT)):
             return fix, sighting.detection
-        other, _ = self.fix(replace(sighting, detection=separated))
+        other = self.judged(replace(sighting, detection=separated)).fix
         if not other.ok:
             return fix, sighting.detection
         if fix.ok and nadir_sigma_rad(other.fit) > _NOT_LESS_SURE * nadir_sigma_rad(fix.fit):
             return fix, sighting.detection
         return other, separated
 
-    def by_airglow_alone(
-        self, sighting: Sighting, fix: HorizonFix, doubtful: dict[int, LimbPoints]
-    ) -> HorizonFix | None:
+    def by_airglow_alone(self, sighting: Sighting, by_ground: Judged) -> HorizonFix | None:
         """Fix by the airglow's edge, where a layer of it shows and no ground behind it that would
         tell nadir, or none that is beyond doubt; None otherwise.
-
-        fix, doubtful : by the ground's limb.
         """
-        detection = sighting.detection
+        fix, detection = by_ground.fix, sighting.detection
         layer = detection.consensus
         shown = [limb.status for limb in fix.limbs].count(Status.OK)
         no_ground = (
             layer.status is Status.POOR_FIT
             or fix.status is Status.ILL_CONDITIONED
-            or 0 < shown == len(doubtful)
+            or 0 < shown == len(by_ground.doubtful)
         )
         as_usual = self.config.method == MAXIMUM_LIKELIHOOD and self.config.limb == "subpixel"
         if fix.ok or layer.layer_rad == 0.0 or not (no_ground and as_usual):
@@ -384,3 +388,10 @@ class HorizonEstimator:
             if reason:
                 doubts[i] = LimbPoints.none(Status.NO_LIMB, reason)
         return doubts
+
+
+def _withheld(
+    fit: HorizonFit, limbs: tuple[LimbPoints, ...], doubtful: Mapping[int, LimbPoints]
+) -> Judged:
+    """No fix yet: some of its frames are doubtful, and a fit without them may differ."""
+    return Judged(HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), doubtful)

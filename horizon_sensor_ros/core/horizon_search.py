@@ -12,7 +12,7 @@ import numpy as np
 from horizon_sensor_ros.core.aiding import Aiding
 from horizon_sensor_ros.core.figure import disc_of
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Sighting
+from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Judged, Sighting
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix, told_by
 from horizon_sensor_ros.core.judgement import disagreement_rad, nadir_sigma_rad
 from horizon_sensor_ros.core.limb.detection import Detection
@@ -51,13 +51,15 @@ class HorizonSearch:
             if not rest:
                 return _no_fix(frames, limbs), None
             sighting = self._sighting([frames[i] for i in rest], aiding)
-            fix, doubtful = self._estimator.fix(sighting)
-            fix, detection = self._estimator.prefer_separated(sighting, fix)
+            judged = self._estimator.judged(sighting)
+            fix, detection = self._estimator.prefer_separated(sighting, judged.fix)
+            judged = replace(judged, fix=fix)
             sighting = replace(sighting, detection=detection)
-            by_layer = self._estimator.by_airglow_alone(sighting, fix, doubtful)
-            if by_layer is not None and (by_layer.ok or not doubtful):
-                fix, doubtful = by_layer, {}
-            if not doubtful:
+            by_layer = self._estimator.by_airglow_alone(sighting, judged)
+            if by_layer is not None and (by_layer.ok or not judged.doubtful):
+                judged = Judged(by_layer)
+            if not judged.doubtful:
+                fix = judged.fix
                 reason = fix.reason if fix.ok else _reason_and_left_out(frames, limbs, fix.reason)
                 for i, limb in zip(rest, fix.limbs, strict=True):
                     limbs[i] = limb
@@ -71,7 +73,7 @@ class HorizonSearch:
                 )
             # What a camera says against itself may have misled the others: once more without it.
             everything = False
-            for i, limb in doubtful.items():
+            for i, limb in judged.doubtful.items():
                 limbs[rest[i]] = limb
 
     def _contradicted(
@@ -87,7 +89,7 @@ class HorizonSearch:
         for frame, limb in zip(frames, fix.limbs, strict=True):
             if limb.status in (Status.OK, Status.BAD_IMAGE):
                 continue
-            alone, _ = self._any_sigma.fix(self._sighting([frame], aiding))
+            alone = self._any_sigma.judged(self._sighting([frame], aiding)).fix
             if not alone.ok:
                 continue
             apart = disagreement_rad(alone.fit, fix.fit)
@@ -120,13 +122,14 @@ class HorizonSearch:
         for i, frame in enumerate(frames):
             if fix.limbs[i].status is Status.BAD_IMAGE:
                 continue
-            alone, doubtful = self._any_sigma.fix(self._sighting([frame], aiding))
+            judged = self._any_sigma.judged(self._sighting([frame], aiding))
+            alone = judged.fix
             if alone.ok:
                 found.append(alone)
-            elif not doubtful and alone.status is not Status.NO_LIMB:
+            elif not judged.doubtful and alone.status is not Status.NO_LIMB:
                 blind = False
             # Of a camera that is left out, what it says by itself.
-            limbs[i] = doubtful.get(0, alone.limbs[0])
+            limbs[i] = judged.doubtful.get(0, alone.limbs[0])
         found.sort(key=lambda one: nadir_sigma_rad(one.fit))
         if blind and len(found) == 1:
             sure = nadir_sigma_rad(found[0].fit) <= self._estimator.config.max_nadir_sigma_rad
@@ -137,7 +140,7 @@ class HorizonSearch:
             if not all(len(limb_in_sight(frame.view, *near)) for frame in frames):
                 continue
             sighting = self._sighting(frames, aiding, near)
-            together, _ = self._estimator.fix(sighting)
+            together = self._estimator.judged(sighting).fix
             if together.ok and len(together.cameras_used) == len(frames):
                 return together, sighting.detection
         return None

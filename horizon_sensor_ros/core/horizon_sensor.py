@@ -101,7 +101,8 @@ class HorizonSensor:
             detection, candidates=samples, layer_rad=track.layer_rad, airglow=track.airglow
         )
         sighting = Sighting(frames, detection, figure, aiding)
-        fix, _ = self._estimator.fix(sighting)
+        # Where a frame is doubtful the fix is not OK, and a search follows.
+        fix = self._estimator.judged(sighting).fix
         fix, detection = self._estimator.prefer_separated(sighting, fix)
         if not fix.ok or fix.cameras_on_cone(views) != track.cameras:
             return None
