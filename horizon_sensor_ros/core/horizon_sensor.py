@@ -86,13 +86,8 @@ class HorizonSensor:
             [figure.view(view) for view in views],
             images,
             self._estimator.sphere,
-            nadir,
-            rho,
-            track.sees,
-            track.looks,
-            track.factors,
-            track.smears,
-            track.steepness,
+            (nadir, rho),
+            track.state,
         )
         if detection is None:
             return None

@@ -9,11 +9,8 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.limb.detection import Detection
-from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.edge.width import Smear
+from horizon_sensor_ros.core.limb.detection import Detection, LimbState
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
-from horizon_sensor_ros.core.status import Status
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,10 +19,7 @@ class Track:
 
     views : of that set. cameras : names of those whose limbs lie on one cone. nadir_base,
     rho_rad : its disc's cone. last_cone : those of the set before, None right after a search.
-    sees : whether each frame's camera saw the limb. looks : of its edge, one per frame, with
-    the air above it; empty where no model fits. factors : one per frame, by which it is reduced
-    where the limb is followed. smears : one per frame, motion's in it, None where there is
-    hardly any. steepness : of the limbs, when it was last asked whether motion smears them.
+    state : what the limb looked like.
     skies : one per frame, level and noise of empty space as the search measured them. layer_rad
     : height of airglow above the limb. airglow : whether it shows. age : sets since the search.
     """
@@ -34,11 +28,7 @@ class Track:
     cameras: tuple[str, ...]
     nadir_base: np.ndarray
     rho_rad: float
-    sees: tuple[bool, ...]
-    looks: tuple[tuple[EdgeLook, ...], ...]
-    factors: tuple[int, ...]
-    smears: tuple[Smear | None, ...]
-    steepness: tuple[np.ndarray, ...]
+    state: LimbState
     skies: tuple[LimbCandidates, ...]
     layer_rad: float
     airglow: bool
@@ -60,17 +50,12 @@ class Track:
             for c in detection.candidates
         )
         disc = fit.disc
-        sees = tuple(limb.status is Status.OK for limb in detection.limbs)
         return cls(
             tuple(views),
             cameras,
             disc.nadir,
             disc.rho_rad,
-            sees,
-            detection.looks,
-            detection.factors,
-            detection.smears,
-            detection.steepness,
+            detection.state,
             skies,
             detection.layer_rad,
             detection.airglow,
@@ -84,8 +69,7 @@ class Track:
             nadir_base=fit.disc.nadir,
             rho_rad=fit.disc.rho_rad,
             last_cone=(self.nadir_base, self.rho_rad),
-            looks=detection.looks,
-            steepness=detection.steepness,
+            state=replace(self.state, looks=detection.looks, steepness=detection.steepness),
             age=self.age + 1,
         )
 

@@ -27,6 +27,21 @@ _STRETCHES, _ON_COURSE_PX = 4, 0.6
 _SHORTEST_PX = 1.0  # length of glow that is told from the blur
 
 
+@dataclass(frozen=True, eq=False)
+class LimbState:
+    """What the limb looked like in simultaneous frames: what following it starts from.
+
+    One per frame, in order: sees : whether the frame shows the limb. looks, factors, smears,
+    steepness : as of `Detection`.
+    """
+
+    sees: tuple[bool, ...]
+    looks: tuple[tuple[EdgeLook, ...], ...]
+    factors: tuple[int, ...]
+    smears: tuple[Smear | None, ...]
+    steepness: tuple[np.ndarray, ...]
+
+
 @dataclass(frozen=True)
 class Detection:
     """The limb in each frame, and where the last pass of refinement looked for it.
@@ -65,6 +80,12 @@ class Detection:
     def limbs(self) -> tuple[LimbPoints, ...]:
         """Limb in each frame."""
         return tuple(seen.limb for seen in self.observations)
+
+    @property
+    def state(self) -> LimbState:
+        """What the limb looks like, to follow it from."""
+        sees = tuple(limb.status is Status.OK for limb in self.limbs)
+        return LimbState(sees, self.looks, self.factors, self.smears, self.steepness)
 
     def seen_by(self, views: Sequence[CameraView]) -> tuple[LimbObservation, ...]:
         """Return the observations by cameras that may have been stretched anew since."""

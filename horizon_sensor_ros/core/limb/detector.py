@@ -9,9 +9,8 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
-from horizon_sensor_ros.core.limb.detection import Detection
+from horizon_sensor_ros.core.limb.detection import Detection, LimbState
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.edge.width import Smear
 from horizon_sensor_ros.core.limb.haze.passes import follow_through_haze, look_through_haze
 from horizon_sensor_ros.core.limb.passes import (
     AGAIN,
@@ -103,53 +102,41 @@ def follow_limb(
     views: Sequence[CameraView],
     images: Sequence[np.ndarray],
     planet: Planet,
-    nadir_base: np.ndarray,
-    rho_rad: float,
-    sees: Sequence[bool],
-    looks: Sequence[tuple[EdgeLook, ...]],
-    factors: Sequence[int],
-    smears: Sequence[Smear | None],
-    steepness: Sequence[np.ndarray],
+    near: tuple[np.ndarray, float],
+    before: LimbState,
 ) -> Detection | None:
     """Find the limb again near a predicted one; None where the prediction is of no help.
 
-    sees : whether each frame's camera saw the limb. looks, factors, smears, steepness : as in the
-    last detection.
+    near : nadir (3,) and rho (rad) of the predicted cone. before : the limb in the last frames.
     The last passes of `detect_limb` around the predicted cone; where the limb lies farther off, or
     looks otherwise, a pass or two more, so that the answer is that of a search. Other cameras that
     see the limb than did, or an edge that no model fits and that a search may measure otherwise:
     None.
     """
-    if any(look.haze for kinds in looks for look in kinds):
-        near = nadir_base, rho_rad
-        through = follow_through_haze(views, images, planet, near, looks, factors)
-        return through if through is not None and _sees(through, sees) else None
+    if any(look.haze for kinds in before.looks for look in kinds):
+        through = follow_through_haze(views, images, planet, near, before.looks, before.factors)
+        return through if through is not None and through.state.sees == before.sees else None
     fresh: list[tuple[EdgeLook, ...]] = [()] * len(views)
-    attempts = ((looks, (NEARER, EXPECTED)), (fresh, (AGAIN, *FRESH)))
+    attempts = ((before.looks, (NEARER, EXPECTED)), (fresh, (AGAIN, *FRESH)))
     frames = [
         SizedFrame(image, factor, smear=smear)
-        for image, factor, smear in zip(images, factors, smears, strict=True)
+        for image, factor, smear in zip(images, before.factors, before.smears, strict=True)
     ]
     for start, steps in attempts:
-        found = look_for(views, frames, planet, (nadir_base, rho_rad), start, steps)
-        if not _sees(found, sees):
+        found = look_for(views, frames, planet, near, start, steps)
+        if found.state.sees != before.sees:
             separated = found.separated_only
-            if separated is None or not _sees(separated, sees):
+            if separated is None or separated.state.sees != before.sees:
                 continue
             found = separated
         if found.modelled and found.on_course:
-            if not smeared_alike(views, images, found, smears):
+            if not smeared_alike(views, images, found, before.smears):
                 return None
-            sharp = still_sharp(views, images, found, steepness, smears, start)
+            sharp = still_sharp(views, images, found, before.steepness, before.smears, start)
             if sharp is None:
                 return None
-            return misjudged(replace(found, smears=tuple(smears), steepness=sharp))
+            return misjudged(replace(found, smears=before.smears, steepness=sharp))
     return None
-
-
-def _sees(found: Detection, sees: Sequence[bool]) -> bool:
-    """Whether these cameras see the limb and no others."""
-    return [limb.status is Status.OK for limb in found.limbs] == list(sees)
 
 
 def _nothing(
