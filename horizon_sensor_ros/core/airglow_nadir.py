@@ -20,8 +20,8 @@ from horizon_sensor_ros.core.fits.moved import moved
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.airglow_edge import airglow_edge, sphere_of_airglow
-from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.stars import shows_stars
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.shared_error import bend_px, with_shared_error
 from horizon_sensor_ros.core.status import Status
@@ -56,18 +56,18 @@ def fit_airglow(
 
 def under_stars(
     views: Sequence[CameraView],
-    searched: Sequence[LimbCandidates],
+    working: Sequence[WorkingImage],
     airglow: HorizonFit,
     least: int = _LEAST_STARS,
 ) -> bool:
-    """Whether there are stars above what may be the airglow, in the search's images, at least so
-    many in one. By day, when there are none, edges of haze, ghosts and compression run beside the
+    """Whether there are stars above what may be the airglow, at least so many in one of the working
+    images. By day, when there are none, edges of haze, ghosts and compression run beside the
     limb as well.
     """
     used = [i for i, view in enumerate(views) if view.name in airglow.cameras]
     return shows_stars(
         [views[i] for i in used],
-        [searched[i] for i in used],
+        [working[i] for i in used],
         airglow.nadir_base,
         airglow.rho_rad,
         least,

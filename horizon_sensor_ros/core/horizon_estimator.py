@@ -197,7 +197,7 @@ class HorizonEstimator:
         figure = sighting.figure.aligned(layer.nadir_base)
         found = by_airglow_alone(
             [(frame.gray, figure.view(frame.view)) for frame in sighting.frames],
-            detection.candidates,
+            detection.working,
             (layer.nadir_base, layer.rho_rad),
             figure,
             self.config,
@@ -296,7 +296,7 @@ class HorizonEstimator:
         known = detection.layer_rad > 0.0 or detection.agreed is None
         if airglow is None or known:
             return airglow
-        return airglow if under_stars(sighting.views, detection.candidates, airglow) else None
+        return airglow if under_stars(sighting.views, detection.working, airglow) else None
 
     def _with_airglow(
         self,
@@ -367,12 +367,9 @@ class HorizonEstimator:
         ):
             if limb.status is not Status.OK:
                 continue
-            candidates = detection.candidates[i]
+            working = detection.working[i]
             evidence = sky_evidence(
-                candidates.reduced,
-                int(candidates.pitch_px),
-                candidates.space_level,
-                candidates.noise,
+                working,
                 view,
                 fit.nadir_base,
                 fit.rho_rad,
@@ -380,10 +377,10 @@ class HorizonEstimator:
                 detection.layer_rad,
             )
             found_px = len(limb.px) * limb.spacing_px if self.config.limb == "subpixel" else np.inf
-            space_share = candidates.space_level / full_scale(image)
+            space_share = working.space_level / full_scale(image)
             outside = detection.left_outside(i)
             reason = doubt(evidence, found_px, space_share, outside, self.config) or sun_artefact(
-                limb.px, candidates, view, fit.nadir_base, fit.rho_rad
+                limb.px, working, view, fit.nadir_base, fit.rho_rad
             )
             if reason:
                 doubts[i] = LimbPoints.none(Status.NO_LIMB, reason)

@@ -91,9 +91,11 @@ class HorizonSensor:
         )
         if detection is None:
             return None
-        samples = track.samples(images)
+        working = tuple(
+            before.sampled(image) for before, image in zip(track.working, images, strict=True)
+        )
         detection = replace(
-            detection, candidates=samples, layer_rad=track.layer_rad, airglow=track.airglow
+            detection, working=working, layer_rad=track.layer_rad, airglow=track.airglow
         )
         sighting = Sighting(frames, detection, figure, aiding)
         # Where a frame is doubtful the fix is not OK, and a search follows.

@@ -10,7 +10,7 @@ import numpy as np
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.detection import Detection, LimbState
-from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,9 +19,9 @@ class Track:
 
     views : of that set. cameras : names of those whose limbs lie on one cone. nadir_base,
     rho_rad : its disc's cone. last_cone : those of the set before, None right after a search.
-    state : what the limb looked like.
-    skies : one per frame, level and noise of empty space as the search measured them. layer_rad
-    : height of airglow above the limb. airglow : whether it shows. age : sets since the search.
+    state : what the limb looked like. working : the search's images of the frames, one per frame.
+    layer_rad : height of airglow above the limb. airglow : whether it shows. age : sets since the
+    search.
     """
 
     views: tuple[CameraView, ...]
@@ -29,7 +29,7 @@ class Track:
     nadir_base: np.ndarray
     rho_rad: float
     state: LimbState
-    skies: tuple[LimbCandidates, ...]
+    working: tuple[WorkingImage, ...]
     layer_rad: float
     airglow: bool
     last_cone: tuple[np.ndarray, float] | None = None
@@ -45,10 +45,6 @@ class Track:
     ) -> Track:
         """Track from a fit, with its disc, of what a search found. cameras : as of the track."""
         assert fit.disc is not None
-        skies = tuple(
-            LimbCandidates(pitch_px=c.pitch_px, space_level=c.space_level, noise=c.noise)
-            for c in detection.candidates
-        )
         disc = fit.disc
         return cls(
             tuple(views),
@@ -56,7 +52,7 @@ class Track:
             disc.nadir,
             disc.rho_rad,
             detection.state,
-            skies,
+            detection.working,
             detection.layer_rad,
             detection.airglow,
         )
@@ -93,13 +89,3 @@ class Track:
         # better than either: moved on together they stay so.
         ahead = 2.0 * (self.nadir_base @ nadir) * self.nadir_base - nadir
         return ahead, 2.0 * self.rho_rad - rho
-
-    def samples(self, images: Sequence[np.ndarray]) -> tuple[LimbCandidates, ...]:
-        """Sky and ground of new frames for their evidence: single pixels, not averaged ones."""
-        out = []
-        for sky, image in zip(self.skies, images, strict=True):
-            step = int(sky.pitch_px)
-            height, width = image.shape[0] // step, image.shape[1] // step
-            every = image[step // 2 :: step, step // 2 :: step][:height, :width]
-            out.append(replace(sky, reduced=every))
-        return tuple(out)

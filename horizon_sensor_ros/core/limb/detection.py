@@ -16,8 +16,8 @@ from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.width import Smear
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.search.air_layer import layer_height_m
-from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS, Consensus, RayCandidates
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.robust import median, stretches
@@ -49,8 +49,8 @@ class Detection:
     One per frame, in order:
     observations : the limb. looks : models of its edge; empty where none fits. factors : by which
     the frame was reduced for the last pass. smears : motion's in it, None where there is hardly
-    any. steepness : of the limb, when it was last asked whether motion smears it. candidates : the
-    search's edges, and the working image that `sky_evidence` looks at. separated : the limbs that
+    any. steepness : of the limb, when it was last asked whether motion smears it. working : the
+    frame in the size of the search, which evidence is looked for in. separated : the limbs that
     were separated from the glow above them (`LimbPoints.glow_separated`), where others were not;
     empty where all or none were.
 
@@ -63,7 +63,7 @@ class Detection:
     """
 
     observations: tuple[LimbObservation, ...]
-    candidates: tuple[LimbCandidates, ...] = ()
+    working: tuple[WorkingImage, ...] = ()
     consensus: Consensus = field(default_factory=lambda: Consensus(Status.NO_LIMB))
     nadir_base: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     rho_rad: float = np.nan

@@ -25,10 +25,7 @@ from horizon_sensor_ros.core.limb.passes import (
 )
 from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow
-from horizon_sensor_ros.core.limb.search.candidates import (
-    LimbCandidates,
-    space_boundary_candidates,
-)
+from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
     RayCandidates,
@@ -36,6 +33,7 @@ from horizon_sensor_ros.core.limb.search.selection import (
     limb_consensus,
     rays_of_candidates,
 )
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
 from horizon_sensor_ros.core.limb.smeared import (
     misjudged,
@@ -68,29 +66,30 @@ def detect_limb(
     to be the limb's, about which it is sought in all frames; by default the consensus of all. A
     camera that sees no limb comes back with its own status; if no consensus is found all do.
     """
-    candidates = tuple(
+    candidates = [
         space_boundary_candidates(image, mask=view.mask)
         for view, image in zip(views, images, strict=True)
-    )
+    ]
+    working = tuple(each.working for each in candidates)
     found = rays_of_candidates(views, candidates)
     if near is None:
         consensus = limb_consensus(found, rho_min_rad=rho_min_rad, rho_max_rad=rho_max_rad)
-        consensus = ground_under_airglow(views, candidates, found, consensus, planet)
+        consensus = ground_under_airglow(views, working, found, consensus, planet)
     else:
         consensus = consensus_about(found, *near)
     if consensus.status is not Status.OK:
-        return _nothing(views, candidates, consensus)
-    looked = _looked_for(views, images, planet, candidates, consensus)
+        return _nothing(views, working, consensus)
+    looked = _looked_for(views, images, planet, working, consensus)
     if near is None and not consensus.unanimous and consensus.layer_rad == 0.0:
-        below = _below_airglow(views, planet, candidates, found, looked)
+        below = _below_airglow(views, planet, working, found, looked)
         if below is not None:
             consensus = below
             if consensus.status is not Status.OK:
-                return _nothing(views, candidates, consensus)
-            looked = _looked_for(views, images, planet, candidates, consensus, FRESH)
+                return _nothing(views, working, consensus)
+            looked = _looked_for(views, images, planet, working, consensus, FRESH)
     return replace(
         looked,
-        candidates=candidates,
+        working=working,
         consensus=consensus,
         layer_rad=consensus.layer_rad,
         agreed=found.take(consensus.inliers),
@@ -140,17 +139,17 @@ def follow_limb(
 
 
 def _nothing(
-    views: Sequence[CameraView], candidates: tuple[LimbCandidates, ...], consensus: Consensus
+    views: Sequence[CameraView], working: tuple[WorkingImage, ...], consensus: Consensus
 ) -> Detection:
     """No limb in any frame, and why."""
     none = LimbPoints.none(consensus.status, consensus.reason)
-    return Detection(tuple(LimbObservation(view, none) for view in views), candidates, consensus)
+    return Detection(tuple(LimbObservation(view, none) for view in views), working, consensus)
 
 
 def _below_airglow(
     views: Sequence[CameraView],
     planet: Planet,
-    candidates: Sequence[LimbCandidates],
+    working: Sequence[WorkingImage],
     found: RayCandidates,
     looked: Detection,
 ) -> Consensus | None:
@@ -163,7 +162,7 @@ def _below_airglow(
     if not np.isfinite(looked.rho_rad):
         return None
     about = consensus_about(found, looked.nadir_base, looked.rho_rad)
-    below = ground_under_airglow(views, candidates, found, about, planet, refined=True)
+    below = ground_under_airglow(views, working, found, about, planet, refined=True)
     return None if below is about else below
 
 
@@ -171,7 +170,7 @@ def _looked_for(
     views: Sequence[CameraView],
     images: Sequence[np.ndarray],
     planet: Planet,
-    candidates: Sequence[LimbCandidates],
+    working: Sequence[WorkingImage],
     consensus: Consensus,
     steps: Sequence[RefinePass] = (SEARCH, *FRESH),
 ) -> Detection:
@@ -183,8 +182,8 @@ def _looked_for(
         if hazy is not None and not smeared_one_way(images, hazy):
             return hazy
         frames = [
-            SizedFrame(image, max(1, int(found.pitch_px) // 2), int(found.pitch_px))
-            for image, found in zip(images, candidates, strict=True)
+            SizedFrame(image, max(1, small.factor // 2), small.factor)
+            for image, small in zip(images, working, strict=True)
         ]
         looked = look_for(views, frames, planet, near, [()] * len(views), steps)
     return without_smear(views, images, planet, looked)

@@ -15,6 +15,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.robust import quantile, robust_sigma
 from horizon_sensor_ros.core.symmetric3 import solve
@@ -67,23 +68,19 @@ class SkyEvidence:
 
 
 def sky_evidence(
-    small: np.ndarray,
-    factor: int,
-    space_level: float,
-    noise: float,
+    working: WorkingImage,
     view: CameraView,
     nadir_base: np.ndarray,
     rho_rad: float,
     predicted: LimbCurve | None = None,
     layer_rad: float = 0.0,
 ) -> SkyEvidence:
-    """Look at both sides of a fitted limb in a reduced image.
+    """Look at both sides of a fitted limb in a working image.
 
-    small : the image reduced by `factor`: (h, w), float32 means, or single pixels of the frame's
-    type where the limb is followed. space_level, noise : of that image. predicted : the limb as it
-    was drawn before it was fitted; it will do where it lies near enough. layer_rad : how far above
-    the limb a layer of airglow lies; the sky begins beyond it.
+    predicted : the limb as it was drawn before it was fitted; it will do where it lies near enough.
+    layer_rad : how far above the limb a layer of airglow lies; the sky begins beyond it.
     """
+    small, factor, noise = working.gray, working.factor, working.noise
     curve = _limb(view, nadir_base, rho_rad, factor, predicted)
     px, normal_px = curve.px, curve.normal_px
     if view.mask is not None:
@@ -97,37 +94,37 @@ def sky_evidence(
     sky = _sky(small, factor, view, nadir_base, rho_rad + _LAYER * layer_rad)
     usable = None if view.mask is None else view.mask.reduced(factor)
     limb_px = curve.spacing_px * len(px)
-    told = _judged(small, space_level, usable, sides, sky, noise, limb_px)
+    told = _judged(working, usable, sides, sky, limb_px)
     if told.bright_sky < _HARDLY_BRIGHT and not told.clear_sky < _SURELY_CLEAR:
         return told
-    above = small - np.float32(space_level)
+    above = small - np.float32(working.space_level)
     sky_px = _grid(view.camera, *small.shape, factor)[0][sky]
     light = glare = _glare(above, sky_px, told.contrast * noise)
     if light is None:
         light = _stray_light(above, sky_px, told.contrast * noise, noise)
     if light is None:
         return told
-    without = _judged(above - light, 0.0, usable, sides, sky, noise, limb_px)
+    dark = replace(working, gray=above - light, space_level=0.0)
+    without = _judged(dark, usable, sides, sky, limb_px)
     # The Sun's streaks have edges of their own; what is taken for stray light, which has none, may
     # be ground.
     return replace(without, ground_beyond=0.0 if glare is not None else told.ground_beyond)
 
 
 def _judged(
-    small: np.ndarray,
-    space_level: float,
+    working: WorkingImage,
     usable: np.ndarray | None,
     sides: np.ndarray,
     sky: np.ndarray,
-    noise: float,
     limb_px: float,
 ) -> SkyEvidence:
-    """Evidence from an image (h, w) in which empty space has a level.
+    """Evidence from one image.
 
-    sides : (2, S, N) x and y of places beside the limb, in pixels from the image's corner, ground
-    first. sky : (M,) which pixels of
-    `_on_grid` lie outside the disc.
+    usable : (h, w) where it is not masked, None where nothing is. sides : (2, S, N) x and y of
+    places beside the limb, in pixels from the image's corner, ground first. sky : (M,) which pixels
+    of `_on_grid` lie outside the disc.
     """
+    small, space_level, noise = working.gray, working.space_level, working.noise
     within = (sides >= 0.0) & (sides < np.array(small.shape[::-1])[:, None, None])
     known = within[0] & within[1]
     x, y = np.where(known, sides, 0.0).astype(np.intp)

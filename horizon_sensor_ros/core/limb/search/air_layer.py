@@ -17,9 +17,9 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.selection import Consensus, RayCandidates
 from horizon_sensor_ros.core.limb.search.stars import shows_stars
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
@@ -51,7 +51,7 @@ _LEAST_COLUMNS = 7  # from which it is asked whether the air's band narrows alon
 
 def ground_under_airglow(
     views: Sequence[CameraView],
-    candidates: Sequence[LimbCandidates],
+    working: Sequence[WorkingImage],
     found: RayCandidates,
     consensus: Consensus,
     planet: Planet,
@@ -60,7 +60,7 @@ def ground_under_airglow(
 ) -> Consensus:
     """The consensus, moved to the ground's limb where it holds the airglow's edge for it.
 
-    candidates : those of every view, with their reduced images. refined : its cone was fitted to
+    working : images of every view. found : candidates in them. refined : its cone was fitted to
     edges: it knows nadir better than steps of depth do, and about it a layer looks alike all along.
     Where the layer is seen but no ground behind it: status POOR_FIT, and the cone and layer_rad of
     what would be the ground's limb.
@@ -74,7 +74,7 @@ def ground_under_airglow(
     depths = _DEPTHS_M * (scale / _LAYER_M)
     columns: list[np.ndarray] = []
     levels: list[np.ndarray] = []
-    for i, (view, seen) in enumerate(zip(views, candidates, strict=True)):
+    for i, (view, seen) in enumerate(zip(views, working, strict=True)):
         of_view = np.flatnonzero(consensus.inliers & (found.camera == i))
         if len(of_view) == 0:
             continue
@@ -92,7 +92,7 @@ def ground_under_airglow(
     if not levels:
         return consensus
     level = np.concatenate(levels)
-    noise = max(seen.noise for seen in candidates) / math.sqrt(_TOGETHER)
+    noise = max(seen.noise for seen in working) / math.sqrt(_TOGETHER)
     falls, crest, trough, at_trough = _crest_and_trough(level, noise, _DEPTHS_M)
     ground = np.maximum(_RISE * trough, trough + _SIGMAS * noise)
     layered = _is_layer(level, falls, crest)
@@ -106,13 +106,13 @@ def ground_under_airglow(
         num_together = np.count_nonzero(together)
         if num_together >= _SHARE * len(level) or (
             num_together >= _SHARE_BY_NIGHT * len(level)
-            and _starry(views, candidates, consensus, scale)
+            and _starry(views, working, consensus, scale)
         ):
             rays = _rays(found.rays[np.concatenate(columns)[together]], consensus, depths)
             cone = None
             if not refined:
                 cone = _cone(rays[np.arange(len(rays)), at[together]], consensus, scale)
-            if cone is None and _starry(views, candidates, consensus, scale):
+            if cone is None and _starry(views, working, consensus, scale):
                 # The layer is about the same nadir, wherever the ground was found along it.
                 below = float(np.median(depths[at[together]]))
                 cone = consensus.nadir_base, consensus.rho_rad - below
@@ -121,7 +121,7 @@ def ground_under_airglow(
         _is_twilight(found.rays[middle], seen, consensus.nadir_base)
         for middle, seen in zip(columns, levels, strict=True)
     )
-    if not (dawns or layered) or not _starry(views, candidates, consensus, scale):
+    if not (dawns or layered) or not _starry(views, working, consensus, scale):
         return consensus
     if dawns:
         return Consensus(Status.POOR_FIT, "twilight: lit air over ground that is dark")
@@ -152,12 +152,12 @@ def _bundled(columns: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def _starry(
     views: Sequence[CameraView],
-    candidates: Sequence[LimbCandidates],
+    working: Sequence[WorkingImage],
     consensus: Consensus,
     depth_rad: float,
 ) -> bool:
     """Whether stars above the layer show an exposure for the night."""
-    return shows_stars(views, candidates, consensus.nadir_base, consensus.rho_rad + depth_rad)
+    return shows_stars(views, working, consensus.nadir_base, consensus.rho_rad + depth_rad)
 
 
 def _is_layer(level: np.ndarray, falls: np.ndarray, crest: np.ndarray) -> bool:
@@ -201,9 +201,9 @@ def _rays(rays: np.ndarray, consensus: Consensus, depths: np.ndarray) -> np.ndar
     return np.cos(angle)[:, None] * nadir + np.sin(angle)[:, None] * across[:, None, :]
 
 
-def _levels(view: CameraView, seen: LimbCandidates, rays: np.ndarray) -> np.ndarray:
+def _levels(view: CameraView, seen: WorkingImage, rays: np.ndarray) -> np.ndarray:
     """Gray levels (N, D) above space along rays (N, D, 3); NaN outside the frame and its mask."""
-    small, factor = seen.reduced, int(seen.pitch_px)
+    small, factor = seen.gray, seen.factor
     px = view.camera.pixels((rays @ view.rot_base_from_cam).reshape(-1, 3))
     with np.errstate(invalid="ignore"):
         px = np.floor((px + 0.5) / factor)
