@@ -13,7 +13,6 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.figure import MeanSphere
 from horizon_sensor_ros.core.fits.assessment import tangent_rows
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.moved import moved
@@ -97,7 +96,7 @@ def cone_of_airglow(
     bends = (bend_px(found, one.rays) / one.limb.coherent_px for one in on_it if len(one.rays))
     if any(bend > most_bend for bend in bends):
         return None
-    return with_shared_error(found, on_it, MeanSphere(layer, "geocentric")), on_it
+    return with_shared_error(found, on_it, layer), on_it
 
 
 def _of_layer(seen: LimbObservation, found: HorizonFit) -> LimbObservation:

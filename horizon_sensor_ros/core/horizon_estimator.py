@@ -17,6 +17,7 @@ from horizon_sensor_ros.core.airglow_alone import by_airglow_alone
 from horizon_sensor_ros.core.airglow_nadir import fit_airglow, under_stars, with_airglow
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.common_cone import nearest_to_cones
 from horizon_sensor_ros.core.figure import (
     Disc,
     Figure,
@@ -326,9 +327,14 @@ class HorizonEstimator:
     def _with_errors(
         self, fit: HorizonFit, observations: Sequence[LimbObservation], figure: Figure
     ) -> HorizonFit:
-        """Return the fit with all that may be wrong with observations in its covariance."""
-        shared = with_shared_error(fit, observations, figure)
-        return self._with_calibration_error(shared, observations)
+        """Return the fit with all that may be wrong with observations in its covariance; moved to
+        the cone that is nearest to all cameras' cones, where each has one.
+        """
+        nearest = nearest_to_cones(fit, observations, figure.sphere)
+        # What points of the cones share is in the covariance of these already.
+        fit = with_shared_error(fit, observations, figure.sphere) if nearest is None else nearest
+        cov = fit.cov_nadir_altitude + figure.covariance(fit, observations)
+        return self._with_calibration_error(replace(fit, cov_nadir_altitude=cov), observations)
 
     def _with_calibration_error(
         self, fit: HorizonFit, observations: Sequence[LimbObservation]

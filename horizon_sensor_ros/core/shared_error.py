@@ -10,8 +10,6 @@ from functools import lru_cache
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.common_cone import nearest_to_cones
-from horizon_sensor_ros.core.figure import Figure
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude, tangent_rows
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
@@ -23,26 +21,19 @@ from horizon_sensor_ros.core.symmetric3 import inverse
 _STRETCHES = 6
 _NEGLIGIBLE = 0.02  # shared variance over the points' own that is not worth adding
 _MEDIAN_VARIANCE = np.pi / 2.0  # of a median of normal errors, over that of their mean
+_NOT_A_LIMB_PX = 9.0  # bend of a limb to which no distance can be told: no limb bends so far
 _SURE = 2.0  # times the points' own variance: what chance makes of it
 
 
 def with_shared_error(
-    fit: HorizonFit, observations: Sequence[LimbObservation], figure: Figure
+    fit: HorizonFit, observations: Sequence[LimbObservation], sphere: Planet
 ) -> HorizonFit:
-    """Add to a fit's covariance the errors that points share, and those of the planet's figure.
+    """Add to a fit's covariance the errors that points share.
 
     Of each camera: what stretches of its limb have in common (`LimbPoints.coherent_px`), or the
-    errors of the cone that its points lie on (`LimbPoints.cone_errors`). Where all cameras have
-    such cones the estimate itself changes too: nadir, rho and altitude move to the cone that is
-    nearest to theirs (`nearest_to_cones`).
+    errors of the cone that its points lie on (`LimbPoints.cone_errors`).
     """
-    nearest = nearest_to_cones(fit, observations, figure.sphere)
-    if nearest is None:
-        cov = _with_shared(fit, observations, figure.sphere)
-    else:
-        fit, cov = nearest, nearest.cov_nadir_altitude
-    cov = cov + figure.covariance(fit, observations)
-    return replace(fit, cov_nadir_altitude=cov)
+    return replace(fit, cov_nadir_altitude=_with_shared(fit, observations, sphere))
 
 
 def bend_px(fit: HorizonFit, rays: LimbRays) -> float:
@@ -57,7 +48,7 @@ def _bend_px(rays: LimbRays, nadir_base: tuple[float, ...], rho_rad: float) -> f
     residual = rays.residuals_px(nadir, rho_rad)[rays.along_limb(nadir)]
     medians = [median(part) for part in stretches(residual, _STRETCHES)]
     bend = math.sqrt(sum(middle * middle for middle in medians) / _STRETCHES)
-    return bend if bend < math.inf else 9.0
+    return bend if bend < math.inf else _NOT_A_LIMB_PX
 
 
 def _with_shared(
