@@ -53,10 +53,12 @@ from horizon_sensor_ros.core.status import Status
 
 # The fit weighs points by their own errors only. Where the points of one camera share a much larger
 # error than those of another, the joint fit may be worse than the better camera alone. That camera
-# is used alone where its sigma is below this share of the joint one: in general, and where its limb
-# was separated from the glow beside cameras with edges found one by one (in 24 such pairs it was
-# nearer to the truth in 21). Where all limbs were separated they are weighed by shared errors too.
-_SURER, _SURER_IN_GLOW = 0.5, 0.95
+# is used alone where its sigma of nadir is below this share of the joint one. Where all limbs were
+# separated from their glow they are weighed by shared errors too, and this is not asked.
+_SURER = 0.5  # in general
+# Where its limb was separated from the glow, and the others' edges were found one by one: in 24
+# such simulated pairs it was nearer to the truth in 21.
+_SURER_IN_GLOW = 0.95
 # Edges in glow lie too high, by more than they claim. In simulated scenes a fix of separated limbs
 # is nearer to the truth up to this multiple of the sigma of the fix with edges.
 _NOT_LESS_SURE = 1.5

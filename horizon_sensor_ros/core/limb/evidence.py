@@ -21,23 +21,27 @@ from horizon_sensor_ros.core.robust import quantile, robust_sigma
 from horizon_sensor_ros.core.symmetric3 import solve
 
 _SKY_STEPS_PX = np.array([5.0, 7.0, 10.0, 14.0])  # outwards from the limb, working pixels
-_GROUND_STEPS_PX = np.array([-2.0, -4.0, -7.0])
+_GROUND_STEPS_PX = np.array([-2.0, -4.0, -7.0])  # inwards, likewise
 _UNEVEN_PX = 5.0  # by which an edge beyond the limb comes nearer, from where on it is no layer's
 _LAYER = 1.2  # top of a layer of airglow, over its height
 _LIMB_STEP_PX = 3.0  # from one look at the limb to the next, working pixels
-_GRID_STEP = 6  # working pixels
+_GRID_STEP = 6  # from one look at the sky to the next, working pixels
 _SKY_MARGIN_PX = 8.0  # air glow above the limb is left out
-# Sky that is as clear as this leaves nothing to explain by glare.
-_SURELY_CLEAR, _HARDLY_BRIGHT = 0.9, 0.1
+# Sky that is as clear as this leaves nothing to explain by glare or stray light.
+_SURELY_CLEAR = 0.9  # share of the sky at the level of space, at least
+_HARDLY_BRIGHT = 0.1  # share of the limb beside bright sky, at most
 _RING_PX = 10.0  # width of the rings about the Sun, working pixels
-# What the Sun floods: so many working pixels at least, within so many of its middle (a star, a lamp
-# or the Moon less), and at most such a share of the sky.
-_LEAST_SUN_PX, _NEAR_SUN_PX, _LARGEST_SUN = 120, 20, 0.15
-# Of the contrast, from which on the sky's brighter side is no stray light: as a rule, and where
-# nearly all of the sky lies on one plane within its noise, as no ground does.
-_MOST_SLOPE, _MOST_EVEN_SLOPE = 0.3, 0.6
-_EVEN_SIGMAS, _EVEN_SHARE = 3.0, 0.95
-_SLOPE_ROUNDS, _LEAST_SKY = 6, 40
+# What the Sun floods; a star, a lamp or the Moon is smaller.
+_LEAST_SUN_PX = 120  # working pixels that are flooded near its middle, at least
+_NEAR_SUN_PX = 20  # working pixels from its middle, right and down, which count as near
+_LARGEST_SUN = 0.15  # share of the sky that it may flood
+# Stray light rises along a plane: how high at most, over the contrast between ground and space.
+_MOST_SLOPE = 0.3  # as a rule
+_MOST_EVEN_SLOPE = 0.6  # where nearly all of the sky is on the plane, as no ground is
+_EVEN_SIGMAS = 3.0  # of noise, within which a place of the sky is on it
+_EVEN_SHARE = 0.95  # of the sky: nearly all
+_SLOPE_ROUNDS = 6  # of the robust fit of that plane
+_LEAST_SKY = 40  # places in the sky that it takes
 _MASK_CLEARANCE_PX = 11.0  # nearer to a mask, pixels of the full image, no limb is looked for
 
 

@@ -16,16 +16,22 @@ from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 
 # The largest disc that was taken for a planet where there was only the Sun: from 9000 km.
 LARGEST_RAD = math.radians(24.5)
-# Where ground and sky are looked at, working pixels from the limb, sky no nearer than so many scale
-# heights of air; and how much of a planet's light there is still beyond its edge: .02 at most of
-# 450 simulated ones and in photographs of the whole Earth.
-_GROUND_PX, _SKY_PX, _SCALE_HEIGHTS = (-1.5, -3.0), 2.5, 4.0
-_MOST_BEYOND, _SIGMAS = 0.1, 3.0
-# The Sun is brighter than what it lights, larger than a star or a lamp (working pixels), and leaves
-# dark where it stands so far below the horizon. Of the limb that may be a tenth. Inside a ring
-# about it, so far towards the middle, it is as dark as that; no planet's lit limb is so thin.
-_BRIGHTER, _LEAST_SUN_PX, _DARK, _MOST_DARK = 1.4, 30, math.sin(math.radians(-6.0)), 0.1
-_INWARDS, _HOLLOW = 0.3, 0.3
+# Where ground and sky beside an edge are looked at, working pixels outwards.
+_GROUND_PX = -1.5, -3.0
+_SKY_PX = 2.5
+_SCALE_HEIGHTS = 4.0  # of air: the sky is looked at no nearer than so many
+# Light that is still there beyond the edge, over the step: of 450 simulated planets, and of the
+# whole Earth in photographs, .02 at most.
+_MOST_BEYOND = 0.1
+_SIGMAS = 3.0  # of noise, which that has to be above as well
+# The Sun in the frame.
+_BRIGHTER = 1.4  # than what it lights, at least
+_LEAST_SUN_PX = 30  # working pixels of it, at least; a star or a lamp has fewer
+_DARK = math.sin(math.radians(-6.0))  # sine of its height, below which it leaves ground dark
+_MOST_DARK = 0.1  # share of a planet's edge that shows though the Sun leaves it dark
+# A ring about the Sun is dark inside; no planet's lit limb is so thin.
+_INWARDS = 0.3  # of the radius: so far inside the edge it is asked
+_HOLLOW = 0.3  # brightness there over the step, less than
 
 
 def sun_artefact(

@@ -25,28 +25,35 @@ from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
 
 _LAYER_M = 95e3  # height of the layer; depths below its edge are counted in this height's scale
-# Places along the limb that are looked at, a camera, and the neighbours whose mean counts as one:
-# a faint layer is hardly more than a pixel's noise.
-_COLUMNS, _TOGETHER = 48, 4
-_GLANCE, _PERHAPS = 24, 0.5  # places that a first look takes; share of them that asks for more
-_DEPTHS_M = np.arange(-12e3, 156e3, 6e3)
-_CREST_M, _TROUGH_M = 45e3, (20e3, 110e3)  # where each is looked for
-_FALL, _RISE = 0.75, 1.25  # the trough over the crest, the ground over the trough
+# A column is the brightness straight down from one place of the edge.
+_COLUMNS = 48  # a camera
+_TOGETHER = 4  # neighbours whose mean counts as one: a faint layer is hardly more than noise
+_GLANCE = 24  # columns of a first look, at fewer depths
+_PERHAPS = 0.5  # share of those columns that must fall again, for a closer look
+_DEPTHS_M = np.arange(-12e3, 156e3, 6e3)  # below the edge; negative ones are above it
+_CREST_M = 45e3  # depth down to which a column's crest, its brightest place, is looked for
+_TROUGH_M = 20e3, 110e3  # depths between which its darkest place behind that is looked for
+_FALL = 0.75  # brightness of the trough over the crest's, at most
+_RISE = 1.25  # brightness of the ground over the trough's, at least
 _SIGMAS = 6.0  # of noise that make a difference
-_APART_M = 14e3  # how far the ground may lie from the middle of where it does
-# Of the columns, from which it is a layer (cloud: a third, two thirds at most); less by night, when
-# parts of the craft may hide it.
-_SHARE, _SHARE_BY_NIGHT = 0.7, 0.6
-# Behind its crest the layer fades in all columns alike: between these depths at least to such a
-# share, and within so much of the crest as in most of the others.
-_FADES_M, _FADED, _ALIKE = (25e3, 70e3), 0.85, 0.14
-# Beside the dawn air is lit above ground that is not: a band that ends at so much of its crest,
-# between such depths, and along the limb nearer and nearer to the edge (by rank correlation), in
-# most columns, those behind which the ground is no brighter than such a share. Wedges of cloud
-# beside the limb, which end nearer or less evenly, do so in one of 500 frames.
-_BAND_ENDS, _BAND_M, _NARROWS = 0.75, (33e3, 84e3), 0.95
-_GROUND, _DARK_SHARE = 0.6, 0.5
-_LEAST_COLUMNS = 7  # from which it is asked whether the air's band narrows along the limb
+_SAME_DEPTH_M = 14e3  # by which the depth of ground in a column may be off the median one
+# Share of the columns with ground at one depth from which the edge is a layer's; cloud's are a
+# third, two thirds at most.
+_SHARE = 0.7
+_SHARE_BY_NIGHT = 0.6  # where stars show, and parts of the craft may hide some
+# Behind its crest the layer fades in all columns alike.
+_FADES_M = 25e3, 70e3  # depths between which it does
+_FADED = 0.85  # brightness at the deeper one over that at the other, at most
+_ALIKE = 0.14  # of the crest, by which a column may differ from the median one
+# Beside the dawn air is lit above ground that is not: a bright band, which is thinner the farther
+# it is from the Sun. Wedges of cloud beside the limb, which end nearer to the edge or less evenly,
+# are like it in one of 500 frames.
+_BAND_ENDS = 0.75  # of the crest: darker than this, a column is below the band
+_BAND_M = 33e3, 84e3  # depth of its end where it is thinnest, more than; and thickest, more than
+_NARROWS = 0.95  # rank correlation of that depth with the place along the limb, more than
+_GROUND = 0.6  # brightness of dark ground over the crest's, at most
+_DARK_SHARE = 0.5  # of the columns, behind which ground must be dark
+_LEAST_COLUMNS = 7  # with dark ground, likewise
 
 
 def ground_under_airglow(
@@ -102,7 +109,7 @@ def ground_under_airglow(
     rises = falls & risen.any(axis=1)
     at = risen.argmax(axis=1)
     if np.count_nonzero(rises) > 0.5 * len(level):
-        together = rises & (np.abs(_DEPTHS_M[at] - np.median(_DEPTHS_M[at[rises]])) <= _APART_M)
+        together = rises & (np.abs(_DEPTHS_M[at] - np.median(_DEPTHS_M[at[rises]])) <= _SAME_DEPTH_M)
         num_together = np.count_nonzero(together)
         if num_together >= _SHARE * len(level) or (
             num_together >= _SHARE_BY_NIGHT * len(level)

@@ -31,7 +31,9 @@ from horizon_sensor_ros.core.limb.texture.fitted_limb import limb_in_raster
 from horizon_sensor_ros.core.limb_points import SharedError
 from horizon_sensor_ros.core.robust import median
 
-INNER_PX, OUTER_PX = 6.0, 7.0  # the part of a profile that is used
+# The part of a profile that is used, pixels from the predicted edge into the planet and into space.
+INNER_PX = 6.0
+OUTER_PX = 7.0
 _BESIDE_PX = (-2.0, -1.0)  # where the planet beside the edge is seen
 _SPACE_PX = 2.5  # from where on space is
 _WINDOW = 0.03  # over the planet's radius; along so much limb the texture is the same
@@ -47,7 +49,8 @@ _STEP_VARIANCE = 0.5  # over that of a pixel of a profile: two of them are besid
 _SHARED = ground_texture.by_kind(0.75, 2.4)
 # Rough texture that changes brightness by nearly as much as there is of it moves all of a limb by
 # more than to first order: as measured.
-_BY_CONTRAST, _MOST_CONTRAST = 5.0, 0.7
+_BY_CONTRAST = 5.0  # growth of that move with the contrast: deviation of brightness over its median
+_MOST_CONTRAST = 0.7  # from where on it grows no more
 # Of brightness's deviation along the limb over the noise: no ground follows the textures' law more
 # finely. With less noise errors stay, as measured down to .4 DN, what they are with 2 DN.
 _MOST_TEXTURE = 64.0
