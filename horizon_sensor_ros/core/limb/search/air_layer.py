@@ -13,6 +13,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -74,65 +76,46 @@ def ground_under_airglow(
     """
     if consensus.status is not Status.OK:
         return consensus
-    apparent = planet.altitude_from_rho(consensus.rho_rad)
-    sine = np.sin(consensus.rho_rad)
-    above_m = apparent + _LAYER_M / sine
-    scale = consensus.rho_rad - planet.rho_from_altitude(above_m)
-    depths = _DEPTHS_M * (scale / _LAYER_M)
-    columns: list[np.ndarray] = []
-    levels: list[np.ndarray] = []
-    for i, (view, seen) in enumerate(zip(views, working, strict=True)):
-        of_view = np.flatnonzero(consensus.inliers & (found.camera == i))
-        if len(of_view) == 0:
-            continue
-        for count, thin in ((_GLANCE, 3), (_COLUMNS, 1)):
-            some = of_view[np.linspace(0, len(of_view) - 1, count).astype(np.intp)]
-            level = _levels(view, seen, _rays(found.rays[some], consensus, depths[::thin]))
-            whole = np.isfinite(level).all(axis=1)
-            middle, level = _bundled(some[whole], level[whole])
-            noise = seen.noise / math.sqrt(_TOGETHER)
-            falls = _crest_and_trough(level, noise, _DEPTHS_M[::thin])[0]
-            if count == _GLANCE and np.count_nonzero(falls) < _PERHAPS * max(len(falls), 4):
-                return consensus
-        columns.append(middle)
-        levels.append(level)
-    if not levels:
+    layer_rad = _layer_rad(consensus, planet)
+    depths = _DEPTHS_M * (layer_rad / _LAYER_M)
+    columns = _columns(views, working, found, consensus, depths)
+    if not columns:
         return consensus
-    level = np.concatenate(levels)
+    places = np.concatenate([column.places for column in columns])
+    level = np.concatenate([column.level for column in columns])
     noise = max(seen.noise for seen in working) / math.sqrt(_TOGETHER)
     falls, crest, trough, at_trough = _crest_and_trough(level, noise, _DEPTHS_M)
-    ground = np.maximum(_RISE * trough, trough + _SIGMAS * noise)
     layered = _is_layer(level, falls, crest)
     if refined and not layered:
         return consensus
-    risen = (_DEPTHS_M[at_trough][:, None] < _DEPTHS_M) & (level > ground[:, None])
-    rises = falls & risen.any(axis=1)
-    at = risen.argmax(axis=1)
-    if np.count_nonzero(rises) > 0.5 * len(level):
-        together = rises & (np.abs(_DEPTHS_M[at] - np.median(_DEPTHS_M[at[rises]])) <= _SAME_DEPTH_M)
-        num_together = np.count_nonzero(together)
-        if num_together >= _SHARE * len(level) or (
-            num_together >= _SHARE_BY_NIGHT * len(level)
-            and _starry(views, working, consensus, scale)
-        ):
-            rays = _rays(found.rays[np.concatenate(columns)[together]], consensus, depths)
-            cone = None
-            if not refined:
-                cone = _cone(rays[np.arange(len(rays)), at[together]], consensus, scale)
-            if cone is None and _starry(views, working, consensus, scale):
-                # The layer is about the same nadir, wherever the ground was found along it.
-                below = float(np.median(depths[at[together]]))
-                cone = consensus.nadir_base, consensus.rho_rad - below
-            return consensus if cone is None else _moved(consensus, cone, scale)
+
+    @cache
+    def starry() -> bool:
+        """Whether stars above the layer show an exposure for the night."""
+        return shows_stars(views, working, consensus.nadir_base, consensus.rho_rad + layer_rad)
+
+    ground = _ground_behind(level, falls, trough, at_trough, noise)
+    shown = ground >= 0
+    num, num_all = int(np.count_nonzero(shown)), len(level)
+    if num > 0 and (num >= _SHARE * num_all or (num >= _SHARE_BY_NIGHT * num_all and starry())):
+        rays = _rays(found.rays[places[shown]], consensus, depths)
+        cone = None
+        if not refined:
+            cone = _cone(rays[np.arange(len(rays)), ground[shown]], consensus, layer_rad)
+        if cone is None and starry():
+            # The layer is about the same nadir, wherever the ground was found along it.
+            below = float(np.median(depths[ground[shown]]))
+            cone = consensus.nadir_base, consensus.rho_rad - below
+        return consensus if cone is None else _moved(consensus, cone, layer_rad)
     dawns = any(
-        _is_twilight(found.rays[middle], seen, consensus.nadir_base)
-        for middle, seen in zip(columns, levels, strict=True)
+        _is_twilight(found.rays[column.places], column.level, consensus.nadir_base)
+        for column in columns
     )
-    if not (dawns or layered) or not _starry(views, working, consensus, scale):
+    if not (dawns or layered) or not starry():
         return consensus
     if dawns:
         return Consensus(Status.POOR_FIT, "twilight: lit air over ground that is dark")
-    no_ground = _moved(consensus, (consensus.nadir_base, consensus.rho_rad - scale), scale)
+    no_ground = _moved(consensus, (consensus.nadir_base, consensus.rho_rad - layer_rad), layer_rad)
     reason = "a layer of airglow, and no ground behind it"
     return replace(no_ground, status=Status.POOR_FIT, reason=reason)
 
@@ -149,22 +132,75 @@ def layer_height_m(edge: RayCandidates, cone: tuple[np.ndarray, float], planet: 
     return planet.radius_m * (sine / math.sin(rho) - 1.0)
 
 
+def _layer_rad(consensus: Consensus, planet: Planet) -> float:
+    """Angle from the ground's limb up to the layer's edge, if the consensus is of that edge."""
+    apparent = planet.altitude_from_rho(consensus.rho_rad)
+    above_m = apparent + _LAYER_M / np.sin(consensus.rho_rad)
+    return consensus.rho_rad - planet.rho_from_altitude(above_m)
+
+
+class _Columns(NamedTuple):
+    """Brightness straight down from the edge in one camera's frame.
+
+    places : (M,) of the columns, by number among the candidates' rays. level : (M, D) gray levels
+    above space at `_DEPTHS_M`.
+    """
+
+    places: np.ndarray
+    level: np.ndarray
+
+
+def _columns(
+    views: Sequence[CameraView],
+    working: Sequence[WorkingImage],
+    found: RayCandidates,
+    consensus: Consensus,
+    depths: np.ndarray,
+) -> list[_Columns]:
+    """Columns of every camera that sees the edge; none where a glance at a few of one camera tells
+    that no layer is there. depths : (D,) angles below the edge.
+    """
+    out = []
+    for i, (view, seen) in enumerate(zip(views, working, strict=True)):
+        of_view = np.flatnonzero(consensus.inliers & (found.camera == i))
+        if len(of_view) == 0:
+            continue
+        for count, thin in ((_GLANCE, 3), (_COLUMNS, 1)):
+            some = of_view[np.linspace(0, len(of_view) - 1, count).astype(np.intp)]
+            level = _levels(view, seen, _rays(found.rays[some], consensus, depths[::thin]))
+            whole = np.isfinite(level).all(axis=1)
+            places, level = _bundled(some[whole], level[whole])
+            if count == _GLANCE:
+                noise = seen.noise / math.sqrt(_TOGETHER)
+                falls = _crest_and_trough(level, noise, _DEPTHS_M[::thin])[0]
+                if np.count_nonzero(falls) < _PERHAPS * max(len(falls), 4):
+                    return []
+        out.append(_Columns(places, level))
+    return out
+
+
+def _ground_behind(
+    level: np.ndarray, falls: np.ndarray, trough: np.ndarray, at_trough: np.ndarray, noise: float
+) -> np.ndarray:
+    """Where (N,) among `_DEPTHS_M` columns (N, D) rise again behind their troughs, at a depth that
+    most of them have in common; -1 where one does not, and in all where fewer than half do at all.
+    """
+    bright = np.maximum(_RISE * trough, trough + _SIGMAS * noise)
+    risen = (_DEPTHS_M[at_trough][:, None] < _DEPTHS_M) & (level > bright[:, None])
+    rises = falls & risen.any(axis=1)
+    if np.count_nonzero(rises) <= 0.5 * len(level):
+        return np.full(len(level), -1)
+    at = risen.argmax(axis=1)
+    off_m = np.abs(_DEPTHS_M[at] - np.median(_DEPTHS_M[at[rises]]))
+    return np.where(rises & (off_m <= _SAME_DEPTH_M), at, -1)
+
+
 def _bundled(columns: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Middle ones (M,) of columns (N,), `_TOGETHER` each, and means (M, D) of their levels."""
     num = len(columns) // _TOGETHER
     used = num * _TOGETHER
     means = level[:used].reshape(num, _TOGETHER, level.shape[1]).mean(axis=1)
     return columns[_TOGETHER // 2 : used : _TOGETHER], means
-
-
-def _starry(
-    views: Sequence[CameraView],
-    working: Sequence[WorkingImage],
-    consensus: Consensus,
-    depth_rad: float,
-) -> bool:
-    """Whether stars above the layer show an exposure for the night."""
-    return shows_stars(views, working, consensus.nadir_base, consensus.rho_rad + depth_rad)
 
 
 def _is_layer(level: np.ndarray, falls: np.ndarray, crest: np.ndarray) -> bool:
