@@ -103,6 +103,20 @@ def refusal(
     Returns status and reason, for a person.
     """
     estimate = fit if estimate is None else estimate
+    return (
+        _of_altitude(estimate, layer_m, config)
+        or _of_residual(fit, observations, config)
+        or _of_edges(fit, observations, alone, layered)
+        or _of_glow(fit, glow_over_usual)
+        or _of_sigma(estimate, config)
+        or _of_cameras(fit, observations)
+    )
+
+
+def _of_altitude(
+    estimate: HorizonFit, layer_m: float, config: HorizonConfig
+) -> tuple[Status, str] | None:
+    """`refusal` by where the airglow and the camera would be."""
     if math.isfinite(layer_m) and not _LAYER_HEIGHTS_M[0] < layer_m < _LAYER_HEIGHTS_M[1]:
         return (
             Status.POOR_FIT,
@@ -114,31 +128,64 @@ def refusal(
             f"altitude {estimate.altitude_m / 1e3:.0f} km is outside "
             f"{config.altitude_min_m / 1e3:.0f} to {config.altitude_max_m / 1e3:.0f} km",
         )
+    return None
+
+
+def _of_residual(
+    fit: HorizonFit, observations: Sequence[LimbObservation], config: HorizonConfig
+) -> tuple[Status, str] | None:
+    """`refusal` by how far points lie off the cone; larger frames may have more pixels of it."""
     width = max(observation.view.camera.width for observation in observations)
     limit_px = config.max_residual_px * max(1.0, width / 640.0)
     if not fit.rms_residual_px <= limit_px:
         return Status.POOR_FIT, f"residual {fit.rms_residual_px:.2f} px, above {limit_px:.2f}"
+    return None
+
+
+def _of_edges(
+    fit: HorizonFit,
+    observations: Sequence[LimbObservation],
+    alone: Sequence[HorizonFit],
+    layered: bool,
+) -> tuple[Status, str] | None:
+    """`refusal` by edges that bend, or scatter, as no limb's do."""
     for observation in observations if fit.method == METHOD else ():
-        rays = gather([observation])
         if not _to_be_held(observation, fit):
             continue
         bends = _bends(observation, _by_itself(observation, alone) or fit)
         if bends:
             return Status.POOR_FIT, bends
-        scatter_px = fit.rms_residual_px / median(rays.sigma_px)
+        scatter = fit.rms_residual_px / median(gather([observation]).sigma_px)
         held_by_nothing = not (observation.limb.modelled or len(fit.cameras) > 1 or layered)
-        if held_by_nothing and scatter_px > _MOST_SCATTER:
+        if held_by_nothing and scatter > _MOST_SCATTER:
             name = observation.view.name
             return Status.POOR_FIT, f"the edge in {name} follows no model of one, and hardly a limb"
+    return None
+
+
+def _of_glow(fit: HorizonFit, glow_over_usual: float) -> tuple[Status, str] | None:
+    """`refusal` of one camera by how far out its glow reaches."""
     if glow_over_usual > _MOST_GLOW and len(fit.cameras) < 2:
         return (
             Status.POOR_FIT,
             f"cloud, not a limb: what glows beyond the edge in {fit.cameras[0]} fades over "
             f"{glow_over_usual:.0f} times the length of air",
         )
+    return None
+
+
+def _of_sigma(estimate: HorizonFit, config: HorizonConfig) -> tuple[Status, str] | None:
+    """`refusal` by how well nadir is known."""
     sigma = nadir_sigma_rad(estimate)
     if not sigma <= config.max_nadir_sigma_rad:
         return Status.UNCERTAIN, f"nadir is known to {np.degrees(sigma):.2f} deg only"
+    return None
+
+
+def _of_cameras(
+    fit: HorizonFit, observations: Sequence[LimbObservation]
+) -> tuple[Status, str] | None:
+    """`refusal` of several cameras by a limb that lies off their common cone."""
     if len(fit.cameras) < 2:
         return None
     for observation in observations:

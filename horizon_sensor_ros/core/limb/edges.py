@@ -151,46 +151,43 @@ def limb_of_edges(
 
     steepest : where brightness falls most steeply. uneven : glow is known to change fast along it.
     """
-    places, good, model_free = edges.places, edges.good, edges.model_free
-    clipped = sample.clipped
-    of_clipping = _NOTHING_SHARED
-    if clipped.any() and not any(look.glow_px > 0 for look in looks):
-        places, of_clipping = _with_clipped(sample, clipped, places)
-        good = (good & ~clipped) | (clipped & believable(places))
+    given = bool(looks)
+    places, good, of_clipping = _with_feet(sample, edges, looks)
     num_good = int(np.count_nonzero(good))
     if num_good < MIN_PROFILES:
         reason = f"{num_good} of {len(good)} profiles across the limb show an edge"
         return LimbPoints.none(Status.NO_LIMB, reason), ()
-    apart = (places.offset_px - steepest.offset_px)[good & believable(steepest)]
+    moved_px = (places.offset_px - steepest.offset_px)[good & believable(steepest)]
     jumps_px = scatter_px(steepest.offset_px[good])
     profiles, px, normal_px = sample.profiles, sample.px, sample.normal_px
     if num_good < len(profiles):
         places, profiles = places.take(good), profiles[good]
         px, normal_px = px[good], normal_px[good]
-    given = bool(looks)
     if step.guess and not given:
         looks = guess_looks(profiles, sample.grid.d_px, places)
     glow_px = max((look.glow_px for look in looks), default=0.0)
     glows = glow_px > 0.0
     shared = edges.shared
-    if glows or model_free:
-        coherent = _COHERENT_PX[(glows, model_free)]
+    if glows or edges.model_free:
+        coherent = _COHERENT_PX[(glows, edges.model_free)]
         if glows:
             length_px = usual_length_px(view, rho_rad, step.factor)
-            coherent = _under_glow(coherent, length_px, None if model_free else apart)
+            coherent = _under_glow(coherent, length_px, None if edges.model_free else moved_px)
         else:
             coherent = min(coherent, scatter_px(places.offset_px))
         if step.contour and 0.0 < glow_px <= _LONGEST_CONTOUR_PX:
+            along = sample.bundles.middle[good]
+            pitch_rad = pixel_rad_across(view, px, normal_px)
             # Edges without a model lie the farther out, the darker the ground.
-            alike = {"shared_px": coherent} if model_free else {}
+            alike = {"shared_px": coherent} if edges.model_free else {}
             contour = contour_limb(
                 profiles,
                 sample.grid.d_px,
                 places,
                 sample.noise,
-                sample.bundles.middle[good],
+                along,
                 normal_px,
-                pixel_rad_across(view, px, normal_px),
+                pitch_rad,
                 **alike,
             )
             if contour is not None:
@@ -200,18 +197,32 @@ def limb_of_edges(
         if uneven:
             coherent *= _UNEVEN_GLOW
         shared = SharedError(coherent, _SHIFT * coherent, _SLOPE * coherent)
-    blur_px, steepness = np.nan, np.empty(0)
-    if not glows:
-        blur_px = np.nan if model_free else sample.factor * looks[0].psf_px
-        steepness = _steepness(_falls(profiles), sample.grid)
     shared = shared.besides(of_clipping)
-    points = _points(sample, px, normal_px, places, shared, jumps_px, steepness, blur_px)
-    if given and model_free and not glows:
-        points = replace(points, modelled=False)
+    no_model = given and edges.model_free
     if glows:
-        height_px = _CLIPPED_HEIGHT * float(np.mean(clipped)) * usual_length_px(view, rho_rad)
+        points = _points(sample, px, normal_px, places, shared, jumps_px, np.empty(0), np.nan)
+        overexposed = float(np.mean(sample.clipped))
+        height_px = _CLIPPED_HEIGHT * overexposed * usual_length_px(view, rho_rad)
         points = replace(points, height_px=height_px)
-    return points, () if given and model_free else tuple(looks)
+    else:
+        steepness = _steepness(_falls(profiles), sample.grid)
+        blur_px = np.nan if edges.model_free else sample.factor * looks[0].psf_px
+        points = _points(sample, px, normal_px, places, shared, jumps_px, steepness, blur_px)
+        points = replace(points, modelled=not no_model)
+    return points, () if no_model else tuple(looks)
+
+
+def _with_feet(
+    sample: LimbSample, edges: LimbEdges, looks: Sequence[EdgeLook]
+) -> tuple[EdgePlaces, np.ndarray, SharedError]:
+    """Places of edges (M,), which of them are good, and the error that clipped ones share: without
+    glow these are placed by their feet.
+    """
+    clipped = sample.clipped
+    if not clipped.any() or any(look.glow_px > 0 for look in looks):
+        return edges.places, edges.good, _NOTHING_SHARED
+    places, shared = _with_clipped(sample, clipped, edges.places)
+    return places, (edges.good & ~clipped) | (clipped & believable(places)), shared
 
 
 def _under_glow(coherent_px: float, length_px: float, apart_px: np.ndarray | None) -> float:
