@@ -12,7 +12,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.calibration_error import with_calibration_error
-from horizon_sensor_ros.core.fits.assessment import tangent_rows
+from horizon_sensor_ros.core.fits.assessment import birge_factor, tangent_rows
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
@@ -62,8 +62,8 @@ def with_contradiction(
     The fit is unchanged and the words are empty where all agree within `_CONTRADICTION` sigmas, or
     where there are fewer than two.
     Nothing tells which camera is wrong. A difference in altitude, which no mounting explains,
-    multiplies the covariance by its chi squared (Birge, Phys. Rev. 40 (1932) 207). What nadirs
-    differ by beyond that is added as a mounting error of each camera.
+    multiplies the covariance by its chi squared (`birge_factor`). What nadirs differ by beyond that
+    is added as a mounting error of each camera.
     """
     pairs = [_Difference(pair, observations, sphere) for pair in combinations(alone, 2)]
     # The exact distance takes longer, and is hardly ever the larger one.
@@ -71,7 +71,8 @@ def with_contradiction(
     worst = max(pairs, key=lambda pair: pair.chi2, default=None)
     if worst is None or not worst.chi2 > _CONTRADICTION**2:
         return fit, ""
-    birge = worst.chi2_altitude() if worst.chi2_altitude() > _OF_ALTITUDE**2 else 1.0
+    unlikely = worst.chi2_altitude() > _OF_ALTITUDE**2
+    birge = birge_factor(worst.chi2_altitude(), 1) if unlikely else 1.0
     fit = replace(fit, cov_nadir_altitude=birge * fit.cov_nadir_altitude)
     turned_rad = worst.turned_rad(birge)
     fit = with_calibration_error(fit, observations, sphere, mounting_sigma_rad=turned_rad)

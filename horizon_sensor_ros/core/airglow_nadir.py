@@ -13,7 +13,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.fits.assessment import tangent_rows
+from horizon_sensor_ros.core.fits.assessment import birge_factor, tangent_rows
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.moved import moved
 from horizon_sensor_ros.core.fits.observation import LimbObservation
@@ -117,8 +117,8 @@ def with_airglow(
     common : (4, 4) part of the fit's covariance that is the airglow's as well, of cameras and
     planet: it does not tell the two apart, and stays. The minimum-variance update of a Gaussian
     estimate (Kalman 1960); on a short arc altitude hangs together with nadir, and gains. Where the
-    two are farther apart than they claim that grows (Birge, Phys. Rev. 40 (1932) 207). Unchanged
-    where no limb would be seen from there.
+    two are farther apart than they claim that grows (`birge_factor`). Unchanged where no limb would
+    be seen from there.
     """
     basis = tangent_basis(fit.nadir_base)
     to_tangent = tangent_rows(basis)
@@ -127,6 +127,6 @@ def with_airglow(
     apart = basis.T @ (airglow.nadir_base - fit.nadir_base)
     weight = np.linalg.inv(own[:2, :2] + theirs)
     gain = own[:, :2] @ weight
-    birge = max(1.0, 0.5 * float(apart @ weight @ apart))
+    birge = birge_factor(float(apart @ weight @ apart), 2)
     cov = to_tangent.T @ (birge * (own - gain @ own[:2])) @ to_tangent + common
     return moved(fit, to_tangent.T @ (gain @ apart), cov, sphere) or fit

@@ -84,7 +84,7 @@ class LimbPoints:
         """Whether limb and glow were separated by a joint fit: then the limb is the ground's."""
         return self.cone_errors is not None
 
-    def misjudged(self, times: float) -> LimbPoints:
+    def with_shared_errors_times(self, times: float) -> LimbPoints:
         """The same points with all errors that they share multiplied by `times`."""
         errors = self.cone_errors
         return replace(

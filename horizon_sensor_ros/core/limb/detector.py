@@ -36,10 +36,10 @@ from horizon_sensor_ros.core.limb.search.selection import (
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
 from horizon_sensor_ros.core.limb.smeared import (
-    misjudged,
     smeared_alike,
     smeared_one_way,
     still_sharp,
+    with_smear_error,
     without_smear,
 )
 from horizon_sensor_ros.core.limb_curve import limb_in_sight
@@ -134,7 +134,7 @@ def follow_limb(
             sharp = still_sharp(views, images, found, before.steepness, before.smears, start)
             if sharp is None:
                 return None
-            return misjudged(replace(found, smears=before.smears, steepness=sharp))
+            return with_smear_error(replace(found, smears=before.smears, steepness=sharp))
     return None
 
 

@@ -67,17 +67,17 @@ def without_smear(
             found.observations, images, smears, factors, strict=True
         )
     ]
-    return misjudged(replace(found, observations=tuple(usable), smears=tuple(smears)))
+    return with_smear_error(replace(found, observations=tuple(usable), smears=tuple(smears)))
 
 
-def misjudged(found: Detection) -> Detection:
+def with_smear_error(found: Detection) -> Detection:
     """Multiply the shared errors of smeared limbs by `_MISJUDGED`, as simulated ones need it."""
     if any(found.smears):
         # How far a fit of limb and glow is misled by a smear is known of all limbs together.
         found = replace(found, separated=())
     return found.with_limbs(
         [
-            limb.misjudged(_MISJUDGED) if smear else limb
+            limb.with_shared_errors_times(_MISJUDGED) if smear else limb
             for limb, smear in zip(found.limbs, found.smears, strict=True)
         ]
     )
