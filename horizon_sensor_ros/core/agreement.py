@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.calibration_error import with_calibration_error
+from horizon_sensor_ros.core.covariance.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.fits.assessment import birge_factor, tangent_rows
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood

@@ -13,25 +13,19 @@ import numpy as np
 
 from horizon_sensor_ros.core.agreement import each_alone, with_contradiction
 from horizon_sensor_ros.core.aiding import Aiding
-from horizon_sensor_ros.core.airglow_alone import by_airglow_alone
-from horizon_sensor_ros.core.airglow_nadir import fit_airglow, under_stars, with_airglow
-from horizon_sensor_ros.core.calibration_error import with_calibration_error
+from horizon_sensor_ros.core.airglow.alone import by_airglow_alone
+from horizon_sensor_ros.core.airglow.nadir import fit_airglow, under_stars, with_airglow
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.common_cone import nearest_to_cones
-from horizon_sensor_ros.core.figure import (
-    Disc,
-    Figure,
-    MeanSphere,
-    StretchedEllipsoid,
-    mean_sphere,
-)
+from horizon_sensor_ros.core.covariance.calibration_error import with_calibration_error
+from horizon_sensor_ros.core.covariance.common_cone import nearest_to_cones
+from horizon_sensor_ros.core.covariance.hidden_air import hidden_air_sigma_m
+from horizon_sensor_ros.core.covariance.shared_error import with_shared_error
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.known_altitude import with_altitude
 from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD as MAXIMUM_LIKELIHOOD
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.hidden_air import hidden_air_sigma_m
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix, told_by
 from horizon_sensor_ros.core.judgement import (
@@ -48,7 +42,13 @@ from horizon_sensor_ros.core.limb.evidence import sky_evidence
 from horizon_sensor_ros.core.limb.night import by_night
 from horizon_sensor_ros.core.limb.sun_artefact import sun_artefact
 from horizon_sensor_ros.core.limb_points import LimbPoints
-from horizon_sensor_ros.core.shared_error import with_shared_error
+from horizon_sensor_ros.core.planet_figure import (
+    Disc,
+    Figure,
+    MeanSphere,
+    StretchedEllipsoid,
+    mean_sphere,
+)
 from horizon_sensor_ros.core.status import Status
 
 # The fit weighs points by their own errors only. Where the points of one camera share a much larger

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.figure import Disc, disc_of
 from horizon_sensor_ros.core.fits.assessment import inliers, root_mean_square
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.planet_figure import Disc, disc_of
 from horizon_sensor_ros.core.status import Status
 
 _LESS_SURE = "the other camera is surer without it"

@@ -10,13 +10,13 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
-from horizon_sensor_ros.core.figure import Disc
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Sighting
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_search import HorizonSearch
 from horizon_sensor_ros.core.limb.detector import follow_limb
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.planet_figure import Disc
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.track import Track
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.covariance.shared_error import bend_px
 from horizon_sensor_ros.core.fits.assessment import MIN_POINTS
 from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
@@ -15,7 +16,6 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.limb.evidence import SkyEvidence
 from horizon_sensor_ros.core.robust import median
-from horizon_sensor_ros.core.shared_error import bend_px
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.symmetric3 import largest_eigenvalue
 

@@ -9,8 +9,8 @@ import pytest
 from limb_samples import PINHOLE, observe, turned, view_at_limb
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.calibration_error import with_calibration_error
-from horizon_sensor_ros.core.common_cone import cone_shares, nearest_to_cones
+from horizon_sensor_ros.core.covariance.calibration_error import with_calibration_error
+from horizon_sensor_ros.core.covariance.common_cone import cone_shares, nearest_to_cones
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation

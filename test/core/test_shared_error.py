@@ -9,9 +9,9 @@ import pytest
 from limb_samples import PINHOLE, observe, view_at_limb
 
 from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.covariance.shared_error import with_shared_error
 from horizon_sensor_ros.core.fits import LimbObservation, fit_horizon
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.shared_error import with_shared_error
 
 NADIR, PLANET = np.array([0.0, 0.0, 1.0]), Planet()
 RHO_RAD = PLANET.rho_from_altitude(800e3)

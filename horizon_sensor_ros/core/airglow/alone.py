@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.airglow_nadir import cone_of_airglow, under_stars
-from horizon_sensor_ros.core.calibration_error import with_calibration_error
+from horizon_sensor_ros.core.airglow.nadir import cone_of_airglow, under_stars
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.figure import Figure
+from horizon_sensor_ros.core.covariance.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
@@ -26,6 +25,7 @@ from horizon_sensor_ros.core.limb.airglow_edge import (
 from horizon_sensor_ros.core.limb.search.stars import NIGHT_STARS
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.planet_figure import Figure
 
 # Without the ground nothing else says that it is a layer. In 40 photographs from the ISS in which
 # it is .85 and more of it lay on the cone, and bent by .8 at most; beside twilight and structure

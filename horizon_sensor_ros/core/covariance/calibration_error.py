@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.common_cone import cone_shares
+from horizon_sensor_ros.core.covariance.common_cone import cone_shares
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
