@@ -37,11 +37,11 @@ def draw_fix(frames: tuple[Frame, ...], fix: HorizonFix) -> np.ndarray:
     """Return the frames side by side, (H, W, 3) uint8 BGR, with what was found in them.
 
     Each is 640 to 800 pixels wide and up to 1600 high, with black beside frames of other shapes.
-    Yellow dots: limb points, some of them. Vermillion crosses:
-    points that the fit threw away. Sky blue: the fitted limb, dashed where no point supports it.
-    White dots: where a limb that is followed was expected from the fixes before. White arrow:
-    towards nadir (a cross where nadir is in the frame). Purple, in the corner: nadir's one-sigma
-    ellipse as the camera sees it. Above: status and reason.
+    Yellow dots: limb points, some of them. Vermillion crosses: points that the fit threw away. Sky
+    blue: the fitted limb, dashed where no point supports it. Bluish green dashes: the airglow's
+    upper edge, where nadir is by that too. White dots: where a limb that is followed was expected
+    from the fixes before. White arrow: towards nadir (a cross where nadir is in the frame). Purple,
+    in the corner: nadir's one-sigma ellipse as the camera sees it. Above: status and reason.
     """
     tiles = [_Tile(frame, limb, fix).draw() for frame, limb in zip(frames, fix.limbs, strict=True)]
     height = max(tile.shape[0] for tile in tiles)
@@ -108,7 +108,7 @@ class _Tile:
         edge = replace(disc, nadir=airglow.nadir_base, rho_rad=airglow.rho_rad)
         px = edge.limb_px(self._view, _LIMB_SAMPLES)
         for run in _runs(self._view.camera.in_frame(px), self._near(px)):
-            for colour, width in ((_BLACK, 3), (SKY_BLUE, 1)):
+            for colour, width in ((_BLACK, 3), (BLUISH_GREEN, 1)):
                 self._dash(px[run], colour, width)
 
     def _dash(self, px: np.ndarray, colour: tuple[int, int, int], width: int) -> None:
