@@ -49,17 +49,19 @@ _MASK_CLEARANCE_PX = 11.0  # nearer to a mask, pixels of the full image, no limb
 class SkyEvidence:
     """One camera's evidence about a fitted limb.
 
-    limb_px : length of the predicted limb in the frame, where not masked. bright_sky : share of it
-    whose outer side is bright.
-    lit_limb : share of it whose inner side is brighter than space. clear_sky : share of the frame
-    outside the disc that is at the level of space; NaN when less than 1 % of the frame lies
-    outside. contrast : gray levels from space to the planet beside the limb, over the noise.
-    dark_ground : behind the lit part of the limb, share of the ground that is at the level of
-    space; between a night side's lamps it is. ground_beyond : share of the limb beyond which there
-    is ground up to an edge that does not keep its distance, as a layer of air does; at most twice
-    the share where that edge is in sight, which a part of the craft's is not.
-    The Sun's glare counts neither as planet nor as sky; nor does stray light, which makes one side
-    of the sky a little brighter than the other (twilight and moonlight do, on long exposures).
+    Along the limb: limb_px : its length in the frame, where not masked. bright_sky : share of it
+    whose outer side is bright. lit_limb : share of it whose inner side is brighter than space.
+    ground_beyond : share of it that has something bright beyond it which looks like ground: it ends
+    in an edge whose distance from the limb changes, as that of a layer of air does not. Where that
+    edge is out of sight, as a part of the craft's may be, it counts only up to as much of the limb
+    again as where it is in sight.
+    Inside: contrast : gray levels from space to the planet beside the limb, over the noise.
+    dark_ground : behind the lit part of the limb, share of the ground that is as dark as space; it
+    is large between the lamps of a night side.
+    Outside: clear_sky : share of the frame outside the disc that is at the level of space; NaN when
+    less than 1 % of the frame lies outside.
+    Taken off before that: the Sun's glare, and stray light, which makes one side of the sky a
+    little brighter than the other, as twilight and moonlight do on long exposures.
     """
 
     limb_px: float

@@ -1,11 +1,15 @@
 """The night's airglow, a bright layer some 95 km above the ground, taken for the limb; and dawn.
 
-By night the outermost edge is that layer's upper side. What gives it away: behind the edge the
-brightness falls again, and rises once more where the ground begins, all along the limb at the same
-height. Cloud does not keep its distance from the limb; the ground does. Where no ground shows, the
-layer is told from daylit air over dark sea by the stars above it, and by being the same all along
-the limb. Beside the dawn the air is lit, and the ground is not: how high it is lit goes with the
-distance to the Sun, so that its edge is no limb.
+By night the outermost edge in a frame may be the upper side of that layer. Columns of brightness,
+straight down from places along the edge, tell which it is:
+
+- **Airglow above ground**: brightness reaches a crest, falls again to a trough, and rises once more
+  where the ground begins. The ground does so at the same depth all along the limb; clouds, which
+  may look so too, do not.
+- **Airglow alone**: no ground shows. Air lit by day over dark sea looks alike, but then there are
+  no stars above it; and the layer fades alike in all columns.
+- **Dawn**: the air is lit and the ground below is not. The lit band is thinner the farther it is
+  from the Sun, so that its edge is no limb.
 """
 
 from __future__ import annotations

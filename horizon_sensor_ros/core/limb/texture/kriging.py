@@ -83,13 +83,17 @@ class Stretches:
 
 @dataclass(frozen=True)
 class _Tables:
-    """For each of S textures, and profiles over the noise.
+    """What solves profiles of J samples, over their noise, for each of S textures.
 
-    weights (3 J, 2 S) : of a profile with its two neighbours, for ``e step`` and for ``w step``
-    where w is what the blur lacks; sigma, widening_sigma (S,) : of these. textured (S,) : the part
-    of sigma that is the texture's. lean (S,) : by which w moves e. residual (J, S J) : whitened
-    residual projectors of one profile whose edge is known; log_det (S,). slope, widening (J,) :
-    derivatives of a unit step by e and w; rise : what there is of it beside the edge.
+    Two unknowns of an edge are solved for: e, its distance from the predicted place, and w, by
+    which its blur is wider than expected, both in pixels and times the step over the noise.
+    weights : (3 J, 2 S) by which a profile between its two neighbours is multiplied for e (first S
+    columns) and w (the others). sigma, widening_sigma : (S,) of e for a known w, and of w.
+    textured : (S,) the part of sigma that the texture causes. lean : (S,) change of e with w.
+    residual : (J, S J) takes one profile, less its edge, to what no level and background explain,
+    whitened: its square is the cost. log_det : (S,) of the covariances that this is whitened by.
+    slope, widening : (J,) derivatives of a unit step by e and w. rise : mean of a unit step at
+    `_BESIDE_PX`, where steps are measured.
     """
 
     weights: np.ndarray
