@@ -21,6 +21,8 @@ from horizon_sensor_ros.core.planet_figure import Disc, disc_of
 # Blue, green, red.
 SKY_BLUE, YELLOW, VERMILLION = (233, 180, 86), (66, 228, 240), (0, 94, 213)
 BLUISH_GREEN, PURPLE = (115, 158, 0), (167, 121, 204)
+# Lighter than theirs, which beside purple looks too much like it to some.
+LIGHT_GREEN = (120, 200, 0)
 _WHITE, _BLACK, _GRAY = (255, 255, 255), (0, 0, 0), (180, 180, 180)
 
 # Smaller frames are drawn larger, and larger ones smaller: lines and letters stay readable.
@@ -38,7 +40,7 @@ def draw_fix(frames: tuple[Frame, ...], fix: HorizonFix) -> np.ndarray:
 
     Each is 640 to 800 pixels wide and up to 1600 high, with black beside frames of other shapes.
     Yellow dots: limb points, some of them. Vermillion crosses: points that the fit threw away. Sky
-    blue: the fitted limb, dashed where no point supports it. Bluish green dashes: the airglow's
+    blue: the fitted limb, dashed where no point supports it. Light green dashes: the airglow's
     upper edge, where nadir is by that too. White dots: where a limb that is followed was expected
     from the fixes before. White arrow: towards nadir (a cross where nadir is in the frame). Purple,
     in the corner: nadir's one-sigma ellipse as the camera sees it. Above: status and reason.
@@ -108,7 +110,7 @@ class _Tile:
         edge = replace(disc, nadir=airglow.nadir_base, rho_rad=airglow.rho_rad)
         px = edge.limb_px(self._view, _LIMB_SAMPLES)
         for run in _runs(self._view.camera.in_frame(px), self._near(px)):
-            for colour, width in ((_BLACK, 3), (BLUISH_GREEN, 1)):
+            for colour, width in ((_BLACK, 3), (LIGHT_GREEN, 1)):
                 self._dash(px[run], colour, width)
 
     def _dash(self, px: np.ndarray, colour: tuple[int, int, int], width: int) -> None:

@@ -30,7 +30,7 @@ from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet_figure import disc_of
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.debug_image import (
-    BLUISH_GREEN,
+    LIGHT_GREEN,
     PURPLE,
     SKY_BLUE,
     VERMILLION,
@@ -86,7 +86,7 @@ def test_points_and_limb_are_drawn_where_they_are(pair: tuple[Frames, HorizonFix
             assert distance_px(frame.view, fix, drawn).max() < 5.0
         assert len(places(tile, PURPLE, top=60)) > 50
     strip = picture[:30]
-    assert len(places(strip, BLUISH_GREEN)) > 500
+    assert len(places(strip, LIGHT_GREEN)) > 500
     assert len(places(strip, VERMILLION)) == 0
 
 
@@ -124,7 +124,7 @@ def test_the_airglows_edge_is_drawn_where_the_fix_is_by_it_too(
     picture = draw_fix(frames, replace(fix, airglow=above))[:, :640]
     layer = replace(fix.fit, disc=replace(disc_of(fix.fit), rho_rad=above.rho_rad))
     # Each in its own colour.
-    for fit, colour in ((fix.fit, SKY_BLUE), (layer, BLUISH_GREEN)):
+    for fit, colour in ((fix.fit, SKY_BLUE), (layer, LIGHT_GREEN)):
         drawn = places(picture, colour, top=60)
         assert len(drawn) > 50
         assert (distance_px(frames[0].view, replace(fix, fit=fit), drawn) < 5.0).all()
@@ -266,7 +266,7 @@ DICHROMATS = {
 
 @pytest.mark.parametrize("eyes", DICHROMATS)
 def test_colours_for_the_colour_blind(eyes: str) -> None:
-    colours = [YELLOW, SKY_BLUE, BLUISH_GREEN, VERMILLION, PURPLE, (255, 255, 255)]
+    colours = [YELLOW, SKY_BLUE, LIGHT_GREEN, VERMILLION, PURPLE, (255, 255, 255)]
     rgb = (np.array(colours, float)[:, ::-1] / 255) ** 2.2
     seen = np.clip(rgb @ np.array(DICHROMATS[eyes]).T, 0, 1) ** (1 / 2.2)
     lab = cv2.cvtColor(seen[None].astype(np.float32), cv2.COLOR_RGB2LAB)[0]
