@@ -41,7 +41,7 @@ _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that m
 # texture; beside ground as even as this there is none to take out.
 _FINE_PSF_PX, _EVEN = 0.6, 0.006
 _STRETCHES = 6
-_APART_SHARE = 0.75  # of what separates two kinds of edge along the limb, as measured beside truth
+_MOVED_SHARE = 0.75  # of what a model moves stretches by unequally, as measured beside truth
 _CALM, _CALM_PX = 3.0, 0.2  # jumps from profile to profile: over those without a model, and at all
 # Jumps of the steepest fall from which on texture moves it, and no cone that fits it is near enough
 # to krige about.
@@ -225,15 +225,15 @@ def _with_feet(
     return places, (edges.good & ~clipped) | (clipped & believable(places)), shared
 
 
-def _under_glow(coherent_px: float, length_px: float, apart_px: np.ndarray | None) -> float:
+def _under_glow(coherent_px: float, length_px: float, moved_px: np.ndarray | None) -> float:
     """Error that neighbours share where air glows, so far up.
 
-    apart_px : (N,) how far a model moves edges from the steepest fall, along the limb.
+    moved_px : (N,) how far a model moves edges from the steepest fall, along the limb.
     """
-    if apart_px is not None and len(apart_px) >= MIN_PROFILES:
-        # Where these move apart along the limb, the model does not hold.
-        middles = [median(part) for part in np.array_split(apart_px, _STRETCHES)]
-        coherent_px = max(coherent_px, _APART_SHARE * float(np.std(middles)))
+    if moved_px is not None and len(moved_px) >= MIN_PROFILES:
+        # Where these differ along the limb, the model does not hold.
+        middles = [median(part) for part in np.array_split(moved_px, _STRETCHES)]
+        coherent_px = max(coherent_px, _MOVED_SHARE * float(np.std(middles)))
     return coherent_px * min(max(1.0, length_px / _FINE_PX), _FINEST)
 
 
