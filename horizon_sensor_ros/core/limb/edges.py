@@ -13,7 +13,7 @@ from horizon_sensor_ros.core.limb.edge.clipping import place_clipped_edges
 from horizon_sensor_ros.core.limb.edge.looks import guess_looks
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.places import place_edges
-from horizon_sensor_ros.core.limb.glow.contour import contour_limb
+from horizon_sensor_ros.core.limb.glow.contour import ContourLimb, contour_limb
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.profiles import (
     EdgePlaces,
@@ -157,7 +157,7 @@ def limb_of_edges(
     if num_good < MIN_PROFILES:
         reason = f"{num_good} of {len(good)} profiles across the limb show an edge"
         return LimbPoints.none(Status.NO_LIMB, reason), ()
-    moved_px = (places.offset_px - steepest.offset_px)[good & believable(steepest)]
+    edges_px = places.offset_px
     jumps_px = scatter_px(steepest.offset_px[good])
     profiles, px, normal_px = sample.profiles, sample.px, sample.normal_px
     if num_good < len(profiles):
@@ -169,27 +169,13 @@ def limb_of_edges(
     glows = glow_px > 0.0
     shared = edges.shared
     if glows or edges.model_free:
-        coherent = _COHERENT_PX[(glows, edges.model_free)]
-        if glows:
-            length_px = usual_length_px(view, rho_rad, step.factor)
-            coherent = _under_glow(coherent, length_px, None if edges.model_free else moved_px)
-        else:
-            coherent = min(coherent, scatter_px(places.offset_px))
+        moved_px = (edges_px - steepest.offset_px)[good & believable(steepest)]
+        length_px = usual_length_px(view, rho_rad, step.factor)
+        coherent = _coherent_px(places, glow_px, length_px, None if edges.model_free else moved_px)
         if step.contour and 0.0 < glow_px <= _LONGEST_CONTOUR_PX:
-            along = sample.bundles.middle[good]
-            pitch_rad = pixel_rad_across(view, px, normal_px)
             # Edges without a model lie the farther out, the darker the ground.
-            alike = {"shared_px": coherent} if edges.model_free else {}
-            contour = contour_limb(
-                profiles,
-                sample.grid.d_px,
-                places,
-                sample.noise,
-                along,
-                normal_px,
-                pitch_rad,
-                **alike,
-            )
+            shared_px = coherent if edges.model_free else None
+            contour = _contour(sample, good, places, view, shared_px)
             if contour is not None:
                 coherent = contour.coherent_px
                 places = contour.places(places)
@@ -212,6 +198,31 @@ def limb_of_edges(
     return points, () if no_model else tuple(looks)
 
 
+def _contour(
+    sample: LimbSample,
+    good: np.ndarray,
+    places: EdgePlaces,
+    view: CameraView,
+    shared_px: float | None,
+) -> ContourLimb | None:
+    """Contour of the glow above good edges, at their places (N,); good : (M,) of the sample.
+
+    shared_px : as of `contour_limb`, by default if None.
+    """
+    px, normal_px = sample.px[good], sample.normal_px[good]
+    alike = {} if shared_px is None else {"shared_px": shared_px}
+    return contour_limb(
+        sample.profiles[good],
+        sample.grid.d_px,
+        places,
+        sample.noise,
+        sample.bundles.middle[good],
+        normal_px,
+        pixel_rad_across(view, px, normal_px),
+        **alike,
+    )
+
+
 def _with_feet(
     sample: LimbSample, edges: LimbEdges, looks: Sequence[EdgeLook]
 ) -> tuple[EdgePlaces, np.ndarray, SharedError]:
@@ -225,11 +236,18 @@ def _with_feet(
     return places, (edges.good & ~clipped) | (clipped & believable(places)), shared
 
 
-def _under_glow(coherent_px: float, length_px: float, moved_px: np.ndarray | None) -> float:
-    """Error that neighbours share where air glows, so far up.
+def _coherent_px(
+    places: EdgePlaces, glow_px: float, length_px: float, moved_px: np.ndarray | None
+) -> float:
+    """Error that neighbouring edges share where air glows, so far up, or no model places them.
 
-    moved_px : (N,) how far a model moves edges from the steepest fall, along the limb.
+    glow_px : length over which the glow fades, 0 without any, and length_px : over which air
+    usually does. moved_px : (N,) how far a model moves edges from the steepest fall, along the
+    limb; None without a model.
     """
+    coherent_px = _COHERENT_PX[(glow_px > 0.0, moved_px is None)]
+    if glow_px == 0.0:
+        return min(coherent_px, scatter_px(places.offset_px))
     if moved_px is not None and len(moved_px) >= MIN_PROFILES:
         # Where these differ along the limb, the model does not hold.
         middles = [median(part) for part in np.array_split(moved_px, _STRETCHES)]
