@@ -147,8 +147,8 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     place, spread2, blur, open_px = _averaged(found, share, limb, tables)
     chi2 = _cost(scaled, place / over_step, blur / over_step, tables)
     misfit = (share * chi2).sum(axis=1) / (scaled.shape[1] - 3)
-    off_raster_px = _SHAPE_ERROR + PLACE_SIGMA_PX * limb.raster.size
-    misfit /= 1.0 + np.square(off_raster_px / over_step)
+    model_error = _SHAPE_ERROR + PLACE_SIGMA_PX * limb.raster.size
+    misfit /= 1.0 + np.square(model_error / over_step)
     place, spread2 = _without_raster(place, spread2, limb)
     # What weighs less moves the limb less.
     weight = good / spread2
