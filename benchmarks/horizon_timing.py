@@ -200,7 +200,7 @@ def _pairs(options: Options, searching: HorizonSensor) -> Table:
             again = copy(following)
             limbs = again.process(last).limbs
             followed += again.following
-            joint += all(limb.joint for limb in limbs)
+            joint += all(limb.glow_separated for limb in limbs)
             taken: dict[str, list[float]] = {stage: [] for stage in times}
             for _ in range(_REPEATS):
                 taken["canny"].append(_seconds(partial(canny_seconds, images)))

@@ -11,10 +11,10 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from figures.drawing import BLUE, ORANGE, SKY, save
-from horizon_sensor_ros.core.figure import disc_of
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb_curve import limb_curve
+from horizon_sensor_ros.core.planet_figure import disc_of
 from horizon_sensor_ros.sim.hard_scenes import hard_scenes
 
 _SCENES, _SEED, _SHOWN, _DARK = 60, 12, 3, 6

@@ -14,7 +14,7 @@ HORIZON = (
     ("core/camera.py", "pixels to rays, distortion"),
     ("core/limb/", "image to points of the limb"),
     ("core/fits/", "points to nadir, altitude"),
-    ("core/shared_error.py", "covariance"),
+    ("core/covariance/", "how sure that is"),
     ("core/judgement.py", "believe it, or say why not"),
 )
 TARGET = (

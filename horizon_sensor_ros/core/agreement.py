@@ -11,18 +11,18 @@ from itertools import combinations
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.calibration_error import with_calibration_error
-from horizon_sensor_ros.core.fits.assessment import tangent_rows
+from horizon_sensor_ros.core.covariance.calibration_error import with_calibration_error
+from horizon_sensor_ros.core.fits.assessment import birge_factor, tangent_rows
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
 
-# Sigmas from which on two cameras contradict each other: what they claim each by itself holds to
-# four in plain scenes, a little less in hard ones.
+# Sigmas beyond which two cameras contradict each other. What single cameras claim holds to four
+# sigma in plain scenes, to a little less in hard ones.
 _CONTRADICTION = 4.0
-_OF_ALTITUDE = 3.0  # the same of their altitudes, from which on these are enlarged for as well
+_OF_ALTITUDE = 3.0  # sigmas between their altitudes beyond which all variances are enlarged
 _HALVINGS = 30
 _MOST_TURNED_RAD = math.pi
 _STEPS, _CONVERGED = 10, 1e-3
@@ -56,22 +56,23 @@ def with_contradiction(
     observations: Sequence[LimbObservation],
     sphere: Planet,
 ) -> tuple[HorizonFit, str]:
-    """Return the fit of several cameras with what they contradict each other by in its covariance,
-    and that in words; none where they agree.
+    """Add to the covariance of a fit of several cameras what they contradict each other by.
 
-    alone : of each camera, as of `each_alone`. Unchanged where they agree within `_CONTRADICTION`
-    sigmas, or where there are not two.
-    Nothing tells which camera is wrong. What altitudes are apart by is no mounting's, and enlarges
-    the covariance by its chi squared (Birge, Phys. Rev. 40 (1932) 207). They are taken to be
-    mounted as badly as explains what nadir is apart by beyond that.
+    alone : one fit per camera, see `each_alone`. Returns the fit and the contradiction in words.
+    The fit is unchanged and the words are empty where all agree within `_CONTRADICTION` sigmas, or
+    where there are fewer than two.
+    Nothing tells which camera is wrong. A difference in altitude, which no mounting explains,
+    multiplies the covariance by its chi squared (`birge_factor`). What nadirs differ by beyond that
+    is added as a mounting error of each camera.
     """
-    pairs = [_Apart(pair, observations, sphere) for pair in combinations(alone, 2)]
+    pairs = [_Difference(pair, observations, sphere) for pair in combinations(alone, 2)]
     # The exact distance takes longer, and is hardly ever the larger one.
     pairs = [pair for pair in pairs if pair.linear_chi2() > _CONTRADICTION**2]
     worst = max(pairs, key=lambda pair: pair.chi2, default=None)
     if worst is None or not worst.chi2 > _CONTRADICTION**2:
         return fit, ""
-    birge = worst.chi2_altitude() if worst.chi2_altitude() > _OF_ALTITUDE**2 else 1.0
+    unlikely = worst.chi2_altitude() > _OF_ALTITUDE**2
+    birge = birge_factor(worst.chi2_altitude(), 1) if unlikely else 1.0
     fit = replace(fit, cov_nadir_altitude=birge * fit.cov_nadir_altitude)
     turned_rad = worst.turned_rad(birge)
     fit = with_calibration_error(fit, observations, sphere, mounting_sigma_rad=turned_rad)
@@ -80,13 +81,12 @@ def with_contradiction(
 
 @dataclass(frozen=True, eq=False)
 class _Arc:
-    """One camera's limb, by what it says of a cone: how far that lies off the limb in three
-    directions along it.
+    """One camera's limb, by how far a cone lies off it at three places along it.
 
-    These errors are the points' own, and add up evenly. In nadir and rho a short arc's are large
-    along a curve, off which it knows nadir a hundred times better: another estimate far along it
-    looks like a contradiction in their covariance.
-    rays : the three directions. cov : (3, 3) of the tangent components of the fit's nadir and rho.
+    In these three angles the errors are nearly Gaussian. In nadir and rho they are not: on a short
+    arc they lie along a curve, beside which nadir is known a hundred times better, so that another
+    estimate far along that curve looks like a contradiction.
+    rays : at the three places. cov : (3, 3) of nadir's tangent components and rho of the fit.
     """
 
     fit: HorizonFit
@@ -123,7 +123,7 @@ class _Arc:
 
 
 @dataclass(frozen=True, eq=False)
-class _Apart:
+class _Difference:
     """What separates two cameras' estimates, each by itself, of these limbs of a sphere."""
 
     fits: tuple[HorizonFit, HorizonFit]
@@ -131,8 +131,8 @@ class _Apart:
     sphere: Planet
 
     @cached_property
-    def apart(self) -> np.ndarray:
-        """(3,) by how much two components of nadir, and altitude, differ."""
+    def value(self) -> np.ndarray:
+        """Difference (3,): by how much two components of nadir, and altitude, differ."""
         one, other = self.fits
         nadir = other.nadir_base - one.nadir_base
         return self._to_tangent @ np.append(nadir, other.altitude_m - one.altitude_m)
@@ -148,11 +148,12 @@ class _Apart:
         return tangent_rows(tangent_basis(self.fits[0].nadir_base))
 
     def linear_chi2(self, turned_rad: float = 0.0, times: float = 1.0) -> float:
-        """Square of the distance in sigmas, as the covariances of nadir and altitude have it, if
-        these are `times` as large and each camera is turned by so much, one sigma.
+        """Chi squared of the difference by the covariances of nadir and altitude.
+
+        times : factor that enlarges these. turned_rad : one sigma of each camera's mounting.
         """
         cov = times * self.cov + 2.0 * turned_rad**2 * np.diag([1.0, 1.0, 0.0])
-        chi2 = float(self.apart @ np.linalg.solve(cov, self.apart))
+        chi2 = float(self.value @ np.linalg.solve(cov, self.value))
         return chi2 if chi2 < math.inf else 0.0
 
     @cached_property
@@ -161,7 +162,7 @@ class _Apart:
         arcs = [_Arc.of(fit, self.seen, self.sphere) for fit in self.fits]
         whiten = [arc.whitening() for arc in arcs]
         own = [arc.off(arc.fit.nadir_base, arc.fit.rho_rad) for arc in arcs]
-        # Where less is known the cone is the other's.
+        # Start from the camera that knows its cone better.
         start = min(self.fits, key=lambda fit: fit.cov_nadir_altitude.trace())
         nadir, rho = start.nadir_base, start.rho_rad
         best = math.inf
@@ -182,15 +183,15 @@ class _Apart:
 
     def chi2_altitude(self) -> float:
         """The same of the altitudes alone."""
-        return float(self.apart[2] ** 2 / self.cov[2, 2])
+        return float(self.value[2] ** 2 / self.cov[2, 2])
 
     def words(self) -> str:
         """Return the contradiction for a person."""
         names = " and ".join(name for fit in self.fits for name in fit.cameras)
-        nadir_deg = math.degrees(math.hypot(*self.apart[:2]))
+        nadir_deg = math.degrees(math.hypot(*self.value[:2]))
         return (
             f"{names}, each by itself, are {math.sqrt(self.chi2):.0f} sigma apart "
-            f"(nadir {nadir_deg:.2f} deg, altitude {abs(self.apart[2]) / 1e3:.1f} km): "
+            f"(nadir {nadir_deg:.2f} deg, altitude {abs(self.value[2]) / 1e3:.1f} km): "
             "are they mounted and calibrated as the parameters say?"
         )
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from horizon_sensor_ros.core.attitude import require_rotation
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.mask import Mask
 
@@ -26,11 +27,7 @@ class CameraView:
     mask: Mask | None = None
 
     def __post_init__(self) -> None:
-        rot = np.array(self.rot_base_from_cam, dtype=float)
-        if rot.shape != (3, 3) or not np.all(np.isfinite(rot)):
-            raise ValueError(f"rot_base_from_cam of {self.name!r} must be a finite 3 x 3 matrix")
-        if np.abs(rot @ rot.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rot) < 0:
-            raise ValueError(f"rot_base_from_cam of {self.name!r} is not a rotation matrix")
+        rot = require_rotation(self.rot_base_from_cam, f"rot_base_from_cam of {self.name!r}")
         rot.setflags(write=False)
         object.__setattr__(self, "rot_base_from_cam", rot)
         if self.mask is not None and self.mask.shape != (self.camera.height, self.camera.width):

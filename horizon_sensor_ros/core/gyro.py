@@ -30,7 +30,7 @@ class RateHistory:
         return len(self._stamps)
 
     def add(self, stamp: int, rate: np.ndarray) -> bool:
-        """Add a rate (3,); False, and no more than that, for the last one's stamp once more.
+        """Add a rate (3,); returns False, and adds nothing, if the stamp repeats the last one's.
 
         A stamp before the last one's starts a new history: time has jumped.
         """

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from horizon_sensor_ros.core.figure import VERTICALS
 from horizon_sensor_ros.core.fits import METHODS
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.planet_figure import VERTICALS
 
 LIMB_SOURCES = ("subpixel", "canny")
 

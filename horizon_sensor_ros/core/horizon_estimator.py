@@ -5,32 +5,27 @@ them, or the reason why there is no fix.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
 
 from horizon_sensor_ros.core.agreement import each_alone, with_contradiction
 from horizon_sensor_ros.core.aiding import Aiding
-from horizon_sensor_ros.core.airglow_alone import by_airglow_alone
-from horizon_sensor_ros.core.airglow_nadir import fit_airglow, under_stars, with_airglow
-from horizon_sensor_ros.core.calibration_error import with_calibration_error
+from horizon_sensor_ros.core.airglow.alone import by_airglow_alone
+from horizon_sensor_ros.core.airglow.nadir import fit_airglow, under_stars, with_airglow
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.figure import (
-    Disc,
-    Figure,
-    MeanSphere,
-    StretchedEllipsoid,
-    mean_sphere,
-)
+from horizon_sensor_ros.core.covariance.calibration_error import with_calibration_error
+from horizon_sensor_ros.core.covariance.common_cone import nearest_to_cones
+from horizon_sensor_ros.core.covariance.hidden_air import hidden_air_sigma_m
+from horizon_sensor_ros.core.covariance.shared_error import with_shared_error
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.known_altitude import with_altitude
 from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD as MAXIMUM_LIKELIHOOD
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.hidden_air import hidden_air_sigma_m
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix, told_by
 from horizon_sensor_ros.core.judgement import (
@@ -47,19 +42,27 @@ from horizon_sensor_ros.core.limb.evidence import sky_evidence
 from horizon_sensor_ros.core.limb.night import by_night
 from horizon_sensor_ros.core.limb.sun_artefact import sun_artefact
 from horizon_sensor_ros.core.limb_points import LimbPoints
-from horizon_sensor_ros.core.shared_error import with_shared_error
+from horizon_sensor_ros.core.planet_figure import (
+    Disc,
+    Figure,
+    MeanSphere,
+    StretchedEllipsoid,
+    mean_sphere,
+)
 from horizon_sensor_ros.core.status import Status
 
-# Points count by what each is off by on its own; where one camera's are off together by much more
-# than another's, both together may be off by more than the one. It is taken by itself where it
-# claims less than so much of that: of edges found one by one, and of a limb told from its glow
-# beside such, which of 24 pairs was nearer to the truth by itself in all but three. Limbs that all
-# are told from their glow are weighed by what they are off by together.
-_SURER, _SURER_IN_GLOW = 0.5, 0.95
-# Edges in glow lie too high, by more than they know: of simulated scenes limbs that were told from
-# it are nearer to the truth even where they claim so much more.
+# The fit weighs points by their own errors only. Where the points of one camera share a much larger
+# error than those of another, the joint fit may be worse than the better camera alone. That camera
+# is used alone where its sigma of nadir is below this share of the joint one. Where all limbs were
+# separated from their glow they are weighed by shared errors too, and this is not asked.
+_SURER = 0.5  # in general
+# Where its limb was separated from the glow, and the others' edges were found one by one: in 24
+# such simulated pairs it was nearer to the truth in 21.
+_SURER_IN_GLOW = 0.95
+# Edges in glow lie too high, by more than they claim. In simulated scenes a fix of separated limbs
+# is nearer to the truth up to this multiple of the sigma of the fix with edges.
 _NOT_LESS_SURE = 1.5
-# Nadir by the limb alone that airglow would say little more of: it knows it to .15 deg at best.
+# Airglow knows nadir to 0.15 deg at best: it is not used where the limb alone has a smaller sigma.
 _SURE_RAD = np.radians(0.05)
 _BY_AIRGLOW_ALONE = "by the airglow's edge alone: no limb of the ground's shows below it"
 
@@ -87,16 +90,29 @@ class Sighting:
 
 
 @dataclass(frozen=True, eq=False)
-class _Limbs:
-    """What a fit is of, and what it was weighed by.
+class Judged:
+    """What the limbs of a sighting came to.
 
-    observations : one per frame. alone : as of `each_alone`. apart : what cameras contradict each
-    other by, in words.
+    fix : of them; where any frame is doubtful it is not OK and has no reason of its own, and a
+    search is made again without those frames. doubtful : by index into the frames, a limb without
+    points whose `reason` says what speaks against it.
+    """
+
+    fix: HorizonFix
+    doubtful: Mapping[int, LimbPoints] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class _Limbs:
+    """The limbs that a fit was made of.
+
+    observations : one per frame. alone : fits of single cameras, see `each_alone`.
+    contradiction : how the cameras contradict each other, for a person; empty where they agree.
     """
 
     observations: Sequence[LimbObservation]
     alone: Sequence[HorizonFit]
-    apart: str
+    contradiction: str
 
     @property
     def points(self) -> tuple[LimbPoints, ...]:
@@ -118,10 +134,8 @@ class HorizonEstimator:
             return MeanSphere(planet, vertical)
         return StretchedEllipsoid(planet, vertical, aiding.coarse_pose)
 
-    def fix(self, sighting: Sighting) -> tuple[HorizonFix, dict[int, LimbPoints]]:
-        """Fix, or why there is none; with the frames whose own evidence speaks against them, in
-        which case there is none, and why.
-        """
+    def judged(self, sighting: Sighting) -> Judged:
+        """Fit the limbs of a sighting and judge the fit."""
         views, detection = sighting.views, sighting.detection
         observations = by_night(detection).seen_by(views)
         if self.config.limb == "canny" and np.isfinite(detection.rho_rad):
@@ -131,15 +145,15 @@ class HorizonEstimator:
         if not any(limb.status is Status.OK for limb in limbs):
             why = told_by(views, limbs)
             fit = HorizonFit.none(limbs[0].status, limbs[0].reason, self.config.method)
-            return HorizonFix(fit.status, why, fit, limbs, ()), {}
+            return Judged(HorizonFix(fit.status, why, fit, limbs, ()))
         fit = self._fit(observations, detection)
         if not fit.ok:
-            return HorizonFix(fit.status, fit.reason, fit, limbs, ()), {}
+            return Judged(HorizonFix(fit.status, fit.reason, fit, limbs, ()))
         doubtful = self._doubts(sighting, limbs, fit)
         if doubtful:
-            return HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), doubtful
+            return _withheld(fit, limbs, doubtful)
         fit = self._with_errors(fit, observations, sighting.figure)
-        apart = ""
+        contradiction = ""
         alone: tuple[HorizonFit, ...] = ()
         if len(fit.cameras) > 1 and self.config.limb == "subpixel":
             with_errors = partial(self._with_errors, figure=sighting.figure)
@@ -147,40 +161,38 @@ class HorizonEstimator:
             bent = bends_by_itself(fit, observations, alone)
             if bent:
                 none = {i: LimbPoints.none(Status.NO_LIMB, why) for i, why in bent.items()}
-                return HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), none
-            fit, apart = with_contradiction(fit, alone, observations, self.sphere)
-        return self._surest(sighting, fit, _Limbs(observations, alone, apart)), {}
+                return _withheld(fit, limbs, none)
+            fit, contradiction = with_contradiction(fit, alone, observations, self.sphere)
+        return Judged(self._surest(sighting, fit, _Limbs(observations, alone, contradiction)))
 
-    def told_apart(self, sighting: Sighting, fix: HorizonFix) -> tuple[HorizonFix, Detection]:
-        """Fix of only those cameras whose limb was told apart from the glow above it, and their
-        detection, where it claims hardly more than the one given, which is of edges in glow, or
-        where these are not a limb's.
+    def prefer_separated(self, sighting: Sighting, fix: HorizonFix) -> tuple[HorizonFix, Detection]:
+        """Prefer a fix from only those cameras whose limb was separated from the glow above it.
+
+        fix : of the sighting, from edges in glow. It is returned as it is where no limb was
+        separated, or where the other one is not OK or has more than `_NOT_LESS_SURE` times its
+        sigma. Returns the fix and the detection that it is of.
         """
-        apart = sighting.detection.told_apart
-        if apart is None or not (fix.ok or fix.status in (Status.UNCERTAIN, Status.POOR_FIT)):
+        separated = sighting.detection.separated_only
+        if separated is None or not (fix.ok or fix.status in (Status.UNCERTAIN, Status.POOR_FIT)):
             return fix, sighting.detection
-        other, _ = self.fix(replace(sighting, detection=apart))
+        other = self.judged(replace(sighting, detection=separated)).fix
         if not other.ok:
             return fix, sighting.detection
         if fix.ok and nadir_sigma_rad(other.fit) > _NOT_LESS_SURE * nadir_sigma_rad(fix.fit):
             return fix, sighting.detection
-        return other, apart
+        return other, separated
 
-    def by_airglow_alone(
-        self, sighting: Sighting, fix: HorizonFix, doubtful: dict[int, LimbPoints]
-    ) -> HorizonFix | None:
+    def by_airglow_alone(self, sighting: Sighting, by_ground: Judged) -> HorizonFix | None:
         """Fix by the airglow's edge, where a layer of it shows and no ground behind it that would
         tell nadir, or none that is beyond doubt; None otherwise.
-
-        fix, doubtful : by the ground's limb.
         """
-        detection = sighting.detection
+        fix, detection = by_ground.fix, sighting.detection
         layer = detection.consensus
         shown = [limb.status for limb in fix.limbs].count(Status.OK)
         no_ground = (
             layer.status is Status.POOR_FIT
             or fix.status is Status.ILL_CONDITIONED
-            or 0 < shown == len(doubtful)
+            or 0 < shown == len(by_ground.doubtful)
         )
         as_usual = self.config.method == MAXIMUM_LIKELIHOOD and self.config.limb == "subpixel"
         if fix.ok or layer.layer_rad == 0.0 or not (no_ground and as_usual):
@@ -188,7 +200,7 @@ class HorizonEstimator:
         figure = sighting.figure.aligned(layer.nadir_base)
         found = by_airglow_alone(
             [(frame.gray, figure.view(frame.view)) for frame in sighting.frames],
-            detection.candidates,
+            detection.working,
             (layer.nadir_base, layer.rho_rad),
             figure,
             self.config,
@@ -226,12 +238,12 @@ class HorizonEstimator:
         """Fix of all cameras together, or of the one that is much surer by itself."""
         fix = self._published(sighting, fit, limbs)
         surest = min(limbs.alone, key=nadir_sigma_rad, default=fit)
-        told = {seen.view.name for seen in limbs.observations if seen.limb.joint}
+        separated = {seen.view.name for seen in limbs.observations if seen.limb.glow_separated}
+        much = _SURER_IN_GLOW if separated.issuperset(surest.cameras) else _SURER
         surer = (
             surest.method == fit.method
-            and not (limbs.apart or told.issuperset(fit.cameras))
-            and nadir_sigma_rad(surest)
-            < (_SURER_IN_GLOW if told.issuperset(surest.cameras) else _SURER) * nadir_sigma_rad(fit)
+            and not (limbs.contradiction or separated.issuperset(fit.cameras))
+            and nadir_sigma_rad(surest) < much * nadir_sigma_rad(fit)
         )
         if surer and (fix.ok or fix.status is Status.UNCERTAIN):
             other = self._published(sighting, surest, limbs)
@@ -262,11 +274,11 @@ class HorizonEstimator:
             estimate=estimate,
         )
         refused = refused or contradicted
-        if limbs.apart and refused is not None and refused[0] is Status.UNCERTAIN:
-            refused = Status.CAMERAS_DISAGREE, limbs.apart
+        if limbs.contradiction and refused is not None and refused[0] is Status.UNCERTAIN:
+            refused = Status.CAMERAS_DISAGREE, limbs.contradiction
         if refused is not None:
             return self.refused(*refused, fit, limbs.points)
-        doubts = "; ".join(filter(None, (limbs.apart, unused)))
+        doubts = "; ".join(filter(None, (limbs.contradiction, unused)))
         # The disc stays the one that the frames show, wherever the known altitude puts nadir.
         disc = Disc(figure, fit.nadir_base, fit.rho_rad)
         found = replace(figure.estimate(estimate), disc=disc)
@@ -287,7 +299,7 @@ class HorizonEstimator:
         known = detection.layer_rad > 0.0 or detection.agreed is None
         if airglow is None or known:
             return airglow
-        return airglow if under_stars(sighting.views, detection.candidates, airglow) else None
+        return airglow if under_stars(sighting.views, detection.working, airglow) else None
 
     def _with_airglow(
         self,
@@ -317,9 +329,14 @@ class HorizonEstimator:
     def _with_errors(
         self, fit: HorizonFit, observations: Sequence[LimbObservation], figure: Figure
     ) -> HorizonFit:
-        """Return the fit with all that may be wrong with observations in its covariance."""
-        shared = with_shared_error(fit, observations, figure)
-        return self._with_calibration_error(shared, observations)
+        """Return the fit with all that may be wrong with observations in its covariance; moved to
+        the cone that is nearest to all cameras' cones, where each has one.
+        """
+        nearest = nearest_to_cones(fit, observations, figure.sphere)
+        # What points of the cones share is in the covariance of these already.
+        fit = with_shared_error(fit, observations, figure.sphere) if nearest is None else nearest
+        cov = fit.cov_nadir_altitude + figure.covariance(fit, observations)
+        return self._with_calibration_error(replace(fit, cov_nadir_altitude=cov), observations)
 
     def _with_calibration_error(
         self, fit: HorizonFit, observations: Sequence[LimbObservation]
@@ -347,8 +364,9 @@ class HorizonEstimator:
     def _doubts(
         self, sighting: Sighting, limbs: Sequence[LimbPoints], fit: HorizonFit
     ) -> dict[int, LimbPoints]:
-        """Frames that delivered limb points but whose sky or limb says that they are not the
-        limb.
+        """Frames with limb points whose sky or limb shows that these are not the limb's.
+
+        By index into the frames: a limb without points, whose `reason` says why.
         """
         detection = sighting.detection
         doubts = {}
@@ -357,12 +375,9 @@ class HorizonEstimator:
         ):
             if limb.status is not Status.OK:
                 continue
-            candidates = detection.candidates[i]
+            working = detection.working[i]
             evidence = sky_evidence(
-                candidates.reduced,
-                int(candidates.pitch_px),
-                candidates.space_level,
-                candidates.noise,
+                working,
                 view,
                 fit.nadir_base,
                 fit.rho_rad,
@@ -370,11 +385,18 @@ class HorizonEstimator:
                 detection.layer_rad,
             )
             found_px = len(limb.px) * limb.spacing_px if self.config.limb == "subpixel" else np.inf
-            space_share = candidates.space_level / full_scale(image)
+            space_share = working.space_level / full_scale(image)
             outside = detection.left_outside(i)
             reason = doubt(evidence, found_px, space_share, outside, self.config) or sun_artefact(
-                limb.px, candidates, view, fit.nadir_base, fit.rho_rad
+                limb.px, working, view, fit.nadir_base, fit.rho_rad
             )
             if reason:
                 doubts[i] = LimbPoints.none(Status.NO_LIMB, reason)
         return doubts
+
+
+def _withheld(
+    fit: HorizonFit, limbs: tuple[LimbPoints, ...], doubtful: Mapping[int, LimbPoints]
+) -> Judged:
+    """No fix yet: some of its frames are doubtful, and a fit without them may differ."""
+    return Judged(HorizonFix(Status.NO_LIMB, "", fit, limbs, ()), doubtful)

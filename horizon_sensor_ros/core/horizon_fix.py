@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.figure import Disc, disc_of
 from horizon_sensor_ros.core.fits.assessment import inliers, root_mean_square
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.planet_figure import Disc, disc_of
 from horizon_sensor_ros.core.status import Status
 
 _LESS_SURE = "the other camera is surer without it"
@@ -31,10 +31,11 @@ class HorizonFix:
 
     reason : why there is no estimate, or what makes it less certain; empty where nothing does.
     fit : the estimate, NaN when status is not OK. limbs : one per frame, in order; a frame that
-    contributed nothing says why. cameras_used : names of those that did. predicted : where the limb
-    was expected, if it was followed and not searched for. airglow : the edge of the airglow above
-    the limb, as a fit of its own, where nadir is by that too. airglow_alone : all is by that edge,
-    and limbs are points of it.
+    contributed nothing says why. cameras_used : names of those that did. cameras_spared : names of
+    those whose limbs lie on the same cone, but without which the fix is surer. predicted : where
+    the limb was expected, if it was followed and not searched for. airglow : the edge of the
+    airglow above the limb, as a fit of its own, where nadir is by that too. airglow_alone : all is
+    by that edge, and limbs are points of it.
     """
 
     status: Status
@@ -45,6 +46,7 @@ class HorizonFix:
     predicted: Disc | None = None
     airglow: HorizonFit | None = None
     airglow_alone: bool = False
+    cameras_spared: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -66,24 +68,24 @@ class HorizonFix:
 
         views : of the frames, in order.
         """
-        return tuple(
-            view.name
-            for view, limb in zip(views, self.limbs, strict=True)
-            if view.name in self.cameras_used or limb.reason == _LESS_SURE
-        )
+        agree = {*self.cameras_used, *self.cameras_spared}
+        return tuple(view.name for view in views if view.name in agree)
 
     def surer_without_rest(self, views: Sequence[CameraView]) -> HorizonFix:
         """The same, where limbs that are not in it, though on its cone, say so.
 
         views : of the frames, in order.
         """
-        limbs = tuple(
-            replace(limb, reason=_LESS_SURE)
+        spared = tuple(
+            view.name
+            for view, limb in zip(views, self.limbs, strict=True)
             if limb.status is Status.OK and view.name not in self.cameras_used
-            else limb
+        )
+        limbs = tuple(
+            replace(limb, reason=_LESS_SURE) if view.name in spared else limb
             for view, limb in zip(views, self.limbs, strict=True)
         )
-        return replace(self, limbs=limbs)
+        return replace(self, limbs=limbs, cameras_spared=spared)
 
 
 def told_by(views: Sequence[CameraView], limbs: Sequence[LimbPoints]) -> str:

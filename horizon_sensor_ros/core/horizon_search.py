@@ -10,15 +10,15 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import Aiding
-from horizon_sensor_ros.core.figure import disc_of
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Sighting
+from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Judged, Sighting
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix, told_by
 from horizon_sensor_ros.core.judgement import disagreement_rad, nadir_sigma_rad
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb
 from horizon_sensor_ros.core.limb_curve import limb_in_sight
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.planet_figure import disc_of
 from horizon_sensor_ros.core.status import Status
 
 
@@ -28,7 +28,7 @@ class HorizonSearch:
     def __init__(self, estimator: HorizonEstimator) -> None:
         config = estimator.config
         self._estimator = estimator
-        # However little one camera knows: that is in its covariance.
+        # Accepts any nadir sigma, to ask what one camera finds by itself.
         self._any_sigma = HorizonEstimator(replace(config, max_nadir_sigma_rad=np.pi))
         self._rho_min = estimator.sphere.rho_from_altitude(config.altitude_max_m)
         # Nothing is seen from below the limb.
@@ -38,9 +38,11 @@ class HorizonSearch:
     def fix(
         self, frames: Sequence[Frame], unusable: Sequence[LimbPoints | None], aiding: Aiding
     ) -> tuple[HorizonFix, Detection | None]:
-        """Look for the limb all over the frames; with the detection, if the answer is of them all.
+        """Search whole frames for the limb.
 
         unusable : one per frame, why it is not to be looked at; None where it is.
+        Returns the fix, and the detection that a track may start from: None unless the fix is of
+        all frames and of the ground's limb.
         """
         limbs = list(unusable)
         everything = not any(limbs)
@@ -49,13 +51,15 @@ class HorizonSearch:
             if not rest:
                 return _no_fix(frames, limbs), None
             sighting = self._sighting([frames[i] for i in rest], aiding)
-            fix, doubtful = self._estimator.fix(sighting)
-            fix, detection = self._estimator.told_apart(sighting, fix)
+            judged = self._estimator.judged(sighting)
+            fix, detection = self._estimator.prefer_separated(sighting, judged.fix)
+            judged = replace(judged, fix=fix)
             sighting = replace(sighting, detection=detection)
-            by_layer = self._estimator.by_airglow_alone(sighting, fix, doubtful)
-            if by_layer is not None and (by_layer.ok or not doubtful):
-                fix, doubtful = by_layer, {}
-            if not doubtful:
+            by_layer = self._estimator.by_airglow_alone(sighting, judged)
+            if by_layer is not None and (by_layer.ok or not judged.doubtful):
+                judged = Judged(by_layer)
+            if not judged.doubtful:
+                fix = judged.fix
                 reason = fix.reason if fix.ok else _reason_and_left_out(frames, limbs, fix.reason)
                 for i, limb in zip(rest, fix.limbs, strict=True):
                     limbs[i] = limb
@@ -69,7 +73,7 @@ class HorizonSearch:
                 )
             # What a camera says against itself may have misled the others: once more without it.
             everything = False
-            for i, limb in doubtful.items():
+            for i, limb in judged.doubtful.items():
                 limbs[rest[i]] = limb
 
     def _contradicted(
@@ -85,7 +89,7 @@ class HorizonSearch:
         for frame, limb in zip(frames, fix.limbs, strict=True):
             if limb.status in (Status.OK, Status.BAD_IMAGE):
                 continue
-            alone, _ = self._any_sigma.fix(self._sighting([frame], aiding))
+            alone = self._any_sigma.judged(self._sighting([frame], aiding)).fix
             if not alone.ok:
                 continue
             apart = disagreement_rad(alone.fit, fix.fit)
@@ -110,20 +114,22 @@ class HorizonSearch:
         if fix.ok or len(frames) < 2:
             return None
         seen = [limb.status for limb in fix.limbs].count(Status.OK)
-        # Of one camera's it is known already, with what the others' frames say of the light.
+        # One camera alone saw a limb, and its fix was too uncertain: what it finds by itself is
+        # known, and judged with what the other frames say of the light.
         known = fix.status is Status.UNCERTAIN and seen == 1
         blind = not known and fix.status is not Status.CAMERAS_DISAGREE
         found, limbs = [], list(fix.limbs)
         for i, frame in enumerate(frames):
             if fix.limbs[i].status is Status.BAD_IMAGE:
                 continue
-            alone, doubtful = self._any_sigma.fix(self._sighting([frame], aiding))
+            judged = self._any_sigma.judged(self._sighting([frame], aiding))
+            alone = judged.fix
             if alone.ok:
                 found.append(alone)
-            elif not doubtful and alone.status is not Status.NO_LIMB:
+            elif not judged.doubtful and alone.status is not Status.NO_LIMB:
                 blind = False
             # Of a camera that is left out, what it says by itself.
-            limbs[i] = doubtful.get(0, alone.limbs[0])
+            limbs[i] = judged.doubtful.get(0, alone.limbs[0])
         found.sort(key=lambda one: nadir_sigma_rad(one.fit))
         if blind and len(found) == 1:
             sure = nadir_sigma_rad(found[0].fit) <= self._estimator.config.max_nadir_sigma_rad
@@ -134,7 +140,7 @@ class HorizonSearch:
             if not all(len(limb_in_sight(frame.view, *near)) for frame in frames):
                 continue
             sighting = self._sighting(frames, aiding, near)
-            together, _ = self._estimator.fix(sighting)
+            together = self._estimator.judged(sighting).fix
             if together.ok and len(together.cameras_used) == len(frames):
                 return together, sighting.detection
         return None

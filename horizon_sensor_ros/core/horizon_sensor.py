@@ -10,13 +10,13 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
-from horizon_sensor_ros.core.figure import Disc
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Sighting
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_search import HorizonSearch
 from horizon_sensor_ros.core.limb.detector import follow_limb
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.planet_figure import Disc
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.track import Track
 
@@ -86,23 +86,21 @@ class HorizonSensor:
             [figure.view(view) for view in views],
             images,
             self._estimator.sphere,
-            nadir,
-            rho,
-            track.sees,
-            track.looks,
-            track.factors,
-            track.smears,
-            track.steepness,
+            (nadir, rho),
+            track.state,
         )
         if detection is None:
             return None
-        samples = track.samples(images)
+        working = tuple(
+            before.sampled(image) for before, image in zip(track.working, images, strict=True)
+        )
         detection = replace(
-            detection, candidates=samples, layer_rad=track.layer_rad, airglow=track.airglow
+            detection, working=working, layer_rad=track.layer_rad, airglow=track.airglow
         )
         sighting = Sighting(frames, detection, figure, aiding)
-        fix, _ = self._estimator.fix(sighting)
-        fix, detection = self._estimator.told_apart(sighting, fix)
+        # Where a frame is doubtful the fix is not OK, and a search follows.
+        fix = self._estimator.judged(sighting).fix
+        fix, detection = self._estimator.prefer_separated(sighting, fix)
         if not fix.ok or fix.cameras_on_cone(views) != track.cameras:
             return None
         self._track = track.continued(detection, fix.fit)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.covariance.shared_error import bend_px
 from horizon_sensor_ros.core.fits.assessment import MIN_POINTS
 from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
@@ -15,17 +16,16 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.limb.evidence import SkyEvidence
 from horizon_sensor_ros.core.robust import median
-from horizon_sensor_ros.core.shared_error import bend_px
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.symmetric3 import largest_eigenvalue
 
-# Two cameras that see the limb each for itself contradict each other when farther apart than both.
+# Nadirs of two fits contradict each other when they are apart by more than both of these limits.
 _DISAGREEMENT_SIGMAS = 5.0
 _DISAGREEMENT_RAD = np.radians(0.25)
-# Stretches of a limb lie off the best cone by the error that neighbours share; of another edge,
-# which happens to run along some cone, by more.
+# An edge is no limb where its stretches lie off the best cone (RMS) by more than this multiple of
+# the error that neighbours share (`LimbPoints.coherent_px`), and by more than this many pixels.
 _MAX_BEND, _LEAST_BEND_PX = 4.5, 0.75
-# Of edges that follow no model, over their own errors: beyond it another limb fits them as well.
+# Residual of edges that follow no model, over their claimed sigma; beyond it other cones fit too.
 _MOST_SCATTER = 1.5
 # Heights of the airglow's edge above a limb: 76 to 99 km in photographs in which that was the
 # ground's, 91 to 110 in simulated frames, whose layer is at 95.
@@ -92,15 +92,31 @@ def refusal(
 ) -> tuple[Status, str] | None:
     """Why a fit is not to be published, or None.
 
-    estimate : what is to be published, where more than the frames is in it, as an altitude known
-    from elsewhere; else the fit itself. Whether the edges are a limb is asked of the fit, whose
-    cone they lie on: a limb that is higher than thought is none of that altitude.
-    alone : fits of those cameras that determine a cone by themselves, against which their edges are
-    held: what the cameras contradict each other by is claimed. layered : a layer of airglow keeps
-    its distance from what was found all along, as it does from nothing but a limb. layer_m :
-    height of its edge, if it was measured. glow_over_usual : the longest as of `Detection`.
+    fit : of the frames alone; the shape of the edges is judged by its cone. estimate : what is to
+    be published, where it contains more than the frames (airglow, a known altitude); altitude and
+    sigma are judged by it. By default the fit.
+    alone : fits of those cameras that determine a cone by themselves; their edges are judged by
+    that cone, since what cameras contradict each other by is in the covariance. layered : a layer
+    of airglow was found at the same distance all along the limb, which proves that it is a limb.
+    layer_m : height of the layer's edge, NaN if it was not measured. glow_over_usual : largest
+    `Detection.glow_over_usual` of the cameras used.
+    Returns status and reason, for a person.
     """
     estimate = fit if estimate is None else estimate
+    return (
+        _of_altitude(estimate, layer_m, config)
+        or _of_residual(fit, observations, config)
+        or _of_edges(fit, observations, alone, layered)
+        or _of_glow(fit, glow_over_usual)
+        or _of_sigma(estimate, config)
+        or _of_cameras(fit, observations)
+    )
+
+
+def _of_altitude(
+    estimate: HorizonFit, layer_m: float, config: HorizonConfig
+) -> tuple[Status, str] | None:
+    """`refusal` by where the airglow and the camera would be."""
     if math.isfinite(layer_m) and not _LAYER_HEIGHTS_M[0] < layer_m < _LAYER_HEIGHTS_M[1]:
         return (
             Status.POOR_FIT,
@@ -112,31 +128,64 @@ def refusal(
             f"altitude {estimate.altitude_m / 1e3:.0f} km is outside "
             f"{config.altitude_min_m / 1e3:.0f} to {config.altitude_max_m / 1e3:.0f} km",
         )
+    return None
+
+
+def _of_residual(
+    fit: HorizonFit, observations: Sequence[LimbObservation], config: HorizonConfig
+) -> tuple[Status, str] | None:
+    """`refusal` by how far points lie off the cone; larger frames may have more pixels of it."""
     width = max(observation.view.camera.width for observation in observations)
     limit_px = config.max_residual_px * max(1.0, width / 640.0)
     if not fit.rms_residual_px <= limit_px:
         return Status.POOR_FIT, f"residual {fit.rms_residual_px:.2f} px, above {limit_px:.2f}"
+    return None
+
+
+def _of_edges(
+    fit: HorizonFit,
+    observations: Sequence[LimbObservation],
+    alone: Sequence[HorizonFit],
+    layered: bool,
+) -> tuple[Status, str] | None:
+    """`refusal` by edges that bend, or scatter, as no limb's do."""
     for observation in observations if fit.method == METHOD else ():
-        rays = gather([observation])
         if not _to_be_held(observation, fit):
             continue
         bends = _bends(observation, _by_itself(observation, alone) or fit)
         if bends:
             return Status.POOR_FIT, bends
-        scatter_px = fit.rms_residual_px / median(rays.sigma_px)
+        scatter = fit.rms_residual_px / median(gather([observation]).sigma_px)
         held_by_nothing = not (observation.limb.modelled or len(fit.cameras) > 1 or layered)
-        if held_by_nothing and scatter_px > _MOST_SCATTER:
+        if held_by_nothing and scatter > _MOST_SCATTER:
             name = observation.view.name
             return Status.POOR_FIT, f"the edge in {name} follows no model of one, and hardly a limb"
+    return None
+
+
+def _of_glow(fit: HorizonFit, glow_over_usual: float) -> tuple[Status, str] | None:
+    """`refusal` of one camera by how far out its glow reaches."""
     if glow_over_usual > _MOST_GLOW and len(fit.cameras) < 2:
         return (
             Status.POOR_FIT,
             f"cloud, not a limb: what glows beyond the edge in {fit.cameras[0]} fades over "
             f"{glow_over_usual:.0f} times the length of air",
         )
+    return None
+
+
+def _of_sigma(estimate: HorizonFit, config: HorizonConfig) -> tuple[Status, str] | None:
+    """`refusal` by how well nadir is known."""
     sigma = nadir_sigma_rad(estimate)
     if not sigma <= config.max_nadir_sigma_rad:
         return Status.UNCERTAIN, f"nadir is known to {np.degrees(sigma):.2f} deg only"
+    return None
+
+
+def _of_cameras(
+    fit: HorizonFit, observations: Sequence[LimbObservation]
+) -> tuple[Status, str] | None:
+    """`refusal` of several cameras by a limb that lies off their common cone."""
     if len(fit.cameras) < 2:
         return None
     for observation in observations:
@@ -157,10 +206,10 @@ def refusal(
 def bends_by_itself(
     fit: HorizonFit, observations: Sequence[LimbObservation], alone: Sequence[HorizonFit]
 ) -> dict[int, str]:
-    """Which of the observations that others share a fit with are no limb, whatever these are: they
-    bend as no cone of their own camera does. And why.
+    """Observations whose edge is no limb even by the cone of its own camera, by index, and why.
 
-    alone : as of `refusal`. None of them where they all do, which then is the fit's to tell.
+    alone : as of `refusal`. Empty where this is so of all cameras of the fit: `refusal` then
+    refuses the fit.
     """
     bent = {}
     for i, observation in enumerate(observations):

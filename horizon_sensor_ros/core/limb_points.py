@@ -17,8 +17,10 @@ def _empty(columns: int) -> np.ndarray:
 
 
 class SharedError(NamedTuple):
-    """Sigmas of what points of a limb are off by together: of a stretch of it, of the whole, and of
-    its ends, by which it is turned.
+    """One-sigma errors that the points of one camera's limb share, pixels along the normal.
+
+    coherent_px : of a stretch of limb, independent of the other stretches. shift_px : of the whole
+    limb. slope_px : of its ends, one outwards and one inwards, which turns the limb.
     """
 
     coherent_px: float
@@ -26,7 +28,7 @@ class SharedError(NamedTuple):
     slope_px: float = 0.0
 
     def besides(self, other: SharedError) -> SharedError:
-        """Both errors together, which know nothing of each other."""
+        """Both errors together, independent of each other: the roots of the sums of squares."""
         return SharedError(*(math.hypot(a, b) for a, b in zip(self, other, strict=True)))
 
 
@@ -45,16 +47,16 @@ class LimbPoints:
     infinite where that was not measured.
     predicted : the limb all along which these were looked for; None where it was not drawn.
     offset_px : (N,) how far outside it these lie, in order along it.
-    cone_errors : (4, K) errors of nadir (base frame) and rho of the cone that they lie on, each
-    column one sigma, independent of the others, and the same in the limbs of all cameras, where
-    limb and glow were told apart by one fit: these are the ground's limb, where edges found one by
-    one lie in its glow, all of them higher by a pixel or two. None for those.
-    modelled : False where these are sharp edges that follow no model of one.
-    height_px : one sigma of what the limbs of all cameras are off by alike, in overexposed air or
-    below airglow. above_m : how far above the ground these may lie, in air that hides it.
-    steepness : (S,) by how much brightness falls from pixel to pixel where the limb was predicted,
-    at most, over the step there, in stretches along it; empty where air glows.
-    blur_px : of sharp edges, one sigma, as their model has it; NaN without one, or where air glows.
+    cone_errors : (4, K) where limb and glow were separated by a joint fit (`glow.limb`), else None.
+    Errors of (nadir_base, rho_rad) of the cone that the points lie on: each column is one sigma,
+    independent of the other columns; column k is the same error in the limbs of all cameras. Such
+    points lie on the ground's limb; edges found one by one lie in its glow, a pixel or two higher.
+    modelled : False where these are sharp edges that follow no model of an edge.
+    height_px : one sigma of an error that is the same in the limbs of all cameras (overexposed air,
+    or below airglow). above_m : how far above the ground these may lie, in air that hides it.
+    steepness : (S,) largest fall of brightness from pixel to pixel near the predicted limb, over
+    the step there, in S stretches along it; empty where air glows.
+    blur_px : one sigma of the blur of sharp edges, by their model; NaN without one, or under glow.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -78,12 +80,12 @@ class LimbPoints:
     blur_px: float = np.nan
 
     @property
-    def joint(self) -> bool:
-        """Whether limb and glow were told apart."""
+    def glow_separated(self) -> bool:
+        """Whether limb and glow were separated by a joint fit: then the limb is the ground's."""
         return self.cone_errors is not None
 
-    def misjudged(self, times: float) -> LimbPoints:
-        """These with errors so many times as large that they share."""
+    def with_shared_errors_times(self, times: float) -> LimbPoints:
+        """The same points with all errors that they share multiplied by `times`."""
         errors = self.cone_errors
         return replace(
             self,

@@ -9,11 +9,8 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.limb.detection import Detection
-from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.edge.width import Smear
-from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
-from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.limb.detection import Detection, LimbState
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,24 +19,17 @@ class Track:
 
     views : of that set. cameras : names of those whose limbs lie on one cone. nadir_base,
     rho_rad : its disc's cone. last_cone : those of the set before, None right after a search.
-    sees : whether each frame's camera saw the limb. looks : of its edge, one per frame, with
-    the air above it; empty where no model fits. factors : one per frame, by which it is reduced
-    where the limb is followed. smears : one per frame, motion's in it, None where there is
-    hardly any. steepness : of the limbs, when it was last asked whether motion smears them.
-    skies : one per frame, level and noise of empty space as the search measured them. layer_rad
-    : height of airglow above the limb. airglow : whether it shows. age : sets since the search.
+    state : what the limb looked like. working : the search's images of the frames, one per frame.
+    layer_rad : height of airglow above the limb. airglow : whether it shows. age : sets since the
+    search.
     """
 
     views: tuple[CameraView, ...]
     cameras: tuple[str, ...]
     nadir_base: np.ndarray
     rho_rad: float
-    sees: tuple[bool, ...]
-    looks: tuple[tuple[EdgeLook, ...], ...]
-    factors: tuple[int, ...]
-    smears: tuple[Smear | None, ...]
-    steepness: tuple[np.ndarray, ...]
-    skies: tuple[LimbCandidates, ...]
+    state: LimbState
+    working: tuple[WorkingImage, ...]
     layer_rad: float
     airglow: bool
     last_cone: tuple[np.ndarray, float] | None = None
@@ -55,23 +45,14 @@ class Track:
     ) -> Track:
         """Track from a fit, with its disc, of what a search found. cameras : as of the track."""
         assert fit.disc is not None
-        skies = tuple(
-            LimbCandidates(pitch_px=c.pitch_px, space_level=c.space_level, noise=c.noise)
-            for c in detection.candidates
-        )
         disc = fit.disc
-        sees = tuple(limb.status is Status.OK for limb in detection.limbs)
         return cls(
             tuple(views),
             cameras,
             disc.nadir,
             disc.rho_rad,
-            sees,
-            detection.looks,
-            detection.factors,
-            detection.smears,
-            detection.steepness,
-            skies,
+            detection.state,
+            detection.working,
             detection.layer_rad,
             detection.airglow,
         )
@@ -84,8 +65,7 @@ class Track:
             nadir_base=fit.disc.nadir,
             rho_rad=fit.disc.rho_rad,
             last_cone=(self.nadir_base, self.rho_rad),
-            looks=detection.looks,
-            steepness=detection.steepness,
+            state=replace(self.state, looks=detection.looks, steepness=detection.steepness),
             age=self.age + 1,
         )
 
@@ -109,13 +89,3 @@ class Track:
         # better than either: moved on together they stay so.
         ahead = 2.0 * (self.nadir_base @ nadir) * self.nadir_base - nadir
         return ahead, 2.0 * self.rho_rad - rho
-
-    def samples(self, images: Sequence[np.ndarray]) -> tuple[LimbCandidates, ...]:
-        """Sky and ground of new frames for their evidence: single pixels, not averaged ones."""
-        out = []
-        for sky, image in zip(self.skies, images, strict=True):
-            step = int(sky.pitch_px)
-            height, width = image.shape[0] // step, image.shape[1] // step
-            every = image[step // 2 :: step, step // 2 :: step][:height, :width]
-            out.append(replace(sky, reduced=every))
-        return tuple(out)

@@ -63,8 +63,8 @@ class AidingSources:
         self._last_set = None
 
     def jump_back(self, stamp: int) -> None:
-        """Go on at an earlier time: a pose that is nearer to the last set before is of where the
-        craft was then.
+        """Go on at an earlier time (a looped bag): drop a coarse pose whose stamp is nearer to the
+        last set before the jump than to `stamp`.
         """
         last, self._last_set = self._last_set, None
         if last is None or self._pose is None:

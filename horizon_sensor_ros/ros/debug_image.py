@@ -12,15 +12,17 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.figure import Disc, disc_of
 from horizon_sensor_ros.core.fits.assessment import inliers
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.planet_figure import Disc, disc_of
 
 # Blue, green, red.
 SKY_BLUE, YELLOW, VERMILLION = (233, 180, 86), (66, 228, 240), (0, 94, 213)
 BLUISH_GREEN, PURPLE = (115, 158, 0), (167, 121, 204)
+# Lighter than theirs, which beside purple looks too much like it to some.
+LIGHT_GREEN = (120, 200, 0)
 _WHITE, _BLACK, _GRAY = (255, 255, 255), (0, 0, 0), (180, 180, 180)
 
 # Smaller frames are drawn larger, and larger ones smaller: lines and letters stay readable.
@@ -37,11 +39,11 @@ def draw_fix(frames: tuple[Frame, ...], fix: HorizonFix) -> np.ndarray:
     """Return the frames side by side, (H, W, 3) uint8 BGR, with what was found in them.
 
     Each is 640 to 800 pixels wide and up to 1600 high, with black beside frames of other shapes.
-    Yellow dots: limb points, some of them. Vermillion crosses:
-    points that the fit threw away. Sky blue: the fitted limb, dashed where no point supports it.
-    White dots: where a limb that is followed was expected from the fixes before. White arrow:
-    towards nadir (a cross where nadir is in the frame). Purple, in the corner: nadir's one-sigma
-    ellipse as the camera sees it. Above: status and reason.
+    Yellow dots: limb points, some of them. Vermillion crosses: points that the fit threw away. Sky
+    blue: the fitted limb, dashed where no point supports it. Light green dashes: the airglow's
+    upper edge, where nadir is by that too. White dots: where a limb that is followed was expected
+    from the fixes before. White arrow: towards nadir (a cross where nadir is in the frame). Purple,
+    in the corner: nadir's one-sigma ellipse as the camera sees it. Above: status and reason.
     """
     tiles = [_Tile(frame, limb, fix).draw() for frame, limb in zip(frames, fix.limbs, strict=True)]
     height = max(tile.shape[0] for tile in tiles)
@@ -108,7 +110,7 @@ class _Tile:
         edge = replace(disc, nadir=airglow.nadir_base, rho_rad=airglow.rho_rad)
         px = edge.limb_px(self._view, _LIMB_SAMPLES)
         for run in _runs(self._view.camera.in_frame(px), self._near(px)):
-            for colour, width in ((_BLACK, 3), (SKY_BLUE, 1)):
+            for colour, width in ((_BLACK, 3), (LIGHT_GREEN, 1)):
                 self._dash(px[run], colour, width)
 
     def _dash(self, px: np.ndarray, colour: tuple[int, int, int], width: int) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
-from horizon_sensor_ros.ros.messages import Refusal, shown
+from horizon_sensor_ros.ros.messages import Refusal, quoted
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 
 
@@ -47,7 +47,7 @@ class TfExtrinsics:
         try:
             transform = self._buffer.lookup_transform(self._base_frame, frame_id, self._latest)
         except self._errors as error:
-            return Refusal("no_extrinsics", f"no transform for {camera}: {shown(str(error), 200)}")
+            return Refusal("no_extrinsics", f"no transform for {camera}: {quoted(str(error), 200)}")
         q = transform.transform.rotation
         try:
             return rotation_from_quaternion(np.array([q.x, q.y, q.z, q.w]))

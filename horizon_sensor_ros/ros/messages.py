@@ -92,7 +92,7 @@ def gray_from_image(msg: Any) -> np.ndarray | Refusal:
     """
     encoding = str(msg.encoding)
     if encoding not in ENCODINGS:
-        return Refusal("unknown_encoding", f"unknown encoding {shown(encoding)}")
+        return Refusal("unknown_encoding", f"unknown encoding {quoted(encoding)}")
     item_size, channels, to_gray = ENCODINGS[encoding]
     width, height, step = int(msg.width), int(msg.height), int(msg.step)
     if width <= 0 or height <= 0:
@@ -189,7 +189,7 @@ def coarse_pose_from_message(msg: Any, planet: Planet) -> tuple[np.ndarray, np.n
     """Position (3,), m, and rot_ecef_from_base (3, 3) of a `PoseStamped` in the frame `earth`."""
     frame = str(msg.header.frame_id)
     if frame != EARTH_FRAME:
-        return Refusal("wrong_frame", f"header frame is {shown(frame)}, not '{EARTH_FRAME}'")
+        return Refusal("wrong_frame", f"header frame is {quoted(frame)}, not '{EARTH_FRAME}'")
     p, q = msg.pose.position, msg.pose.orientation
     position = np.array([p.x, p.y, p.z], dtype=float)
     if not np.all(np.isfinite(position)):
@@ -210,7 +210,7 @@ def rate_from_imu(msg: Any, base_frame: str) -> np.ndarray | Refusal:
     """Angular rate (3,), rad/s, of a `sensor_msgs/Imu` in the base frame."""
     frame = str(msg.header.frame_id)
     if frame != base_frame:
-        return Refusal("wrong_frame", f"header frame is {shown(frame)}, not {shown(base_frame)}")
+        return Refusal("wrong_frame", f"header frame is {quoted(frame)}, not {quoted(base_frame)}")
     rate = np.array([msg.angular_velocity.x, msg.angular_velocity.y, msg.angular_velocity.z])
     if not np.all(np.isfinite(rate)):
         return Refusal("not_finite", "angular velocity is not finite")
@@ -221,7 +221,7 @@ def rate_from_imu(msg: Any, base_frame: str) -> np.ndarray | Refusal:
     return rate
 
 
-def shown(text: str, most: int = 60) -> str:
+def quoted(text: str, most: int = 60) -> str:
     """Foreign text in quotes, printable, its middle left out beyond `most` characters."""
     short = Repr()
     short.maxstring = most

@@ -20,7 +20,7 @@ from horizon_sensor_ros.ros.messages import (
     NANOSECONDS,
     Refusal,
     pose_message,
-    shown,
+    quoted,
     stamp_ns,
     twist_message,
 )
@@ -107,7 +107,7 @@ class TargetPipeline:
         frame_id = str(msg.header.frame_id)
         if self._frame_id is not None and frame_id != self._frame_id:
             # Poses in one frame say nothing about those in another.
-            self._tracker.reset(f"the clouds' frame is now {shown(frame_id)}")
+            self._tracker.reset(f"the clouds' frame is now {quoted(frame_id)}")
         self._stamp, self._frame_id = stamp, frame_id
         fix = self._tracker.process(points, stamp)
         if fix.status is Status.OK and not _finite(fix):

@@ -9,10 +9,9 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import nadir_sign, rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.ros.messages import LEVEL_FRAME
+from horizon_sensor_ros.ros.messages import EARTH_FRAME, LEVEL_FRAME
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 
-EARTH_FRAME = "earth"
 _VECTOR = "geometry_msgs/msg/Vector3Stamped"
 _IMU = "sensor_msgs/msg/Imu"
 POSE_TYPES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped")

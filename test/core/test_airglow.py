@@ -16,7 +16,7 @@ from limb_samples import nadir_nees
 from scipy.ndimage import gaussian_filter1d
 
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding, AltitudeMeasurement
-from horizon_sensor_ros.core.airglow_nadir import fit_airglow, with_airglow
+from horizon_sensor_ros.core.airglow.nadir import fit_airglow, with_airglow
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation

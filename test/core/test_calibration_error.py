@@ -9,8 +9,8 @@ import pytest
 from limb_frames import PLANET
 from limb_samples import observe, turned, view_at_limb
 
-from horizon_sensor_ros.core.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.covariance.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit

@@ -9,15 +9,13 @@ import pytest
 from limb_samples import PINHOLE, observe, turned, view_at_limb
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.calibration_error import with_calibration_error
-from horizon_sensor_ros.core.common_cone import cone_shares, nearest_to_cones
-from horizon_sensor_ros.core.figure import MeanSphere
+from horizon_sensor_ros.core.covariance.calibration_error import with_calibration_error
+from horizon_sensor_ros.core.covariance.common_cone import cone_shares, nearest_to_cones
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.shared_error import with_shared_error
 
 NADIR, PLANET = np.array([0.0, 0.0, 1.0]), Planet()
 RHO_RAD = PLANET.rho_from_altitude(800e3)
@@ -117,8 +115,6 @@ def test_one_camera_edges_and_other_methods_are_left_as_they_are() -> None:
     assert nearest_to_cones(points, [seen[0], edges], PLANET) is None
     circle = fit_horizon(seen, PLANET, "cone")
     assert nearest_to_cones(circle, seen, PLANET) is None
-    both = with_shared_error(points, seen, MeanSphere(PLANET, "geocentric"))
-    assert np.allclose(both.nadir_base, fitted(seen)[1].nadir_base)
 
 
 def test_mounting_errors_move_it_as_said() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizon_sensor_ros.core.error_map import angle_rad, bound_error, fit_error
-from horizon_sensor_ros.core.visibility import horizon_rays, rot_base_from_down
+from horizon_sensor_ros.core.applicability.error_map import angle_rad, bound_error, fit_error
+from horizon_sensor_ros.core.applicability.visibility import horizon_rays, rot_base_from_down
 from horizon_sensor_ros.tools.applicability.figure6 import paper_rig
 
 RIG = paper_rig()

@@ -9,8 +9,8 @@ import pytest
 from limb_frames import PLANET, as_frames, draw, limb_views
 
 from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.covariance.hidden_air import hidden_air_sigma_m
 from horizon_sensor_ros.core.fits.observation import LimbObservation
-from horizon_sensor_ros.core.hidden_air import hidden_air_sigma_m
 from horizon_sensor_ros.core.horizon_fix import HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging

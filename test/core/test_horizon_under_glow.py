@@ -41,7 +41,7 @@ def test_both_limbs_are_told_from_long_glow(i: int) -> None:
     scene = hard_scene("balloon", i, 902)
     fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
     assert fix.ok, fix.reason
-    assert all(limb.joint for limb in fix.limbs)
+    assert all(limb.glow_separated for limb in fix.limbs)
     assert error_deg(fix, scene.frames[0].truth.nadir_base) < 0.1
     assert nees(fix, scene.frames[0].truth.nadir_base) < 11.83
 
@@ -54,7 +54,7 @@ def test_a_limb_under_glow_whose_blur_is_far_from_its_edges_claims_more(i: int, 
     scene = hard_scene("balloon", i, 4321)
     fix = fix_of_one(scene, index)
     assert fix.ok, fix.reason
-    assert fix.limbs[0].joint
+    assert fix.limbs[0].glow_separated
     assert nees(fix, scene.frames[index].truth.nadir_base) < 9.0
 
 
@@ -63,7 +63,7 @@ def test_edges_in_glow_say_how_far_they_turn_a_limb() -> None:
     scene = hard_scene("saturated", 26, 4321)
     fix = fix_of_one(scene, 0)
     assert fix.ok, fix.reason
-    assert not fix.limbs[0].joint
+    assert not fix.limbs[0].glow_separated
     assert nees(fix, scene.frames[0].truth.nadir_base) < 9.0
 
 
@@ -72,5 +72,5 @@ def test_saturated_samples_speak_neither_for_a_limb_under_glow_nor_against_it() 
     scene = hard_scene("saturated", 45, 4321)
     fix = fix_of_one(scene, 0)
     assert fix.ok, fix.reason
-    assert fix.limbs[0].joint
+    assert fix.limbs[0].glow_separated
     assert nees(fix, scene.frames[0].truth.nadir_base) < 9.0

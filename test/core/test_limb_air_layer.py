@@ -52,7 +52,8 @@ def searched(
     candidates = [space_boundary_candidates(image) for image in images]
     found = rays_of_candidates(views, candidates)
     before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
-    return before, ground_under_airglow(views, candidates, found, before, PLANET)
+    working = [each.working for each in candidates]
+    return before, ground_under_airglow(views, working, found, before, PLANET)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -137,11 +138,11 @@ def test_the_dawns_lit_air_is_no_limb(
     camera = camera_from_fov(640, 480, np.radians(60.0))
     (view,) = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.0,), above_rad=0.05)
     image = dawn(band_km, star_count, view)
-    candidates = [space_boundary_candidates(image)]
-    found = rays_of_candidates([view], candidates)
+    candidates = space_boundary_candidates(image)
+    found = rays_of_candidates([view], [candidates])
     before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
     assert before.status is Status.OK
-    after = ground_under_airglow([view], candidates, found, before, PLANET)
+    after = ground_under_airglow([view], [candidates.working], found, before, PLANET)
     assert (after.status is Status.POOR_FIT) is refused
     assert ("twilight" in after.reason) is refused
 

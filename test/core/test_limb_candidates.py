@@ -17,11 +17,13 @@ from limb_frames import (
 from scipy.spatial import cKDTree
 
 from horizon_sensor_ros.core.limb.search.candidates import (
-    WORKING_SIZE_PX,
     LimbCandidates,
     canny_candidates,
-    reduce_image,
     space_boundary_candidates,
+)
+from horizon_sensor_ros.core.limb.search.working_image import (
+    WORKING_SIZE_PX,
+    reduce_image,
     space_level_and_noise,
 )
 from horizon_sensor_ros.sim.earth_camera import SimFrame
@@ -81,7 +83,7 @@ def test_uniform_planet_gives_nothing_but_limb(uniform: SimFrame) -> None:
     assert along.min() > 0.97
     np.testing.assert_allclose(np.linalg.norm(found.normal_px, axis=1), 1.0, atol=1e-6)
     assert found.pitch_px == 2.0
-    assert found.space_level == pytest.approx(4.0, abs=1.0)
+    assert found.working.space_level == pytest.approx(4.0, abs=1.0)
     # all of the step, save the blur
     assert np.median(found.contrast) == pytest.approx(195.0, rel=0.2)
 
@@ -140,8 +142,8 @@ def test_gray_levels_of_16_bits_give_the_same_candidates(
         distance, _ = cKDTree(few.px).query(wide.px)
         assert np.mean(distance < 0.1) > 0.93
         # the reduced 8-bit image is rounded, and with it its levels
-        assert wide.space_level / factor == pytest.approx(few.space_level, abs=1.0)
-        assert wide.noise / factor == pytest.approx(few.noise, abs=0.5)
+        assert wide.working.space_level / factor == pytest.approx(few.working.space_level, abs=1.0)
+        assert wide.working.noise / factor == pytest.approx(few.working.noise, abs=0.5)
 
 
 def test_canny_sees_the_same_in_16_bits(clouded: list[SimFrame]) -> None:
@@ -237,7 +239,7 @@ def test_candidates_are_thinned_evenly(uniform: SimFrame) -> None:
 def test_nothing_found_is_empty() -> None:
     nothing = LimbCandidates()
     assert len(nothing) == 0
-    assert np.isnan(nothing.space_level)
+    assert np.isnan(nothing.working.space_level)
 
 
 def test_the_image_is_left_as_it_was(uniform: SimFrame) -> None:

@@ -10,7 +10,7 @@ from limb_frames import PLANET, clouds, draw, limb_views
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.evidence import SkyEvidence, sky_evidence
-from horizon_sensor_ros.core.limb.search.candidates import reduce_image, space_level_and_noise
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 from horizon_sensor_ros.sim.earth_camera import SimFrame
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
@@ -23,9 +23,7 @@ RHO = PLANET.rho_from_altitude(ALTITUDE_M)
 def evidence(
     image: np.ndarray, view: CameraView, rho: float = RHO, nadir: np.ndarray = NADIR
 ) -> SkyEvidence:
-    small, factor = reduce_image(image)
-    level, noise = space_level_and_noise(small)
-    return sky_evidence(small, factor, level, noise, view, nadir, rho)
+    return sky_evidence(WorkingImage.of(image), view, nadir, rho)
 
 
 def drawn(scene: EarthScene | None = None, **imaging: float) -> tuple[CameraView, SimFrame]:
@@ -84,11 +82,10 @@ def test_neither_an_even_layer_nor_a_part_of_the_craft_is_ground_beyond() -> Non
 
 def test_a_limb_drawn_before_it_was_fitted_will_do_where_it_lies_near() -> None:
     view, frame = drawn(clouds(1))
-    small, factor = reduce_image(frame.image)
-    level, noise = space_level_and_noise(small)
+    working = WorkingImage.of(frame.image)
 
     def told(predicted: LimbCurve | None) -> SkyEvidence:
-        return sky_evidence(small, factor, level, noise, view, NADIR, RHO, predicted)
+        return sky_evidence(working, view, NADIR, RHO, predicted)
 
     near, far = (limb_curve(view, NADIR, RHO + off) for off in (0.0005, -0.15))
     anew = told(None)

@@ -180,7 +180,7 @@ def test_cameras_all_show_the_limb_of_the_ground_or_none_does(
     frames = [Frame(view, frame.image) for view, frame in zip(views, drawn, strict=True)]
     together = HorizonSensor().process(frames)
     assert together.ok
-    assert all(limb.joint for limb in together.limbs)
+    assert all(limb.glow_separated for limb in together.limbs)
     fit = refinement.fit_glow
 
     def without_one(
@@ -193,7 +193,7 @@ def test_cameras_all_show_the_limb_of_the_ground_or_none_does(
     monkeypatch.setattr(refinement, "fit_glow", without_one)
     apart = HorizonSensor().process(frames)
     assert apart.ok
-    assert not any(limb.joint for limb in apart.limbs)
+    assert not any(limb.glow_separated for limb in apart.limbs)
 
 
 def test_one_camera_knows_nadir_as_well_as_its_cone() -> None:

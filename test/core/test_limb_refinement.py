@@ -33,7 +33,7 @@ from horizon_sensor_ros.core.limb.profiles import (
 )
 from horizon_sensor_ros.core.limb.refinement import refine_limb
 from horizon_sensor_ros.core.limb.sample import RefinePass
-from horizon_sensor_ros.core.limb.search.candidates import reduce_image
+from horizon_sensor_ros.core.limb.search.working_image import reduce_image
 from horizon_sensor_ros.core.limb_curve import LimbCurve
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status

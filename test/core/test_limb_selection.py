@@ -68,7 +68,7 @@ def candidates_of(
     angle = rng.uniform(-np.pi, np.pi, len(anywhere))
     px = np.vstack([px, clouds, anywhere])
     normal = np.vstack([normal, normal[along], np.column_stack([np.cos(angle), np.sin(angle)])])
-    return LimbCandidates(px, normal, np.full(len(px), 100.0), PITCH_PX, 4.0, 1.0)
+    return LimbCandidates(px, normal, np.full(len(px), 100.0), PITCH_PX)
 
 
 def consensus_of(

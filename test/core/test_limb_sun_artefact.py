@@ -13,7 +13,7 @@ from limb_samples import angle_between
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
-from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb.sun_artefact import LARGEST_RAD, sun_artefact
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views
@@ -54,7 +54,7 @@ def reason(gray: np.ndarray, limb_px: np.ndarray) -> str:
     axis = np.linalg.solve(rays.T @ rays, rays.sum(axis=0))
     size = float(np.linalg.norm(axis))
     return sun_artefact(
-        limb_px, space_boundary_candidates(gray), VIEW, axis / size, float(np.arccos(1.0 / size))
+        limb_px, WorkingImage.of(gray), VIEW, axis / size, float(np.arccos(1.0 / size))
     )
 
 
@@ -127,19 +127,19 @@ def test_a_crescent_beside_the_sun_is_a_planet() -> None:
     assert frame.image.max() == 255
     lit = truth.limb.px[truth.limb.visible(30.0)]
     assert 30 < len(lit) < 0.7 * len(truth.limb.px)
-    seen_by_search = space_boundary_candidates(frame.image)
+    working = WorkingImage.of(frame.image)
     rho = float(truth.rho_rad)
-    assert sun_artefact(lit, seen_by_search, VIEW, truth.nadir_base, rho) == ""
+    assert sun_artefact(lit, working, VIEW, truth.nadir_base, rho) == ""
     every = truth.limb.px
-    assert "a ghost" in sun_artefact(every, seen_by_search, VIEW, truth.nadir_base, rho)
+    assert "a ghost" in sun_artefact(every, working, VIEW, truth.nadir_base, rho)
 
 
 def test_discs_from_nearer_are_not_asked_about() -> None:
     gray = recorded(halo(250.0, 200.0, 60.0, 2.0))
-    candidates = space_boundary_candidates(gray)
+    working = WorkingImage.of(gray)
     nadir = np.array([0.0, 0.0, 1.0])
-    assert sun_artefact(edges(250.0, 200.0, 60.0), candidates, VIEW, nadir, 0.6) == ""
-    assert sun_artefact(np.empty((0, 2)), candidates, VIEW, nadir, 0.2) == ""
+    assert sun_artefact(edges(250.0, 200.0, 60.0), working, VIEW, nadir, 0.6) == ""
+    assert sun_artefact(np.empty((0, 2)), working, VIEW, nadir, 0.2) == ""
 
 
 def test_where_nothing_shows_nothing_is_said() -> None:

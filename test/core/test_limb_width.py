@@ -183,8 +183,8 @@ def test_following_looks_again_where_motion_begins() -> None:
 
 def test_errors_that_points_share_are_larger_where_motion_smeared() -> None:
     limb = LimbPoints(Status.OK, coherent_px=0.2, shift_px=0.1, slope_px=0.3, cone_errors=np.eye(4))
-    more = limb.misjudged(2.0)
+    more = limb.with_shared_errors_times(2.0)
     assert (more.coherent_px, more.shift_px, more.slope_px) == (0.4, 0.2, 0.6)
     assert more.cone_errors is not None
     np.testing.assert_array_equal(more.cone_errors, 2.0 * np.eye(4))
-    assert LimbPoints(Status.OK).misjudged(2.0).cone_errors is None
+    assert LimbPoints(Status.OK).with_shared_errors_times(2.0).cone_errors is None

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from horizon_sensor_ros.core.aiding import CoarsePose
-from horizon_sensor_ros.core.figure import Figure, MeanSphere, StretchedEllipsoid
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.planet_figure import Figure, MeanSphere, StretchedEllipsoid
 from horizon_sensor_ros.core.status import Status
 
 WGS84 = Planet.wgs84()

@@ -9,10 +9,9 @@ import pytest
 from limb_samples import PINHOLE, observe, view_at_limb
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.figure import MeanSphere
+from horizon_sensor_ros.core.covariance.shared_error import with_shared_error
 from horizon_sensor_ros.core.fits import LimbObservation, fit_horizon
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.shared_error import with_shared_error
 
 NADIR, PLANET = np.array([0.0, 0.0, 1.0]), Planet()
 RHO_RAD = PLANET.rho_from_altitude(800e3)
@@ -67,7 +66,7 @@ def test_errors_are_as_large_as_claimed(cameras: int, even: bool, slope_px: floa
     nees = []
     for _ in range(400):
         seen = [drawn(one, rng) for one in exact]
-        fit = with_shared_error(fit_horizon(seen, PLANET), seen, MeanSphere(PLANET, "geocentric"))
+        fit = with_shared_error(fit_horizon(seen, PLANET), seen, PLANET)
         assert fit.ok
         cov = cov_of_cone(fit.cov_nadir_altitude)
         off = np.append(BASIS.T @ fit.nadir_base, fit.rho_rad - RHO_RAD)
@@ -82,5 +81,5 @@ def test_one_cameras_cone_is_known_as_it_says() -> None:
     to_base = np.zeros((4, 3))
     to_base[:3, :2], to_base[3, 2] = BASIS, 1.0
     seen = [limb_of(0, coherent_px=0.1, shift_px=0.1, cone_errors=to_base @ root)]
-    fit = with_shared_error(fit_horizon(seen, PLANET), seen, MeanSphere(PLANET, "geocentric"))
+    fit = with_shared_error(fit_horizon(seen, PLANET), seen, PLANET)
     assert np.allclose(cov_of_cone(fit.cov_nadir_altitude), root @ root.T, rtol=1e-4, atol=1e-13)

@@ -12,11 +12,11 @@ from limb_samples import angle_between
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
-from horizon_sensor_ros.core.figure import disc_of
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb import detector
+from horizon_sensor_ros.core.planet_figure import disc_of
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import Imaging
 from horizon_sensor_ros.sim.poses import rot_from_axis

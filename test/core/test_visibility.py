@@ -7,18 +7,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.section_circle import section_circle, section_circle_in_frame
-from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.visibility import (
+from horizon_sensor_ros.core.applicability.section_circle import (
+    section_circle,
+    section_circle_in_frame,
+)
+from horizon_sensor_ros.core.applicability.visibility import (
     cone_rays,
     horizon_in_view,
     horizon_rays,
     limb_in_view,
     rot_base_from_down,
 )
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.status import Status
 
 PLANET = Planet()
 RHO = PLANET.rho_from_altitude(300e3)

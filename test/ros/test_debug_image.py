@@ -24,13 +24,13 @@ from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.figure import disc_of
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.planet_figure import disc_of
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.debug_image import (
-    BLUISH_GREEN,
+    LIGHT_GREEN,
     PURPLE,
     SKY_BLUE,
     VERMILLION,
@@ -86,7 +86,7 @@ def test_points_and_limb_are_drawn_where_they_are(pair: tuple[Frames, HorizonFix
             assert distance_px(frame.view, fix, drawn).max() < 5.0
         assert len(places(tile, PURPLE, top=60)) > 50
     strip = picture[:30]
-    assert len(places(strip, BLUISH_GREEN)) > 500
+    assert len(places(strip, LIGHT_GREEN)) > 500
     assert len(places(strip, VERMILLION)) == 0
 
 
@@ -121,16 +121,13 @@ def test_the_airglows_edge_is_drawn_where_the_fix_is_by_it_too(
 ) -> None:
     frames, fix = pair
     above = replace(fix.fit, rho_rad=fix.fit.rho_rad + 0.06)
-    drawn = places(draw_fix(frames, replace(fix, airglow=above))[:, :640], SKY_BLUE, top=60)
-    lines = [
-        distance_px(frames[0].view, replace(fix, fit=fit), drawn) < 5.0
-        for fit in (
-            fix.fit,
-            replace(fix.fit, disc=replace(disc_of(fix.fit), rho_rad=above.rho_rad)),
-        )
-    ]
-    assert np.logical_or(*lines).all()
-    assert min(np.count_nonzero(line) for line in lines) > 50
+    picture = draw_fix(frames, replace(fix, airglow=above))[:, :640]
+    layer = replace(fix.fit, disc=replace(disc_of(fix.fit), rho_rad=above.rho_rad))
+    # Each in its own colour.
+    for fit, colour in ((fix.fit, SKY_BLUE), (layer, LIGHT_GREEN)):
+        drawn = places(picture, colour, top=60)
+        assert len(drawn) > 50
+        assert (distance_px(frames[0].view, replace(fix, fit=fit), drawn) < 5.0).all()
 
 
 def test_a_limb_that_is_followed_shows_where_it_was_expected(
@@ -269,7 +266,7 @@ DICHROMATS = {
 
 @pytest.mark.parametrize("eyes", DICHROMATS)
 def test_colours_for_the_colour_blind(eyes: str) -> None:
-    colours = [YELLOW, SKY_BLUE, VERMILLION, PURPLE, (255, 255, 255)]
+    colours = [YELLOW, SKY_BLUE, LIGHT_GREEN, VERMILLION, PURPLE, (255, 255, 255)]
     rgb = (np.array(colours, float)[:, ::-1] / 255) ** 2.2
     seen = np.clip(rgb @ np.array(DICHROMATS[eyes]).T, 0, 1) ** (1 / 2.2)
     lab = cv2.cvtColor(seen[None].astype(np.float32), cv2.COLOR_RGB2LAB)[0]

@@ -12,6 +12,11 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from horizon_sensor_ros.core.applicability.visibility import (
+    cone_rays,
+    horizon_in_view,
+    rot_base_from_down,
+)
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
@@ -22,7 +27,6 @@ from horizon_sensor_ros.core.fits.bound import (
     nadir_sigma_rad,
 )
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.visibility import cone_rays, horizon_in_view, rot_base_from_down
 from horizon_sensor_ros.tools.applicability.applicability import main
 from horizon_sensor_ros.tools.applicability.mounting_angle import depression_deg, mountings, tilted
 from horizon_sensor_ros.tools.applicability.quality_map import ALL, quality_maps

@@ -22,10 +22,10 @@ import numpy as np
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import (
     MIN_POINTS,
+    cone_refusal,
     difference_from_circle,
     fit_of_cone,
     inliers,
-    refusal,
     root_mean_square,
     too_few,
     too_uncertain,
@@ -76,7 +76,7 @@ def fit_arc(
     if not np.all(np.isfinite(nadir)):
         return refuse(Status.ILL_CONDITIONED, "no circle through the limb points of any camera")
     basis = tangent_basis(nadir)
-    refused_here = refusal(nadir, rho, rays.angles(nadir)[1], rays.design(nadir, basis))
+    refused_here = cone_refusal(nadir, rho, rays.angles(nadir)[1], rays.design(nadir, basis))
     if refused_here:
         return refuse(*refused_here)
     cov = _jackknife(rays, rotations, rho_known, nadir, basis)

@@ -85,7 +85,16 @@ def covariance_nadir_altitude(
     return 0.5 * (out + out.T)
 
 
-def refusal(
+def birge_factor(chi2: float, freedom: int) -> float:
+    """Factor, at least one, for covariances of results that differ by chi squared, with so many
+    degrees of freedom: as if all claimed too little by the same share.
+
+    Source: Birge, Phys. Rev. 40 (1932) 207.
+    """
+    return max(1.0, chi2 / freedom)
+
+
+def cone_refusal(
     nadir_base: np.ndarray, rho_rad: float, growth: np.ndarray, design: np.ndarray
 ) -> tuple[Status, str] | None:
     """Why this cone cannot be the planet's limb as its points saw it; None if it can.
@@ -156,7 +165,7 @@ def assess_least_squares(
     """
     basis = tangent_basis(nadir_base) if np.all(np.isfinite(nadir_base)) else np.zeros((3, 2))
     design = rays.design(nadir_base, basis)
-    refused = refusal(nadir_base, rho_rad, rays.angles(nadir_base)[1], design)
+    refused = cone_refusal(nadir_base, rho_rad, rays.angles(nadir_base)[1], design)
     if refused:
         return HorizonFit.none(*refused, method, rays.num_points)
     residual = rays.residuals_px(nadir_base, rho_rad)

@@ -9,10 +9,10 @@ import numpy as np
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import (
     MIN_POINTS,
+    cone_refusal,
     difference_from_circle,
     fit_of_cone,
     inliers,
-    refusal,
     root_mean_square,
     too_few,
     too_uncertain,
@@ -99,7 +99,7 @@ def _fit(
     rho = float(np.mean(theta[close])) if close.any() else rho
     basis = tangent_basis(nadir)
     design = rays.design(nadir, basis)
-    refused_here = refusal(nadir, rho, rays.angles(nadir)[1], design)
+    refused_here = cone_refusal(nadir, rho, rays.angles(nadir)[1], design)
     if refused_here:
         return refuse(*refused_here)
     residual = rays.residuals_px(nadir, rho)

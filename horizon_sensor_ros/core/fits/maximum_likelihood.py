@@ -12,9 +12,9 @@ from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import (
     MAX_RMS_PX,
     MIN_INLIER_FRACTION,
+    cone_refusal,
     correlation_factor,
     fit_of_cone,
-    refusal,
     root_mean_square,
     too_few,
     too_uncertain,
@@ -245,7 +245,7 @@ def _assess(
     basis = tangent_basis(nadir)
     design = cone.design(rays, basis)
     growth = (rays.outward_base @ nadir) / -cone.sine
-    refused = refusal(nadir, rho, growth, design)
+    refused = cone_refusal(nadir, rho, growth, design)
     if refused:
         return refuse(*refused)
     if not converged:

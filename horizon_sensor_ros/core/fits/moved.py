@@ -12,8 +12,11 @@ from horizon_sensor_ros.core.planet import Planet
 
 
 def moved(fit: HorizonFit, step: np.ndarray, cov: np.ndarray, sphere: Planet) -> HorizonFit | None:
-    """Return the fit a step (4,) of nadir_base and altitude farther, with a covariance (4, 4) of
-    them, which is turned to the new nadir; None where no limb is seen from that altitude.
+    """Return the fit with nadir_base and altitude changed by a step, and another covariance.
+
+    step : (4,) of nadir_base (unit vector components) and altitude (m). cov : (4, 4) of the same,
+    after the step; its part along the new nadir is removed. None where the new altitude is below
+    the limb.
     """
     altitude_m = float(fit.altitude_m + step[3])
     rho_rad = sphere.rho_from_altitude(altitude_m)

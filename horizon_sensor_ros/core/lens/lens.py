@@ -14,7 +14,7 @@ class Lens(ABC):
     """Takes rays of the optical frame to places on the image plane at focal length 1, and back.
 
     distortion : coefficients of the model; empty for none.
-    Methods may divide by zero and meet NaN: callers say what numpy does then (`np.errstate`).
+    Methods may divide by zero or get NaN without a guard: callers wrap them in `np.errstate`.
     """
 
     distortion: tuple[float, ...]

@@ -16,8 +16,8 @@ from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.width import Smear
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.search.air_layer import layer_height_m
-from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS, Consensus, RayCandidates
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.robust import median, stretches
@@ -27,25 +27,43 @@ _STRETCHES, _ON_COURSE_PX = 4, 0.6
 _SHORTEST_PX = 1.0  # length of glow that is told from the blur
 
 
+@dataclass(frozen=True, eq=False)
+class LimbState:
+    """What the limb looked like in simultaneous frames: what following it starts from.
+
+    One per frame, in order: sees : whether the frame shows the limb. looks, factors, smears,
+    steepness : as of `Detection`.
+    """
+
+    sees: tuple[bool, ...]
+    looks: tuple[tuple[EdgeLook, ...], ...]
+    factors: tuple[int, ...]
+    smears: tuple[Smear | None, ...]
+    steepness: tuple[np.ndarray, ...]
+
+
 @dataclass(frozen=True)
 class Detection:
     """The limb in each frame, and where the last pass of refinement looked for it.
 
-    observations : one per frame, in order. nadir_base, rho_rad : the cone whose limb the last pass
-    refined; NaN where there is none. candidates : the search's, with the working image that
-    `sky_evidence` looks at. consensus : theirs. looks : one per frame, what the limb's edge looks
-    like; none where no model fits it. factors : one per frame, by which it was reduced for the last
-    pass. layer_rad : how far above the limb a layer of airglow lies, 0 without one. smears : one
-    per frame, motion's in it, None where there is hardly any. steepness : one per frame, that of
-    the limb when it was last asked whether motion smears it. apart : one per frame, the limbs that
-    were told apart from the glow above them where others were not; empty where all or none were.
-    airglow : whether a layer of it may show above the limb; where that is followed, whether it did.
-    agreed : the search's edges that the consensus is of, the limb's or the layer's; None where
-    nothing was searched.
+    One per frame, in order:
+    observations : the limb. looks : models of its edge; empty where none fits. factors : by which
+    the frame was reduced for the last pass. smears : motion's in it, None where there is hardly
+    any. steepness : of the limb, when it was last asked whether motion smears it. working : the
+    frame in the size of the search, which evidence is looked for in. separated : the limbs that
+    were separated from the glow above them (`LimbPoints.glow_separated`), where others were not;
+    empty where all or none were.
+
+    Of all frames together:
+    nadir_base (3,), rho_rad : the cone around which the last pass refined; NaN where there is none.
+    consensus : of the candidates. agreed : the search's edges that the consensus is of, the limb's
+    or the airglow's; None where the limb was followed and nothing was searched.
+    layer_rad : how far above the limb a layer of airglow lies, 0 without one. airglow : after a
+    search, whether such a layer may show; where the limb is followed, whether it did.
     """
 
     observations: tuple[LimbObservation, ...]
-    candidates: tuple[LimbCandidates, ...] = ()
+    working: tuple[WorkingImage, ...] = ()
     consensus: Consensus = field(default_factory=lambda: Consensus(Status.NO_LIMB))
     nadir_base: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     rho_rad: float = np.nan
@@ -55,13 +73,19 @@ class Detection:
     smears: tuple[Smear | None, ...] = ()
     agreed: RayCandidates | None = None
     steepness: tuple[np.ndarray, ...] = ()
-    apart: tuple[LimbObservation, ...] = ()
+    separated: tuple[LimbObservation, ...] = ()
     airglow: bool = True
 
     @property
     def limbs(self) -> tuple[LimbPoints, ...]:
         """Limb in each frame."""
         return tuple(seen.limb for seen in self.observations)
+
+    @property
+    def state(self) -> LimbState:
+        """What the limb looks like, to follow it from."""
+        sees = tuple(limb.status is Status.OK for limb in self.limbs)
+        return LimbState(sees, self.looks, self.factors, self.smears, self.steepness)
 
     def seen_by(self, views: Sequence[CameraView]) -> tuple[LimbObservation, ...]:
         """Return the observations by cameras that may have been stretched anew since."""
@@ -79,25 +103,25 @@ class Detection:
         )
 
     @property
-    def joint(self) -> bool:
-        """Whether limb and glow were told apart in every frame that shows a limb."""
-        return all(limb.joint for limb in self.limbs if limb.status is Status.OK)
+    def glow_separated(self) -> bool:
+        """Whether limb and glow were separated in every frame that shows a limb."""
+        return all(limb.glow_separated for limb in self.limbs if limb.status is Status.OK)
 
     @property
-    def told_apart(self) -> Detection | None:
-        """The same with only those limbs that were told apart from the glow above them, where
-        others were not; else None.
+    def separated_only(self) -> Detection | None:
+        """The same with only those limbs that were separated from the glow above them; None where
+        all or none were.
 
-        Edges in glow lie a pixel or two too far out: in one fit these and the ground's limb are of
-        two cones, so that all limbs of the detection itself are edges.
+        Edges in glow lie a pixel or two too far out, so that they and the ground's limb lie on two
+        cones and must not be mixed in one fit. In the detection itself all limbs are edges.
         """
-        if not self.apart:
+        if not self.separated:
             return None
         looks = tuple(
             kinds if seen.limb.status is Status.OK else ()
-            for seen, kinds in zip(self.apart, self.looks, strict=True)
+            for seen, kinds in zip(self.separated, self.looks, strict=True)
         )
-        return replace(self, observations=self.apart, looks=looks, apart=())
+        return replace(self, observations=self.separated, looks=looks, separated=())
 
     @cached_property
     def on_course(self) -> bool:
@@ -105,16 +129,16 @@ class Detection:
         sought around cones of its own.
         """
         return all(
-            limb.joint or _on_course(limb, _ON_COURSE_PX * factor)
+            limb.glow_separated or _on_course(limb, _ON_COURSE_PX * factor)
             for limb, factor in zip(self.limbs, self.factors, strict=True)
             if limb.status is Status.OK
         )
 
     def left_outside(self, index: int) -> float:
-        """Share of the edges on which the search agreed that lie outside of a frame's limb; 0 where
-        the glow above it may be why.
+        """Share (0 to 1) of the edges on which the search agreed that lie outside a frame's limb; 0
+        where the limb was followed, or where glow above it may explain them.
         """
-        if self.agreed is None or self.layer_rad > 0.0 or self.limbs[index].joint:
+        if self.agreed is None or self.layer_rad > 0.0 or self.limbs[index].glow_separated:
             return 0.0
         of_frame = self.agreed.take(self.agreed.camera == index)
         outside = of_frame.outside(self.nadir_base, self.rho_rad)
@@ -127,11 +151,11 @@ class Detection:
         return layer_height_m(self.agreed, (fit.nadir_base, fit.rho_rad), planet)
 
     def glow_over_usual(self, index: int) -> float:
-        """Length over which the glow above a frame's limb fades, over that of the Earth's air; 0
-        without glow, where limb and glow were told apart, and below a layer of airglow.
+        """Length over which the glow above a frame's limb fades, as a multiple of the Earth's usual
+        one; 0 without glow, where limb and glow were separated, and below a layer of airglow.
         """
         limb, looks = self.limbs[index], self.looks[index]
-        if self.layer_rad > 0.0 or limb.joint or not looks or looks[0].glow_px == 0.0:
+        if self.layer_rad > 0.0 or limb.glow_separated or not looks or looks[0].glow_px == 0.0:
             return 0.0
         view = self.observations[index].view
         usual_px = usual_length_px(view, self.rho_rad, self.factors[index])

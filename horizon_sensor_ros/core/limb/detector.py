@@ -9,9 +9,8 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
-from horizon_sensor_ros.core.limb.detection import Detection
+from horizon_sensor_ros.core.limb.detection import Detection, LimbState
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.edge.width import Smear
 from horizon_sensor_ros.core.limb.haze.passes import follow_through_haze, look_through_haze
 from horizon_sensor_ros.core.limb.passes import (
     AGAIN,
@@ -26,10 +25,7 @@ from horizon_sensor_ros.core.limb.passes import (
 )
 from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow
-from horizon_sensor_ros.core.limb.search.candidates import (
-    LimbCandidates,
-    space_boundary_candidates,
-)
+from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
     RayCandidates,
@@ -37,12 +33,13 @@ from horizon_sensor_ros.core.limb.search.selection import (
     limb_consensus,
     rays_of_candidates,
 )
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
 from horizon_sensor_ros.core.limb.smeared import (
-    misjudged,
     smeared_alike,
     smeared_one_way,
     still_sharp,
+    with_smear_error,
     without_smear,
 )
 from horizon_sensor_ros.core.limb_curve import limb_in_sight
@@ -69,29 +66,30 @@ def detect_limb(
     to be the limb's, about which it is sought in all frames; by default the consensus of all. A
     camera that sees no limb comes back with its own status; if no consensus is found all do.
     """
-    candidates = tuple(
+    candidates = [
         space_boundary_candidates(image, mask=view.mask)
         for view, image in zip(views, images, strict=True)
-    )
+    ]
+    working = tuple(each.working for each in candidates)
     found = rays_of_candidates(views, candidates)
     if near is None:
         consensus = limb_consensus(found, rho_min_rad=rho_min_rad, rho_max_rad=rho_max_rad)
-        consensus = ground_under_airglow(views, candidates, found, consensus, planet)
+        consensus = ground_under_airglow(views, working, found, consensus, planet)
     else:
         consensus = consensus_about(found, *near)
     if consensus.status is not Status.OK:
-        return _nothing(views, candidates, consensus)
-    looked = _looked_for(views, images, planet, candidates, consensus)
+        return _nothing(views, working, consensus)
+    looked = _looked_for(views, images, planet, working, consensus)
     if near is None and not consensus.unanimous and consensus.layer_rad == 0.0:
-        below = _below_airglow(views, planet, candidates, found, looked)
+        below = _below_airglow(views, planet, working, found, looked)
         if below is not None:
             consensus = below
             if consensus.status is not Status.OK:
-                return _nothing(views, candidates, consensus)
-            looked = _looked_for(views, images, planet, candidates, consensus, FRESH)
+                return _nothing(views, working, consensus)
+            looked = _looked_for(views, images, planet, working, consensus, FRESH)
     return replace(
         looked,
-        candidates=candidates,
+        working=working,
         consensus=consensus,
         layer_rad=consensus.layer_rad,
         agreed=found.take(consensus.inliers),
@@ -103,67 +101,55 @@ def follow_limb(
     views: Sequence[CameraView],
     images: Sequence[np.ndarray],
     planet: Planet,
-    nadir_base: np.ndarray,
-    rho_rad: float,
-    sees: Sequence[bool],
-    looks: Sequence[tuple[EdgeLook, ...]],
-    factors: Sequence[int],
-    smears: Sequence[Smear | None],
-    steepness: Sequence[np.ndarray],
+    near: tuple[np.ndarray, float],
+    before: LimbState,
 ) -> Detection | None:
     """Find the limb again near a predicted one; None where the prediction is of no help.
 
-    sees : whether each frame's camera saw the limb. looks, factors, smears, steepness : as in the
-    last detection.
+    near : nadir (3,) and rho (rad) of the predicted cone. before : the limb in the last frames.
     The last passes of `detect_limb` around the predicted cone; where the limb lies farther off, or
     looks otherwise, a pass or two more, so that the answer is that of a search. Other cameras that
     see the limb than did, or an edge that no model fits and that a search may measure otherwise:
     None.
     """
-    if any(look.haze for kinds in looks for look in kinds):
-        near = nadir_base, rho_rad
-        through = follow_through_haze(views, images, planet, near, looks, factors)
-        return through if through is not None and _sees(through, sees) else None
+    if any(look.haze for kinds in before.looks for look in kinds):
+        through = follow_through_haze(views, images, planet, near, before.looks, before.factors)
+        return through if through is not None and through.state.sees == before.sees else None
     fresh: list[tuple[EdgeLook, ...]] = [()] * len(views)
-    attempts = ((looks, (NEARER, EXPECTED)), (fresh, (AGAIN, *FRESH)))
+    attempts = ((before.looks, (NEARER, EXPECTED)), (fresh, (AGAIN, *FRESH)))
     frames = [
         SizedFrame(image, factor, smear=smear)
-        for image, factor, smear in zip(images, factors, smears, strict=True)
+        for image, factor, smear in zip(images, before.factors, before.smears, strict=True)
     ]
     for start, steps in attempts:
-        found = look_for(views, frames, planet, (nadir_base, rho_rad), start, steps)
-        if not _sees(found, sees):
-            apart = found.told_apart
-            if apart is None or not _sees(apart, sees):
+        found = look_for(views, frames, planet, near, start, steps)
+        if found.state.sees != before.sees:
+            separated = found.separated_only
+            if separated is None or separated.state.sees != before.sees:
                 continue
-            found = apart
+            found = separated
         if found.modelled and found.on_course:
-            if not smeared_alike(views, images, found, smears):
+            if not smeared_alike(views, images, found, before.smears):
                 return None
-            sharp = still_sharp(views, images, found, steepness, smears, start)
+            sharp = still_sharp(views, images, found, before.steepness, before.smears, start)
             if sharp is None:
                 return None
-            return misjudged(replace(found, smears=tuple(smears), steepness=sharp))
+            return with_smear_error(replace(found, smears=before.smears, steepness=sharp))
     return None
 
 
-def _sees(found: Detection, sees: Sequence[bool]) -> bool:
-    """Whether these cameras see the limb and no others."""
-    return [limb.status is Status.OK for limb in found.limbs] == list(sees)
-
-
 def _nothing(
-    views: Sequence[CameraView], candidates: tuple[LimbCandidates, ...], consensus: Consensus
+    views: Sequence[CameraView], working: tuple[WorkingImage, ...], consensus: Consensus
 ) -> Detection:
     """No limb in any frame, and why."""
     none = LimbPoints.none(consensus.status, consensus.reason)
-    return Detection(tuple(LimbObservation(view, none) for view in views), candidates, consensus)
+    return Detection(tuple(LimbObservation(view, none) for view in views), working, consensus)
 
 
 def _below_airglow(
     views: Sequence[CameraView],
     planet: Planet,
-    candidates: Sequence[LimbCandidates],
+    working: Sequence[WorkingImage],
     found: RayCandidates,
     looked: Detection,
 ) -> Consensus | None:
@@ -176,7 +162,7 @@ def _below_airglow(
     if not np.isfinite(looked.rho_rad):
         return None
     about = consensus_about(found, looked.nadir_base, looked.rho_rad)
-    below = ground_under_airglow(views, candidates, found, about, planet, refined=True)
+    below = ground_under_airglow(views, working, found, about, planet, refined=True)
     return None if below is about else below
 
 
@@ -184,7 +170,7 @@ def _looked_for(
     views: Sequence[CameraView],
     images: Sequence[np.ndarray],
     planet: Planet,
-    candidates: Sequence[LimbCandidates],
+    working: Sequence[WorkingImage],
     consensus: Consensus,
     steps: Sequence[RefinePass] = (SEARCH, *FRESH),
 ) -> Detection:
@@ -196,8 +182,8 @@ def _looked_for(
         if hazy is not None and not smeared_one_way(images, hazy):
             return hazy
         frames = [
-            SizedFrame(image, max(1, int(found.pitch_px) // 2), int(found.pitch_px))
-            for image, found in zip(images, candidates, strict=True)
+            SizedFrame(image, max(1, small.factor // 2), small.factor)
+            for image, small in zip(images, working, strict=True)
         ]
         looked = look_for(views, frames, planet, near, [()] * len(views), steps)
     return without_smear(views, images, planet, looked)

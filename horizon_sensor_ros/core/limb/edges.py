@@ -13,7 +13,7 @@ from horizon_sensor_ros.core.limb.edge.clipping import place_clipped_edges
 from horizon_sensor_ros.core.limb.edge.looks import guess_looks
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.places import place_edges
-from horizon_sensor_ros.core.limb.glow.contour import contour_limb
+from horizon_sensor_ros.core.limb.glow.contour import ContourLimb, contour_limb
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.profiles import (
     EdgePlaces,
@@ -41,7 +41,7 @@ _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that m
 # texture; beside ground as even as this there is none to take out.
 _FINE_PSF_PX, _EVEN = 0.6, 0.006
 _STRETCHES = 6
-_APART_SHARE = 0.75  # of what separates two kinds of edge along the limb, as measured beside truth
+_MOVED_SHARE = 0.75  # of what a model moves stretches by unequally, as measured beside truth
 _CALM, _CALM_PX = 3.0, 0.2  # jumps from profile to profile: over those without a model, and at all
 # Jumps of the steepest fall from which on texture moves it, and no cone that fits it is near enough
 # to krige about.
@@ -96,9 +96,11 @@ class LimbEdges:
 def modelled_edges(
     sample: LimbSample, look: EdgeLook, steepest: LimbEdges, rho_rad: float, step: RefinePass
 ) -> LimbEdges | None:
-    """Edges where a model of them lies, kriged where that is for them; None if the model is wrong:
-    most of the edges do not follow it, it makes them jump about, or without glow moves them all, or
-    a whole stretch of such as lie steadily.
+    """Edges placed by a model of them, and kriged where they are sharp enough for it.
+
+    None where the model is wrong: too few edges follow it (`_MODEL_SHARE`); it makes neighbouring
+    edges jump (`_CALM`); or, without glow, it moves all edges (`_MOVED_PX`), or a whole stretch of
+    edges that lie steadily (`_DRIFT_PX`), away from where brightness falls most steeply.
     """
     places, good = steepest.places, steepest.good
     plain = good & ~sample.clipped
@@ -149,48 +151,31 @@ def limb_of_edges(
 
     steepest : where brightness falls most steeply. uneven : glow is known to change fast along it.
     """
-    places, good, model_free = edges.places, edges.good, edges.model_free
-    clipped = sample.clipped
-    of_clipping = _NOTHING_SHARED
-    if clipped.any() and not any(look.glow_px > 0 for look in looks):
-        places, of_clipping = _with_clipped(sample, clipped, places)
-        good = (good & ~clipped) | (clipped & believable(places))
+    given = bool(looks)
+    places, good, of_clipping = _with_feet(sample, edges, looks)
     num_good = int(np.count_nonzero(good))
     if num_good < MIN_PROFILES:
         reason = f"{num_good} of {len(good)} profiles across the limb show an edge"
         return LimbPoints.none(Status.NO_LIMB, reason), ()
-    apart = (places.offset_px - steepest.offset_px)[good & believable(steepest)]
+    edges_px = places.offset_px
     jumps_px = scatter_px(steepest.offset_px[good])
     profiles, px, normal_px = sample.profiles, sample.px, sample.normal_px
     if num_good < len(profiles):
         places, profiles = places.take(good), profiles[good]
         px, normal_px = px[good], normal_px[good]
-    given = bool(looks)
     if step.guess and not given:
         looks = guess_looks(profiles, sample.grid.d_px, places)
     glow_px = max((look.glow_px for look in looks), default=0.0)
     glows = glow_px > 0.0
     shared = edges.shared
-    if glows or model_free:
-        coherent = _COHERENT_PX[(glows, model_free)]
-        if glows:
-            length_px = usual_length_px(view, rho_rad, step.factor)
-            coherent = _under_glow(coherent, length_px, None if model_free else apart)
-        else:
-            coherent = min(coherent, scatter_px(places.offset_px))
+    if glows or edges.model_free:
+        moved_px = (edges_px - steepest.offset_px)[good & believable(steepest)]
+        length_px = usual_length_px(view, rho_rad, step.factor)
+        coherent = _coherent_px(places, glow_px, length_px, None if edges.model_free else moved_px)
         if step.contour and 0.0 < glow_px <= _LONGEST_CONTOUR_PX:
             # Edges without a model lie the farther out, the darker the ground.
-            alike = {"shared_px": coherent} if model_free else {}
-            contour = contour_limb(
-                profiles,
-                sample.grid.d_px,
-                places,
-                sample.noise,
-                sample.bundles.middle[good],
-                normal_px,
-                pixel_rad_across(view, px, normal_px),
-                **alike,
-            )
+            shared_px = coherent if edges.model_free else None
+            contour = _contour(sample, good, places, view, shared_px)
             if contour is not None:
                 coherent = contour.coherent_px
                 places = contour.places(places)
@@ -198,29 +183,75 @@ def limb_of_edges(
         if uneven:
             coherent *= _UNEVEN_GLOW
         shared = SharedError(coherent, _SHIFT * coherent, _SLOPE * coherent)
-    blur_px, steepness = np.nan, np.empty(0)
-    if not glows:
-        blur_px = np.nan if model_free else sample.factor * looks[0].psf_px
-        steepness = _steepness(_falls(profiles), sample.grid)
     shared = shared.besides(of_clipping)
-    points = _points(sample, px, normal_px, places, shared, jumps_px, steepness, blur_px)
-    if given and model_free and not glows:
-        points = replace(points, modelled=False)
+    no_model = given and edges.model_free
     if glows:
-        height_px = _CLIPPED_HEIGHT * float(np.mean(clipped)) * usual_length_px(view, rho_rad)
+        points = _points(sample, px, normal_px, places, shared, jumps_px, np.empty(0), np.nan)
+        overexposed = float(np.mean(sample.clipped))
+        height_px = _CLIPPED_HEIGHT * overexposed * usual_length_px(view, rho_rad)
         points = replace(points, height_px=height_px)
-    return points, () if given and model_free else tuple(looks)
+    else:
+        steepness = _steepness(_falls(profiles), sample.grid)
+        blur_px = np.nan if edges.model_free else sample.factor * looks[0].psf_px
+        points = _points(sample, px, normal_px, places, shared, jumps_px, steepness, blur_px)
+        points = replace(points, modelled=not no_model)
+    return points, () if no_model else tuple(looks)
 
 
-def _under_glow(coherent_px: float, length_px: float, apart_px: np.ndarray | None) -> float:
-    """Error that neighbours share where air glows, so far up.
+def _contour(
+    sample: LimbSample,
+    good: np.ndarray,
+    places: EdgePlaces,
+    view: CameraView,
+    shared_px: float | None,
+) -> ContourLimb | None:
+    """Contour of the glow above good edges, at their places (N,); good : (M,) of the sample.
 
-    apart_px : (N,) how far a model moves edges from the steepest fall, along the limb.
+    shared_px : as of `contour_limb`, by default if None.
     """
-    if apart_px is not None and len(apart_px) >= MIN_PROFILES:
-        # Where these move apart along the limb, the model does not hold.
-        middles = [median(part) for part in np.array_split(apart_px, _STRETCHES)]
-        coherent_px = max(coherent_px, _APART_SHARE * float(np.std(middles)))
+    px, normal_px = sample.px[good], sample.normal_px[good]
+    alike = {} if shared_px is None else {"shared_px": shared_px}
+    return contour_limb(
+        sample.profiles[good],
+        sample.grid.d_px,
+        places,
+        sample.noise,
+        sample.bundles.middle[good],
+        normal_px,
+        pixel_rad_across(view, px, normal_px),
+        **alike,
+    )
+
+
+def _with_feet(
+    sample: LimbSample, edges: LimbEdges, looks: Sequence[EdgeLook]
+) -> tuple[EdgePlaces, np.ndarray, SharedError]:
+    """Places of edges (M,), which of them are good, and the error that clipped ones share: without
+    glow these are placed by their feet.
+    """
+    clipped = sample.clipped
+    if not clipped.any() or any(look.glow_px > 0 for look in looks):
+        return edges.places, edges.good, _NOTHING_SHARED
+    places, shared = _with_clipped(sample, clipped, edges.places)
+    return places, (edges.good & ~clipped) | (clipped & believable(places)), shared
+
+
+def _coherent_px(
+    places: EdgePlaces, glow_px: float, length_px: float, moved_px: np.ndarray | None
+) -> float:
+    """Error that neighbouring edges share where air glows, so far up, or no model places them.
+
+    glow_px : length over which the glow fades, 0 without any, and length_px : over which air
+    usually does. moved_px : (N,) how far a model moves edges from the steepest fall, along the
+    limb; None without a model.
+    """
+    coherent_px = _COHERENT_PX[(glow_px > 0.0, moved_px is None)]
+    if glow_px == 0.0:
+        return min(coherent_px, scatter_px(places.offset_px))
+    if moved_px is not None and len(moved_px) >= MIN_PROFILES:
+        # Where these differ along the limb, the model does not hold.
+        middles = [median(part) for part in np.array_split(moved_px, _STRETCHES)]
+        coherent_px = max(coherent_px, _MOVED_SHARE * float(np.std(middles)))
     return coherent_px * min(max(1.0, length_px / _FINE_PX), _FINEST)
 
 
@@ -357,7 +388,7 @@ def _unevenness(step: np.ndarray) -> float:
 
 
 def believable(places: EdgePlaces) -> np.ndarray:
-    """Which edges (M,) are significant, inside their profile and as a model has them."""
+    """Which edges (M,) are significant, not at the end of their profile, and of low misfit."""
     return (
         (places.significance > LEAST_SIGNIFICANCE)
         & ~places.at_border

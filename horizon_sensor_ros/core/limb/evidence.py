@@ -15,28 +15,33 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.robust import quantile, robust_sigma
 from horizon_sensor_ros.core.symmetric3 import solve
 
 _SKY_STEPS_PX = np.array([5.0, 7.0, 10.0, 14.0])  # outwards from the limb, working pixels
-_GROUND_STEPS_PX = np.array([-2.0, -4.0, -7.0])
+_GROUND_STEPS_PX = np.array([-2.0, -4.0, -7.0])  # inwards, likewise
 _UNEVEN_PX = 5.0  # by which an edge beyond the limb comes nearer, from where on it is no layer's
 _LAYER = 1.2  # top of a layer of airglow, over its height
 _LIMB_STEP_PX = 3.0  # from one look at the limb to the next, working pixels
-_GRID_STEP = 6  # working pixels
+_GRID_STEP = 6  # from one look at the sky to the next, working pixels
 _SKY_MARGIN_PX = 8.0  # air glow above the limb is left out
-# Sky that is as clear as this leaves nothing to explain by glare.
-_SURELY_CLEAR, _HARDLY_BRIGHT = 0.9, 0.1
+# Sky that is as clear as this leaves nothing to explain by glare or stray light.
+_SURELY_CLEAR = 0.9  # share of the sky at the level of space, at least
+_HARDLY_BRIGHT = 0.1  # share of the limb beside bright sky, at most
 _RING_PX = 10.0  # width of the rings about the Sun, working pixels
-# What the Sun floods: so many working pixels at least, within so many of its middle (a star, a lamp
-# or the Moon less), and at most such a share of the sky.
-_LEAST_SUN_PX, _NEAR_SUN_PX, _LARGEST_SUN = 120, 20, 0.15
-# Of the contrast, from which on the sky's brighter side is no stray light: as a rule, and where
-# nearly all of the sky lies on one plane within its noise, as no ground does.
-_MOST_SLOPE, _MOST_EVEN_SLOPE = 0.3, 0.6
-_EVEN_SIGMAS, _EVEN_SHARE = 3.0, 0.95
-_SLOPE_ROUNDS, _LEAST_SKY = 6, 40
+# What the Sun floods; a star, a lamp or the Moon is smaller.
+_LEAST_SUN_PX = 120  # working pixels that are flooded near its middle, at least
+_NEAR_SUN_PX = 20  # working pixels from its middle, right and down, which count as near
+_LARGEST_SUN = 0.15  # share of the sky that it may flood
+# Stray light rises along a plane: how high at most, over the contrast between ground and space.
+_MOST_SLOPE = 0.3  # as a rule
+_MOST_EVEN_SLOPE = 0.6  # where nearly all of the sky is on the plane, as no ground is
+_EVEN_SIGMAS = 3.0  # of noise, within which a place of the sky is on it
+_EVEN_SHARE = 0.95  # of the sky: nearly all
+_SLOPE_ROUNDS = 6  # of the robust fit of that plane
+_LEAST_SKY = 40  # places in the sky that it takes
 _MASK_CLEARANCE_PX = 11.0  # nearer to a mask, pixels of the full image, no limb is looked for
 
 
@@ -44,17 +49,19 @@ _MASK_CLEARANCE_PX = 11.0  # nearer to a mask, pixels of the full image, no limb
 class SkyEvidence:
     """One camera's evidence about a fitted limb.
 
-    limb_px : length of the predicted limb in the frame, where not masked. bright_sky : share of it
-    whose outer side is bright.
-    lit_limb : share of it whose inner side is brighter than space. clear_sky : share of the frame
-    outside the disc that is at the level of space; NaN when less than 1 % of the frame lies
-    outside. contrast : gray levels from space to the planet beside the limb, over the noise.
-    dark_ground : behind the lit part of the limb, share of the ground that is at the level of
-    space; between a night side's lamps it is. ground_beyond : share of the limb beyond which there
-    is ground up to an edge that does not keep its distance, as a layer of air does; at most twice
-    the share where that edge is in sight, which a part of the craft's is not.
-    The Sun's glare counts neither as planet nor as sky; nor does stray light, which makes one side
-    of the sky a little brighter than the other (twilight and moonlight do, on long exposures).
+    Along the limb: limb_px : its length in the frame, where not masked. bright_sky : share of it
+    whose outer side is bright. lit_limb : share of it whose inner side is brighter than space.
+    ground_beyond : share of it that has something bright beyond it which looks like ground: it ends
+    in an edge whose distance from the limb changes, as that of a layer of air does not. Where that
+    edge is out of sight, as a part of the craft's may be, it counts only up to as much of the limb
+    again as where it is in sight.
+    Inside: contrast : gray levels from space to the planet beside the limb, over the noise.
+    dark_ground : behind the lit part of the limb, share of the ground that is as dark as space; it
+    is large between the lamps of a night side.
+    Outside: clear_sky : share of the frame outside the disc that is at the level of space; NaN when
+    less than 1 % of the frame lies outside.
+    Taken off before that: the Sun's glare, and stray light, which makes one side of the sky a
+    little brighter than the other, as twilight and moonlight do on long exposures.
     """
 
     limb_px: float
@@ -67,23 +74,19 @@ class SkyEvidence:
 
 
 def sky_evidence(
-    small: np.ndarray,
-    factor: int,
-    space_level: float,
-    noise: float,
+    working: WorkingImage,
     view: CameraView,
     nadir_base: np.ndarray,
     rho_rad: float,
     predicted: LimbCurve | None = None,
     layer_rad: float = 0.0,
 ) -> SkyEvidence:
-    """Look at both sides of a fitted limb in a reduced image.
+    """Look at both sides of a fitted limb in a working image.
 
-    small : the image reduced by `factor`: (h, w), float32 means, or single pixels of the frame's
-    type where the limb is followed. space_level, noise : of that image. predicted : the limb as it
-    was drawn before it was fitted; it will do where it lies near enough. layer_rad : how far above
-    the limb a layer of airglow lies; the sky begins beyond it.
+    predicted : the limb as it was drawn before it was fitted; it will do where it lies near enough.
+    layer_rad : how far above the limb a layer of airglow lies; the sky begins beyond it.
     """
+    small, factor, noise = working.gray, working.factor, working.noise
     curve = _limb(view, nadir_base, rho_rad, factor, predicted)
     px, normal_px = curve.px, curve.normal_px
     if view.mask is not None:
@@ -97,37 +100,37 @@ def sky_evidence(
     sky = _sky(small, factor, view, nadir_base, rho_rad + _LAYER * layer_rad)
     usable = None if view.mask is None else view.mask.reduced(factor)
     limb_px = curve.spacing_px * len(px)
-    told = _judged(small, space_level, usable, sides, sky, noise, limb_px)
+    told = _judged(working, usable, sides, sky, limb_px)
     if told.bright_sky < _HARDLY_BRIGHT and not told.clear_sky < _SURELY_CLEAR:
         return told
-    above = small - np.float32(space_level)
+    above = small - np.float32(working.space_level)
     sky_px = _grid(view.camera, *small.shape, factor)[0][sky]
     light = glare = _glare(above, sky_px, told.contrast * noise)
     if light is None:
         light = _stray_light(above, sky_px, told.contrast * noise, noise)
     if light is None:
         return told
-    without = _judged(above - light, 0.0, usable, sides, sky, noise, limb_px)
+    dark = replace(working, gray=above - light, space_level=0.0)
+    without = _judged(dark, usable, sides, sky, limb_px)
     # The Sun's streaks have edges of their own; what is taken for stray light, which has none, may
     # be ground.
     return replace(without, ground_beyond=0.0 if glare is not None else told.ground_beyond)
 
 
 def _judged(
-    small: np.ndarray,
-    space_level: float,
+    working: WorkingImage,
     usable: np.ndarray | None,
     sides: np.ndarray,
     sky: np.ndarray,
-    noise: float,
     limb_px: float,
 ) -> SkyEvidence:
-    """Evidence from an image (h, w) in which empty space has a level.
+    """Evidence from one image.
 
-    sides : (2, S, N) x and y of places beside the limb, in pixels from the image's corner, ground
-    first. sky : (M,) which pixels of
-    `_on_grid` lie outside the disc.
+    usable : (h, w) where it is not masked, None where nothing is. sides : (2, S, N) x and y of
+    places beside the limb, in pixels from the image's corner, ground first. sky : (M,) which pixels
+    of `_on_grid` lie outside the disc.
     """
+    small, space_level, noise = working.gray, working.space_level, working.noise
     within = (sides >= 0.0) & (sides < np.array(small.shape[::-1])[:, None, None])
     known = within[0] & within[1]
     x, y = np.where(known, sides, 0.0).astype(np.intp)

@@ -30,13 +30,13 @@ def by_night(found: Detection) -> Detection:
     below_layer = found.layer_rad > 0.0
 
     def known(limb: LimbPoints) -> LimbPoints:
-        if limb.joint or limb.modelled:
-            doubted = beside_dark or (below_layer and not limb.joint)
-            return limb.misjudged(_MODELLED) if doubted else limb
+        if limb.glow_separated or limb.modelled:
+            doubted = beside_dark or (below_layer and not limb.glow_separated)
+            return limb.with_shared_errors_times(_MODELLED) if doubted else limb
         if below_layer:
             height_px = math.hypot(limb.height_px, _HEIGHT_PX)
-            return replace(limb.misjudged(_BELOW_LAYER), height_px=height_px)
-        return limb.misjudged(_BESIDE_DARK) if beside_dark else limb
+            return replace(limb.with_shared_errors_times(_BELOW_LAYER), height_px=height_px)
+        return limb.with_shared_errors_times(_BESIDE_DARK) if beside_dark else limb
 
     return found.with_limbs([known(limb) for limb in found.limbs])
 

@@ -23,20 +23,24 @@ from horizon_sensor_ros.core.status import Status
 # From the consensus, good to a grid step or two, to the last tenths of a pixel. Where air glows the
 # ground's edge lies farther from the steepest fall, where the first two look, than the last does.
 # The search sees a reduced image, whose edges look sharper than they are.
-SEARCH = RefinePass(reach_px=8.0, grid_px=0.5, spacing_px=4.0, contour=False)
-_NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0)
-_GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0, joint=True)
-_FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0, joint=True, in_part=True)
+SEARCH = RefinePass(
+    reach_px=8.0, grid_px=0.5, spacing_px=4.0, contour=False, after_search=True, resizes=True
+)
+_NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0, resizes=True)
+_GLOW = RefinePass(reach_px=2.0, grid_px=0.25, spacing_px=2.0, separate_glow=True, for_glow=True)
+_FINAL = RefinePass(
+    reach_px=1.0, grid_px=0.125, spacing_px=1.0, separate_glow=True, in_part=True, finest=True
+)
 EXPECTED = replace(_FINAL, expected=True, inner_px=5.0)
 # Where the fit of limb and glow did not hold in the last frame one attempt is enough.
-NEARER = replace(_GLOW, joint=False)
+NEARER = replace(_GLOW, separate_glow=False)
 # Around a consensus that nearly all candidates agree on: it is as near as the passes come.
-AT_ONCE = replace(_FINAL, at_once=True, joint=False)
+AT_ONCE = replace(_FINAL, at_once=True, separate_glow=False)
 # Where the prediction was off.
 AGAIN = RefinePass(reach_px=10.0, grid_px=0.5, spacing_px=4.0, guess=False)
 # Where it is not known what the edge looks like.
 FRESH = (_NEAR, _GLOW, _FINAL)
-_NOT_TOLD_APART = "the ground's limb is not told from the glow above it"
+_NOT_SEPARATED = "the ground's limb is not told from the glow above it"
 # Jumps from edge to edge of a limb that shows itself well at once.
 _STEADY_PX = 0.3
 
@@ -51,75 +55,126 @@ def look_for(
 ) -> Detection:
     """Pass after pass, each around the cone that fits the last one's limb.
 
-    near : nadir (3,) and rho of the first pass. Passes that leave the cone open are the last, and
-    so is one in which every limb is fitted together with the glow above it. The first two are made
-    once more in frames of another size, the final one where it finds the limb off its cone.
+    near : nadir (3,), base frame, and rho (rad) for the first pass. frames, looks : one a view.
+    steps : the passes; one more `_FINAL` follows, unless the last of them found the limb on its
+    cone.
+    Ends early after a pass that leaves the cone undetermined, and after one in which every limb was
+    separated from its glow. Passes that decide the frames' sizes are made again where one changes.
     """
-    nadir, rho = near
-    looks = list(looks)
+    passes = _Passes(views, frames, planet, near, looks, [*steps, _FINAL])
     found = Detection(())
-    passes = [*steps, _FINAL]
-    while passes:
-        step = passes.pop(0)
-        if step in (_GLOW, NEARER) and not any(
-            look.glow_px > 0 and look.air is None for kinds in looks for look in kinds
-        ):
+    while passes.ahead:
+        step = passes.ahead.pop(0)
+        if step.for_glow and not passes.unknown_glow:
             continue
-        seen, held = refined(views, frames, (nadir, rho), step, looks)
-        apart: tuple[LimbObservation, ...] = ()
-        if step.joint and _of_two_limbs(seen, held):
-            _tell_apart_alike(views, frames, planet, (nadir, rho), step, seen, held)
-        if step.joint and _of_two_limbs(seen, held):
-            apart = _told_apart(seen, held)
-            seen, held = refined(views, frames, (nadir, rho), replace(step, joint=False), looks)
-        looks = [kinds or before for kinds, before in zip(held, looks, strict=True)]
-        found = Detection(
-            tuple(seen),
-            nadir_base=nadir,
-            rho_rad=rho,
-            # The search's pass guesses, and fits no model.
-            looks=tuple(() if step is SEARCH else kinds for kinds in held),
-            factors=tuple(frame.factor for frame in frames),
-            apart=apart,
-        )
-        if step in (EXPECTED, _FINAL) and (found.on_course or not found.modelled):
+        found = passes.make(step)
+        if _is_enough(step, found):
             break
-        if step is _GLOW and found.joint:
-            break
-        if step in (SEARCH, _NEAR):
-            resized = [frame.resize(limb) for frame, limb in zip(frames, found.limbs, strict=True)]
-            if step is _NEAR and any(resized):
-                looks = [()] * len(views)
-                passes.insert(0, _NEAR)
-            if -1 in resized:
-                continue
-        rays = gather(seen)
-        # Around a consensus that strayed to a cloud edges follow it where the limb is out of reach:
-        # then those that are right are found by their agreement, not by where the consensus was.
-        starts = (None, (nadir, rho)) if step is SEARCH else ((nadir, rho), None)
-        nearer = refine(rays, planet, starts[0])
-        if not nearer.ok:
-            nearer = refine(rays, planet, starts[1])
-        if not nearer.ok and step is SEARCH and sum(frame.coarsen() for frame in frames):
-            # Edges of a limb this soft scatter too much for any cone.
-            looks = [()] * len(views)
-            passes.insert(0, SEARCH)
+        if step.resizes and passes.resize(step, found):
             continue
-        if not nearer.ok:
+        if not (passes.ahead and passes.go_nearer(step, found)):
             break
-        nadir, rho = nearer.nadir_base, nearer.rho_rad
-        if step is SEARCH:
-            if shows_all(found, looks, _STEADY_PX):
-                passes.remove(_NEAR)
-            else:
-                looks = [()] * len(views)
-    if not any(seen.limb.joint for seen in (*found.observations, *found.apart)):
+    if not any(seen.limb.glow_separated for seen in (*found.observations, *found.separated)):
         return found
     return replace(
         found,
         observations=told_together(found.observations),
-        apart=told_together(found.apart),
+        separated=told_together(found.separated),
     )
+
+
+class _Passes:
+    """What each pass hands on to the next.
+
+    ahead : passes still to be made. cone : nadir (3,) and rho (rad) around which the next one
+    looks. looks : one a view, what the edge may look like.
+    """
+
+    def __init__(
+        self,
+        views: Sequence[CameraView],
+        frames: Sequence[SizedFrame],
+        planet: Planet,
+        near: tuple[np.ndarray, float],
+        looks: Sequence[tuple[EdgeLook, ...]],
+        ahead: list[RefinePass],
+    ) -> None:
+        self._views, self._frames, self._planet = views, frames, planet
+        self.cone = near
+        self.looks = list(looks)
+        self.ahead = ahead
+
+    @property
+    def unknown_glow(self) -> bool:
+        """Whether some edge glows, in air that no fit has told yet."""
+        return any(look.glow_px > 0 and look.air is None for kinds in self.looks for look in kinds)
+
+    def make(self, step: RefinePass) -> Detection:
+        """Look at all frames around the cone, at all limbs alike: separated from glow, or not."""
+        views, frames, cone = self._views, self._frames, self.cone
+        seen, held = refined(views, frames, cone, step, self.looks)
+        separated: tuple[LimbObservation, ...] = ()
+        if step.separate_glow and _of_two_limbs(seen, held):
+            _separate_the_rest(views, frames, self._planet, cone, step, seen, held)
+            if _of_two_limbs(seen, held):
+                separated = _only_separated(seen, held)
+                edges_only = replace(step, separate_glow=False)
+                seen, held = refined(views, frames, cone, edges_only, self.looks)
+        self.looks = [kinds or before for kinds, before in zip(held, self.looks, strict=True)]
+        return Detection(
+            tuple(seen),
+            nadir_base=cone[0],
+            rho_rad=cone[1],
+            # The pass after a search guesses, and fits no model.
+            looks=tuple(() if step.after_search else kinds for kinds in held),
+            factors=tuple(frame.factor for frame in frames),
+            separated=separated,
+        )
+
+    def resize(self, step: RefinePass, found: Detection) -> bool:
+        """Let frames change their size by how their limbs look; whether one went back to the last
+        size, in which the cone was known better than from this.
+        """
+        limbs = zip(self._frames, found.limbs, strict=True)
+        resized = [frame.resize(limb) for frame, limb in limbs]
+        if any(resized) and not step.after_search:
+            self._again(step)
+        return -1 in resized
+
+    def go_nearer(self, step: RefinePass, found: Detection) -> bool:
+        """Go on around the cone that fits what a pass found; False where none does."""
+        rays = gather(found.observations)
+        # Around a consensus that strayed to a cloud edges follow it where the limb is out of reach:
+        # then those that are right are found by their agreement, not by where the consensus was.
+        starts = (None, self.cone) if step.after_search else (self.cone, None)
+        nearer = refine(rays, self._planet, starts[0])
+        if not nearer.ok:
+            nearer = refine(rays, self._planet, starts[1])
+        if not nearer.ok:
+            # Edges of a limb that is too soft for these frames scatter too much for any cone.
+            coarser = step.after_search and sum(frame.coarsen() for frame in self._frames) > 0
+            if coarser:
+                self._again(step)
+            return coarser
+        self.cone = nearer.nadir_base, nearer.rho_rad
+        if step.after_search:
+            if shows_all(found, self.looks, _STEADY_PX):
+                self.ahead.remove(_NEAR)
+            else:
+                self.looks = [()] * len(self._views)
+        return True
+
+    def _again(self, step: RefinePass) -> None:
+        """Make a pass once more in frames of other sizes, in which edges look otherwise."""
+        self.looks = [()] * len(self._views)
+        self.ahead.insert(0, step)
+
+
+def _is_enough(step: RefinePass, found: Detection) -> bool:
+    """Whether no pass after this one would tell more."""
+    if step.finest:
+        return found.on_course or not found.modelled
+    return step.for_glow and step.separate_glow and found.glow_separated
 
 
 def refined(
@@ -129,7 +184,7 @@ def refined(
     step: RefinePass,
     looks: Sequence[tuple[EdgeLook, ...]],
 ) -> tuple[list[LimbObservation], list[tuple[EdgeLook, ...]]]:
-    """One pass over all frames around a cone: the limbs, and the looks that hold of their edges."""
+    """One pass over all frames around a cone: each frame's limb, and models that fit its edge."""
     seen, held = [], []
     for view, frame, kinds in zip(views, frames, looks, strict=True):
         here = step
@@ -141,7 +196,7 @@ def refined(
     return seen, held
 
 
-def _tell_apart_alike(
+def _separate_the_rest(
     views: Sequence[CameraView],
     frames: Sequence[SizedFrame],
     planet: Planet,
@@ -150,20 +205,20 @@ def _tell_apart_alike(
     seen: list[LimbObservation],
     held: list[tuple[EdgeLook, ...]],
 ) -> None:
-    """Tell more limbs apart from the glow above them, about the cone of those that are told, and
-    beginning with their air: all cameras see one sky. In place.
+    """Try again to separate limbs from glow, in the frames in which that failed, around the cone
+    and starting from the air of those in which it worked. Changes `seen` and `held` in place.
     """
-    cone = refine(gather([found for found in seen if found.limb.joint]), planet, near)
+    cone = refine(gather([found for found in seen if found.limb.glow_separated]), planet, near)
     # The blur is one in pixels of a frame's size.
     whole = [i for i, frame in enumerate(frames) if frame.factor == 1]
-    known = next((held[i] for i in whole if seen[i].limb.joint), ())
+    known = next((held[i] for i in whole if seen[i].limb.glow_separated), ())
     if not cone.ok or not known:
         return
     for i in whole:
         if seen[i].limb.status is Status.OK and not _of_ground(seen[i].limb, held[i]):
             about = cone.nadir_base, cone.rho_rad
             limb, holds = refine_limb(frames[i].image(), views[i], *about, step, known)
-            if limb.joint:
+            if limb.glow_separated:
                 seen[i], held[i] = LimbObservation(views[i], limb), holds
 
 
@@ -171,21 +226,21 @@ def _of_two_limbs(seen: Sequence[LimbObservation], held: Sequence[tuple[EdgeLook
     """Whether some cameras have the ground's limb and others the edge of the glow above it."""
     limbs = [(found.limb, kinds) for found, kinds in zip(seen, held, strict=True)]
     limbs = [(limb, kinds) for limb, kinds in limbs if limb.status is Status.OK]
-    return any(limb.joint for limb, _ in limbs) and not all(
+    return any(limb.glow_separated for limb, _ in limbs) and not all(
         _of_ground(limb, kinds) for limb, kinds in limbs
     )
 
 
 def _of_ground(limb: LimbPoints, kinds: Sequence[EdgeLook]) -> bool:
     """Whether it is the ground's limb: told apart from the glow above it, or without any."""
-    return limb.joint or (bool(kinds) and kinds[0].glow_px == 0.0)
+    return limb.glow_separated or (bool(kinds) and kinds[0].glow_px == 0.0)
 
 
-def _told_apart(
+def _only_separated(
     seen: Sequence[LimbObservation], held: Sequence[tuple[EdgeLook, ...]]
 ) -> tuple[LimbObservation, ...]:
-    """`Detection.apart` of the limbs of one pass."""
-    none = LimbPoints.none(Status.NO_LIMB, _NOT_TOLD_APART)
+    """`Detection.separated` of the limbs of one pass."""
+    none = LimbPoints.none(Status.NO_LIMB, _NOT_SEPARATED)
     return tuple(
         LimbObservation(found.view, none)
         if found.limb.status is Status.OK and not _of_ground(found.limb, kinds)

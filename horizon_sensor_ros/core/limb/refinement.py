@@ -30,6 +30,8 @@ from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, LimbSample, Refine
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 
+# The limb, and looks of its edge.
+_Refined = tuple[LimbPoints, tuple[EdgeLook, ...]]
 _THINNEST_PX = 0.3  # length over which glow fades, from which it may be told from the blur
 
 
@@ -50,20 +52,13 @@ def refine_limb(
     where a given one does not hold. Too few significant edges: status NO_LIMB, and no looks.
     """
     cone = nadir_base, rho_rad
-    joined, uneven = step.joint, False
-    if joined and len(looks) == 1 and looks[0].air is not None:
-        if step.expected and looks[0].air.faint:
-            sharp = EdgeLook(looks[0].psf_px, 0.0)
-            sample = sample_limb(gray, view, *cone, step, modelled=True)
-            if isinstance(sample, LimbSample):
-                followed = expected_limb(sample, sharp, rho_rad)
-                if followed is not None:
-                    return followed, (sharp,)
-        joint, uneven = _with_glow(gray, step, view, cone, looks[0])
-        if joint is not None:
-            return joint
+    separate, uneven = step.separate_glow, False
+    if separate and len(looks) == 1 and looks[0].air is not None:
+        found, uneven = _in_known_air(gray, step, view, cone, looks[0])
+        if found is not None:
+            return found
         # The next frame's fit begins anew.
-        joined, looks = False, (replace(looks[0], air=None),)
+        separate, looks = False, (replace(looks[0], air=None),)
     sample = sample_limb(gray, view, *cone, step, modelled=bool(looks) or step.at_once)
     if isinstance(sample, LimbPoints):
         return sample, ()
@@ -82,29 +77,54 @@ def refine_limb(
                 Status.NO_LIMB, "the edge is soft, or the air above it glows"
             ), ()
     edges = LimbEdges(steepest, good)
+
+    def with_glow(look: EdgeLook) -> _Refined | None:
+        """Separated from glow of such a look, if the limb is."""
+        nonlocal uneven
+        found, too_uneven = _with_glow(gray, step, view, cone, look, edges.jumps_px)
+        uneven |= too_uneven
+        return found
+
     if looks and enough:
         plain = good & ~sample.clipped
         shown = profiles[plain if np.count_nonzero(plain) >= MIN_PROFILES else good]
         # Whether air glows is asked before; what else the edge looks like the joint fit finds out.
-        perhaps = joined and any(look.glow_px > 0.0 for look in looks)
+        perhaps = separate and any(look.glow_px > 0.0 for look in looks)
         for climb in (False, True) if perhaps and len(looks) > 1 else (True,):
             look = likeliest_look(shown, noise, looks, grid, climb=climb)
-            if joined and look.glow_px > 0.0:
-                joint, too_uneven = _with_glow(gray, step, view, cone, look, edges.jumps_px)
-                uneven |= too_uneven
-                if joint is not None:
-                    return joint
+            if separate and look.glow_px > 0.0:
+                found = with_glow(look)
+                if found is not None:
+                    return found
         looks = (look,)
         edges = modelled_edges(sample, look, edges, rho_rad, step) or edges
-    if joined and looks and enough and edges.model_free and looks[0].glow_px == 0.0:
+    if separate and looks and enough and edges.model_free and looks[0].glow_px == 0.0:
         # From far away air is as thin as the blur, and no edge quite looks like either.
         thin = EdgeLook(USUAL_PSF_PX, usual_length_px(view, rho_rad, step.factor))
-        if thin.glow_px > _THINNEST_PX:
-            joint, too_uneven = _with_glow(gray, step, view, cone, thin, edges.jumps_px)
-            uneven |= too_uneven
-            if joint is not None:
-                return joint
+        found = with_glow(thin) if thin.glow_px > _THINNEST_PX else None
+        if found is not None:
+            return found
     return limb_of_edges(sample, edges, steepest, looks, view, rho_rad, step, uneven=uneven)
+
+
+def _in_known_air(
+    gray: np.ndarray,
+    step: RefinePass,
+    view: CameraView,
+    cone: tuple[np.ndarray, float],
+    look: EdgeLook,
+) -> tuple[_Refined | None, bool]:
+    """`_with_glow` from the air that the last frame's fit found; where that was hardly any, and the
+    limb is where it was expected, without it.
+    """
+    if step.expected and look.air is not None and look.air.faint:
+        sharp = EdgeLook(look.psf_px, 0.0)
+        sample = sample_limb(gray, view, *cone, step, modelled=True)
+        if isinstance(sample, LimbSample):
+            followed = expected_limb(sample, sharp, cone[1])
+            if followed is not None:
+                return (followed, (sharp,)), False
+    return _with_glow(gray, step, view, cone, look)
 
 
 def _with_glow(
@@ -114,16 +134,16 @@ def _with_glow(
     cone: tuple[np.ndarray, float],
     look: EdgeLook,
     jumps_px: float = np.inf,
-) -> tuple[tuple[LimbPoints, tuple[EdgeLook, ...]] | None, bool]:
+) -> tuple[_Refined | None, bool]:
     """Points of the limb near a predicted cone, fitted together with the glow above it, and the
     look with its air; None where that fit does not hold, and whether glow is too uneven for it.
     """
     factor = step.factor
-    joint = fit_glow(gray, view, *cone, look, factor, in_part=step.in_part)
-    if not isinstance(joint, GlowLimb):
-        return None, joint is not None
+    limb = fit_glow(gray, view, *cone, look, factor, in_part=step.in_part)
+    if not isinstance(limb, GlowLimb):
+        return None, limb is not None
     if step.blur_open_px > 0.0:
-        joint = replace(joint, smeared=True)
-    points = replace(points_alone(joint), jumps_px=jumps_px * factor)
+        limb = replace(limb, smeared=True)
+    points = replace(points_alone(limb), jumps_px=jumps_px * factor)
     points = replace(points, offset_px=rays_of(view, points).residuals_px(*cone))
-    return (points, (replace(look, air=joint.air),)), False
+    return (points, (replace(look, air=limb.air),)), False

@@ -50,9 +50,14 @@ class RefinePass:
     like where that was not known. at_once : and go on with that guess, if it is that of a sharp
     edge. expected : the limb is where it is predicted, as far as is known.
     inner_px : how far a profile reaches into the planet, beside the search range. contour : where
-    air glows its contour draws the limb. joint : limb and glow are fitted together, in_part : in a
-    part of the limb where they cannot be in all of it. blur_open_px : one sigma of what the blur
-    may differ by along the limb.
+    air glows its contour draws the limb. separate_glow : limb and glow are fitted together, which
+    separates them; in_part : in a part of the limb where they cannot be in all of it.
+    blur_open_px : one sigma of what the blur may differ by along the limb.
+
+    Its place among the passes (`passes.look_for`): after_search : the first around a consensus,
+    which may have strayed, in frames that may be too large for a soft limb. resizes : frames change
+    their size by how it sees their limbs. for_glow : it is left out where no edge glows, or the air
+    is known. finest : none tells more, where it finds the limb on its cone.
     """
 
     reach_px: float
@@ -64,9 +69,13 @@ class RefinePass:
     expected: bool = False
     inner_px: float = 6.0
     contour: bool = True
-    joint: bool = False
+    separate_glow: bool = False
     in_part: bool = False
     blur_open_px: float = 0.0
+    after_search: bool = False
+    resizes: bool = False
+    for_glow: bool = False
+    finest: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.looks import USUAL_PSF_PX
 from horizon_sensor_ros.core.limb.edge.width import Smear
-from horizon_sensor_ros.core.limb.search.candidates import block_average
+from horizon_sensor_ros.core.limb.search.working_image import block_average
 from horizon_sensor_ros.core.limb_points import LimbPoints
 
 # A frame comes back to its full size in steps of so much, for as long as neighbouring edges, in

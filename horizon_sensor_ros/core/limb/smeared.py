@@ -20,9 +20,11 @@ from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
-# Blur of edges that no motion smeared; smears, without glow and with it, that are too long for a
-# frame's pixels; how much of them is left in those of a reduced frame, which is no smaller than so.
-_SHARP_PX, _SMEAR_PX, _GLOWING_PX, _LEFT_PX, _SMALLEST_PX = 0.82, 1.55, 3.0, 1.5, 64
+_SHARP_PX = 0.82  # one sigma of blur: sharper edges were not smeared by motion
+_SMEAR_PX = 1.55  # length of a smear from which on a frame is reduced
+_GLOWING_PX = 3.0  # the same where a limb is soft without motion: under glow, in a reduced frame
+_LEFT_PX = 1.5  # length of the smear that is left in the pixels of the reduced frame
+_SMALLEST_PX = 64  # shorter side of a reduced frame, at least; else its camera is left out
 # Smears that are too long for a limb that looks sharp below its glow: of 300 that nothing moved one
 # seemed to be smeared by 3.9 px, and those by 10 look sharp where a few points are left of them.
 _UNSEEN_PX = 4.5
@@ -37,10 +39,10 @@ _SMEARED = "motion smears the limb too far"
 def without_smear(
     views: Sequence[CameraView], images: Sequence[np.ndarray], planet: Planet, found: Detection
 ) -> Detection:
-    """The same limb, in frames blurred alike in all directions, and reduced until motion smears it
-    over no more than a pixel or two.
+    """Find the limb again in smeared frames, blurred until the blur is equal in all directions and
+    reduced until the smear is a pixel or two; unchanged where no frame is smeared.
 
-    A camera whose frame would be too small is left out.
+    A camera whose reduced frame would be smaller than `_SMALLEST_PX` gets no limb.
     """
     smears = _smears(views, images, found)
     if not any(smears):
@@ -65,17 +67,17 @@ def without_smear(
             found.observations, images, smears, factors, strict=True
         )
     ]
-    return misjudged(replace(found, observations=tuple(usable), smears=tuple(smears)))
+    return with_smear_error(replace(found, observations=tuple(usable), smears=tuple(smears)))
 
 
-def misjudged(found: Detection) -> Detection:
-    """The same with the errors that points of smeared limbs really share."""
+def with_smear_error(found: Detection) -> Detection:
+    """Multiply the shared errors of smeared limbs by `_MISJUDGED`, as simulated ones need it."""
     if any(found.smears):
         # How far a fit of limb and glow is misled by a smear is known of all limbs together.
-        found = replace(found, apart=())
+        found = replace(found, separated=())
     return found.with_limbs(
         [
-            limb.misjudged(_MISJUDGED) if smear else limb
+            limb.with_shared_errors_times(_MISJUDGED) if smear else limb
             for limb, smear in zip(found.limbs, found.smears, strict=True)
         ]
     )
@@ -90,7 +92,7 @@ def _smears(
     for view, image, limb, looks, factor in seen:
         smear = None
         sharp = _sharp(looks, factor)
-        if limb.status is Status.OK and (limb.joint or not sharp):
+        if limb.status is Status.OK and (limb.glow_separated or not sharp):
             smear = _smear_of(image, view, found, looks, factor, _UNSEEN_PX if sharp else 0.0)
         smears.append(smear)
     return smears
@@ -180,7 +182,8 @@ def still_sharp(
     for i, (limb, looks, factor) in enumerate(
         zip(found.limbs, found.looks, found.factors, strict=True)
     ):
-        as_it_was = _as_steep(limb.steepness, before[i]) or (limb.joint and _glows(expected[i]))
+        as_it_was = _as_steep(limb.steepness, before[i])
+        as_it_was |= limb.glow_separated and _glows(expected[i])
         if smears[i] or as_it_was or limb.status is not Status.OK:
             continue
         if _smear_of(images[i], views[i], found, looks, factor):

@@ -12,24 +12,30 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
-from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 
 # The largest disc that was taken for a planet where there was only the Sun: from 9000 km.
 LARGEST_RAD = math.radians(24.5)
-# Where ground and sky are looked at, working pixels from the limb, sky no nearer than so many scale
-# heights of air; and how much of a planet's light there is still beyond its edge: .02 at most of
-# 450 simulated ones and in photographs of the whole Earth.
-_GROUND_PX, _SKY_PX, _SCALE_HEIGHTS = (-1.5, -3.0), 2.5, 4.0
-_MOST_BEYOND, _SIGMAS = 0.1, 3.0
-# The Sun is brighter than what it lights, larger than a star or a lamp (working pixels), and leaves
-# dark where it stands so far below the horizon. Of the limb that may be a tenth. Inside a ring
-# about it, so far towards the middle, it is as dark as that; no planet's lit limb is so thin.
-_BRIGHTER, _LEAST_SUN_PX, _DARK, _MOST_DARK = 1.4, 30, math.sin(math.radians(-6.0)), 0.1
-_INWARDS, _HOLLOW = 0.3, 0.3
+# Where ground and sky beside an edge are looked at, working pixels outwards.
+_GROUND_PX = -1.5, -3.0
+_SKY_PX = 2.5
+_SCALE_HEIGHTS = 4.0  # of air: the sky is looked at no nearer than so many
+# Light that is still there beyond the edge, over the step: of 450 simulated planets, and of the
+# whole Earth in photographs, .02 at most.
+_MOST_BEYOND = 0.1
+_SIGMAS = 3.0  # of noise, which that has to be above as well
+# The Sun in the frame.
+_BRIGHTER = 1.4  # than what it lights, at least
+_LEAST_SUN_PX = 30  # working pixels of it, at least; a star or a lamp has fewer
+_DARK = math.sin(math.radians(-6.0))  # sine of its height, below which it leaves ground dark
+_MOST_DARK = 0.1  # share of a planet's edge that shows though the Sun leaves it dark
+# A ring about the Sun is dark inside; no planet's lit limb is so thin.
+_INWARDS = 0.3  # of the radius: so far inside the edge it is asked
+_HOLLOW = 0.3  # brightness there over the step, less than
 
 
 def sun_artefact(
-    limb_px: np.ndarray, seen: LimbCandidates, view: CameraView, nadir_base: np.ndarray, rho: float
+    limb_px: np.ndarray, seen: WorkingImage, view: CameraView, nadir_base: np.ndarray, rho: float
 ) -> str:
     """Why a disc is no planet but made by the Sun; empty where nothing says so.
 
@@ -42,7 +48,7 @@ def sun_artefact(
     rays = view.camera.rays(limb_px)
     outward = rays - (rays @ nadir)[:, None] * nadir
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    pitch_rad = seen.pitch_px * view.camera.pixel_rad
+    pitch_rad = seen.factor * view.camera.pixel_rad
 
     def level(beside_px: float) -> np.ndarray:
         """Brightness over space beside each edge; NaN outside the frame."""
@@ -50,7 +56,7 @@ def sun_artefact(
         px = view.camera.pixels(math.cos(at) * nadir + math.sin(at) * outward)
         return _levels(seen, view, px)
 
-    air_px = _SCALE_HEIGHTS * usual_length_px(view, rho) / seen.pitch_px
+    air_px = _SCALE_HEIGHTS * usual_length_px(view, rho) / seen.factor
     ground = np.fmax(*(level(beside_px) for beside_px in _GROUND_PX))
     beyond = level(max(_SKY_PX, air_px))
     known = np.isfinite(ground) & np.isfinite(beyond)
@@ -78,32 +84,32 @@ def sun_artefact(
     return ""
 
 
-def _levels(seen: LimbCandidates, view: CameraView, px: np.ndarray) -> np.ndarray:
+def _levels(seen: WorkingImage, view: CameraView, px: np.ndarray) -> np.ndarray:
     """Brightness (N,) over space at raw pixels (N, 2); NaN outside the frame and on the mask."""
-    small = seen.reduced
+    small = seen.gray
     height, width = small.shape
     with np.errstate(invalid="ignore"):
-        x, y = np.floor((px.T + 0.5) / seen.pitch_px)
+        x, y = np.floor((px.T + 0.5) / seen.factor)
         inside = (x >= 0.0) & (x < width) & (y >= 0.0) & (y < height)
     if view.mask is not None:
-        inside &= view.mask.clear(np.where(inside[:, None], px, 0.0), seen.pitch_px)
+        inside &= view.mask.clear(np.where(inside[:, None], px, 0.0), seen.factor)
     x, y = np.where(inside, (x, y), 0.0).astype(np.intp)
     return np.where(inside, small[y, x] - np.float32(seen.space_level), np.nan)
 
 
-def _sun(seen: LimbCandidates, view: CameraView, brighter: float) -> np.ndarray | None:
+def _sun(seen: WorkingImage, view: CameraView, brighter: float) -> np.ndarray | None:
     """Direction (3,) in the camera of what may be the Sun; None if nothing is.
 
     brighter : than what, over space.
     """
-    bright = (seen.reduced > seen.space_level + brighter).astype(np.uint8)
+    bright = (seen.gray > seen.space_level + brighter).astype(np.uint8)
     if view.mask is not None:
-        bright &= view.mask.reduced(int(seen.pitch_px))
+        bright &= view.mask.reduced(seen.factor)
     if cv2.countNonZero(bright) < _LEAST_SUN_PX:
         return None
     _, _, stats, centres = cv2.connectedComponentsWithStats(bright)
     largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
     if stats[largest, cv2.CC_STAT_AREA] < _LEAST_SUN_PX:
         return None
-    sun: np.ndarray = view.camera.rays((centres[largest : largest + 1] + 0.5) * seen.pitch_px - 0.5)
+    sun: np.ndarray = view.camera.rays((centres[largest : largest + 1] + 0.5) * seen.factor - 0.5)
     return sun[0] if np.isfinite(sun[0, 0]) else None

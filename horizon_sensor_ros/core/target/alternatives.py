@@ -32,8 +32,11 @@ _FACES, _LEAST_FACE = 4, 0.03
 
 @dataclass(frozen=True)
 class Rival:
-    """Another motion: its turn, how far it is turned from the first, its view consistency, and by
-    how much its score is the higher one."""
+    """Another motion that explains the views nearly as well.
+
+    turn_rad : how far the target turns in it. apart_rad : angle between it and the motion found.
+    score, overlap : its view consistency. lead : its score less that of the motion found.
+    """
 
     turn_rad: float
     apart_rad: float

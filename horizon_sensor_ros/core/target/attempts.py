@@ -17,35 +17,34 @@ from horizon_sensor_ros.core.target.refinement import COARSE_STEP, Refined, mean
 from horizon_sensor_ros.core.target.search import align_batch, rotation_starts
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 
-# View consistency, of clouds without odd returns, from which a motion is taken without a search.
-_SURE = 0.95
-# And one from which the search goes no further.
-_LIKELY = 0.9
-# And one beyond which nothing else can be better.
-BEYOND_DOUBT = 0.98
-# Of the share of odd returns in both clouds so much is missing from the score of the true motion.
+# Scores of view consistency, 0 to 1, of clouds without odd returns.
+_SURE = 0.95  # a motion with this or more is taken without a search
+_LIKELY = 0.9  # with this or more the search goes no further
+BEYOND_DOUBT = 0.98  # above this nothing else can be better
+# By how much these are less with odd returns, which share their surface with no other point: times
+# the mean share of them in both clouds.
 SCORE_LOST = 0.6
-# A direction known worse than this, in units of what is allowed, is looked along for a better
-# motion: this far, in rms radii of the target, and the gain in score that counts; the smaller one
-# where nothing else is to be said against the motion.
+# Where the direction that is known worst has a sigma of more than this, over the sigma that is
+# allowed, motions along it are tried.
 _FIRM = 0.2
-_SLIDE = 0.4
-_BETTER, _CLEARER = 0.01, 0.005
-# And so many pixels' widths to either side, for a loss that is less by this factor.
-_BESIDE_PX = np.array([-4.0, -2.0, 2.0, 4.0])
-_LESS = 0.95
-# A direction known worse than allowed by this factor stays so, wherever it comes to rest.
+_SLIDE = 0.4  # so far to either side, rms radii of the target
+# Gain in score from which such a motion is taken.
+_BETTER = 0.01
+_CLEARER = 0.005  # where nothing else is to be said against the motion
+_BESIDE_PX = np.array([-4.0, -2.0, 2.0, 4.0])  # nearer ones too, widths of a pixel on the target
+_LESS = 0.95  # loss over the motion's own, below which such a nearer one is taken
+# Sigma of the direction known worst, over the sigma that is allowed, from which the refinement is
+# given up: it stays so wherever the motion comes to rest.
 _HOPELESS = 1.5
-# But one of a shift known worse by this one lacks pairs, which the next step or another start may
-# find; bodies of revolution hide turns only.
+# The same of a shift, from which it is not: pairs are lacking, which the next step or another start
+# may find. Bodies of revolution hide turns only.
 _LOST = 30.0
-# One whose information, in units of what is allowed, is above this is never known so badly.
+# Information on the direction known worst, in units of what is allowed: with more than this the
+# sigma, which takes longer, need not be asked for.
 _DOUBTFUL = 2.0
-# A prior is good to a few degrees: what lies farther from it than this is not what it promised.
-_NEAR_PRIOR_RAD = np.radians(10.0)
-# Starts of the search lie so far apart.
-_START_SPACING_RAD = np.radians(18.0)
-# Reach of the coarse alignments, step by step, in rms radii of the target.
+_NEAR_PRIOR_RAD = np.radians(10.0)  # a prior is good to a few degrees; farther off it is not met
+_START_SPACING_RAD = np.radians(18.0)  # between starts of the search
+# How far pairs may lie apart in the coarse alignments, step by step, rms radii of the target.
 _SINGLE_GATES = np.array([0.3, 0.3, 0.22, 0.22, 0.15, 0.15, 0.1, 0.08])
 _FIRST_GATES = np.array([0.16, 0.16, 0.12, 0.1])
 _WIDE_GATES = np.array([0.3, 0.3, 0.25, 0.2, 0.15])

@@ -182,14 +182,21 @@ def _judge(
 def _doubt(
     found: Found, a: SurfaceView, b: SurfaceView, still: np.ndarray, config: RegistrationConfig
 ) -> str:
-    """Why a motion nobody expected may be another one on a target that is nearly symmetric; ""
-    where it is not.
+    """Why a motion nobody expected may be another one, on a target that is nearly symmetric: "" if
+    nothing says so.
 
     still : as of `Finder`.
-    Of a prism's turns, rivals are those that are searched, and need only be as good where they are
-    as likely. One by right angles must be the better one, by more where it is turned beyond what is
-    likely; where the motion itself is beyond the turns that are searched, it is enough to be as
-    good, or better at all.
+    Rivals are the same motion turned further, about the target's axes, with which the views agree
+    about as well. How much better a rival must agree depends on how likely its turn is:
+
+    - Turned as a prism is like itself (only if the motion found is within the search, and so is the
+      rival): up to `_AS_LIKELY` times the turn that was found it may even agree a little less well;
+      beyond that it has to agree better.
+    - Turned by right angles: it has to agree better, and clearly so if its turn is beyond twice the
+      search. But if the motion found is itself beyond the search, a rival with a likely turn may
+      even agree a little less well, and any other one need only agree better at all. This is not
+      asked of a motion within the search with which the views agree beyond doubt; one beyond the
+      search with which they do not is refused without asking.
     """
     rotation, translation = found.refined.rotation, found.refined.translation_m
     turn = float(np.linalg.norm(vector_from_rotation(rotation @ still.T)))

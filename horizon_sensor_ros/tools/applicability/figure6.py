@@ -7,17 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.section_circle import section_circle, section_circle_in_frame
-from horizon_sensor_ros.core.visibility import (
+from horizon_sensor_ros.core.applicability.section_circle import (
+    section_circle,
+    section_circle_in_frame,
+)
+from horizon_sensor_ros.core.applicability.visibility import (
     Visibility,
     horizon_in_view,
     horizon_rays,
     limb_in_view,
     rot_base_from_down,
 )
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.tools.camera_file import Rig
 
 # Fine enough that the difference of the two maps is the approximation's, not the sampling's.

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from tqdm import tqdm
 
+from horizon_sensor_ros.core.applicability.visibility import rot_base_from_down
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.bound import horizon_information, nadir_sigma_rad
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.visibility import rot_base_from_down
 
 ALTITUDES = 9
 STEP_DEG = 2.0

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm import tqdm
 
+from horizon_sensor_ros.core.applicability.visibility import horizon_in_view
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.bound import horizon_information, nadir_sigma_rad
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.visibility import horizon_in_view
 
 ALL = "all cameras"
 # A sigma above this is refused by the nodes, unless they are told otherwise.

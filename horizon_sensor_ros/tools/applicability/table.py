@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from horizon_sensor_ros.core.visibility import Visibility
+from horizon_sensor_ros.core.applicability.visibility import Visibility
 from horizon_sensor_ros.tools.applicability.figures import AngleGrid
 
 

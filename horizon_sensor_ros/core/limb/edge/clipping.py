@@ -27,27 +27,40 @@ from horizon_sensor_ros.core.limb_points import SharedError
 _WHITE = (255, 1023, 4095, 16383, 65535, 65280, 65472, 65520, 65532, 4080)
 _DARK = 0.5  # space, over the white level, at most
 _NEAR_WHITE = 0.97  # lossy coding and interpolation leave less of it
-_INNER_PX, _OUTER_PX = -2.0, 5.0  # the part of a profile that is fitted
+# The part of a profile that is fitted, pixels outwards from the predicted edge.
+_INNER_PX = -2.0
+_OUTER_PX = 5.0
 _INSIDE_PX = (-3.0, -0.5)  # where the planet beside the edge is seen
-_PITCH_PX = 0.1
+_PITCH_PX = 0.1  # between places of the edge that are tried
 _PLACES_PX = np.arange(-20, 21) * _PITCH_PX
 _HEIGHTS = 2.0 ** np.arange(0.0, 2.6, 0.125)  # of the step, over the white level
+# Blurs that are tried, one sigma each; what is known of the blur beforehand, and the sigma of its
+# logarithm.
 _BLURS_PX = np.array([0.3, 0.36, 0.43, 0.51, 0.6, 0.68, 0.76, 0.85, 0.95])
-_USUAL_BLUR_PX, _BLUR_SPREAD = 0.76, 0.1  # beforehand, and its relative sigma
+_USUAL_BLUR_PX = 0.76
+_BLUR_SPREAD = 0.1
 _DRAWN = np.log(0.03)  # beforehand, of a picture that was drawn without optics, over the usual one
 _MODEL_ERROR = 0.01  # of a sample, over the white level: no blur is quite a normal law
-_LOBES, _FINE_PX = 4, 0.05
-_WINDOW, _ANYWHERE = 3.0, 3.0  # edges that are as bright; weight of one elsewhere over one nearby
+_LOBES = 4  # of the Lanczos kernel by which profiles are interpolated between pixels
+_FINE_PX = 0.05  # pitch on which that kernel is convolved with an edge
+_WINDOW = 3.0  # edges, one sigma: neighbours that are about as bright tell of height and blur too
+_ANYWHERE = 3.0  # what an edge anywhere tells of these, over a near one
 _TOLD = 8.0  # edges, as many as which tell of height and blur: their errors are alike
 _MOST_EVIDENCE = 20.0  # of one edge
 _LEAST_SHARED = SharedError(0.03, 0.1)  # height and blur are not the same all along the limb
-# Pixels between black and white, a profile: next to none in pictures of these two alone; fewest and
-# most of an edge that was drawn, whose mean is fair. Edges clipped at three to nine tenths of their
-# height have means of .37 to .45, at an eighth .41 to .47 and .6 such pixels; lenses' and air's
-# have more.
-_NONE_BETWEEN, _FEWEST, _MOST, _FAIR, _FAIR_SIGMA = 0.02, 0.8, 1.5, 0.47, 0.02
-# From black and white, of their difference and over the noise; more than that hides an edge's foot.
-_BETWEEN, _NOISES, _UNSEEN = 0.04, 4.0, 0.12
+# What tells an edge that is cut off at white from one that was drawn no brighter: the pixels
+# between black and white, their number a profile, and their mean from black, 0, to white, 1.
+# Simulated edges clipped at three to nine tenths of their height have means of .37 to .45, at an
+# eighth .41 to .47 and .6 such pixels; lenses' and air's have more pixels.
+_NONE_BETWEEN = 0.02  # pixels a profile: fewer are in pictures of black and white alone
+_FEWEST = 0.8  # pixels a profile, of an edge that was drawn
+_MOST = 1.5  # likewise
+_FAIR = 0.47  # mean of a drawn edge's, at least: as many lighter than the middle as darker
+_FAIR_SIGMA = 0.02  # of that mean, at most: else it tells nothing
+# From where on a pixel counts as neither black nor white.
+_BETWEEN = 0.04  # of their difference
+_NOISES = 4.0  # one sigma of a pixel's noise
+_UNSEEN = 0.12  # of their difference: where noise asks for more, it hides an edge's foot
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,10 @@ _UNTOLD = 3.0  # times its sigma, what texture may hide of a smear
 
 @dataclass(frozen=True)
 class Blur:
-    """lacking_px : (N,) what an assumed blur lacks at each edge. open_px : one sigma of what may go
-    with the limb's direction besides.
+    """Correction of an assumed blur, pixels.
+
+    lacking_px : (N,) true blur less the assumed one at each edge. open_px : one sigma of a further
+    part that depends on the limb's direction and was not determined.
     """
 
     lacking_px: np.ndarray

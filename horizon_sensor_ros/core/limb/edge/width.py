@@ -19,28 +19,34 @@ from horizon_sensor_ros.core.limb.profiles import sample_profiles
 from horizon_sensor_ros.core.limb_curve import limb_curve
 from horizon_sensor_ros.core.robust import median
 
-_PITCH_PX = 0.5
+_PITCH_PX = 0.5  # between samples across the limb
 _D_PX = _PITCH_PX * np.arange(-48, 49)
 _SPACINGS = 400  # of profiles, to the length of a frame
-_PARTS, _LEAST_PROFILES = 6, 4
+_PARTS = 6  # of the limb, whose widths are measured one by one
+_LEAST_PROFILES = 4  # a part
 _NEAR_PX = 3.5  # from where the limb is thought to be, as far as its edge may lie
 _TOP = 0.75  # share of the steepest fall that is its top
 _STILL_PX = 2.1  # width of an edge that is as sharp as usual
 _BY_GROUND_PX2 = 5.0  # square of the width that clouds may feign, in one frame of a hundred
 _BOXED = 0.72  # width at the top over that at half the height; of a normal law 0.64
 _BOX = 12.0  # square of a box's width, over its variance
-# What widens limbs most one way: by how much at least (px^2), and by how often what parts of them
-# differ by besides (px^2, as well as it is ever known). Of 788 limbs under thick air two more.
-_DIRECTED_PX2, _DIRECTED, _MISFIT_PX2 = 1.0, 2.0, 0.3
+# What widens limbs most one way is motion. Of 788 simulated limbs under thick air, which nothing
+# moved, two were wider one way by more than these.
+_DIRECTED_PX2 = 1.0  # half the difference of the squares of widest and narrowest, at least
+_DIRECTED = 2.0  # that over what parts of the limb differ by besides, at least
+_MISFIT_PX2 = 0.3  # what they differ by besides, a frame, at least
 _BEFOREHAND = np.diag([0.0, 0.02, 0.02])  # parts of a limb that tell as much as is known before
 
 
 @dataclass(frozen=True, eq=False)
 class Smear:
-    """across_px : how far motion smeared the limb where it did most; least_px : and where least.
-    lacking_px2 : (2, 2), the covariance of a blur that makes the frame's the same in all
-    directions; open_px2 : one sigma of what its variance then still differs by. boxed : the edge
-    falls as a box's does, not as soft optics let it fall.
+    """Smear of one frame by motion during the exposure, pixels of the full frame.
+
+    across_px : length of the smear across the limb, where it is largest along the limb. least_px :
+    where it is smallest. lacking_px2 : (2, 2) covariance, x right and y down, of the extra blur
+    that makes the frame's blur equal in all directions. open_px2 : one sigma of what is then still
+    unequal, as a variance. boxed : the edge falls as under a constant motion, not as with soft
+    optics.
     """
 
     across_px: float
@@ -51,8 +57,8 @@ class Smear:
 
     @property
     def sure_px(self) -> float:
-        """How far motion smeared the limb for sure: what is alike all along it may be soft optics',
-        and ground may widen parts of it by a little.
+        """Length of the smear that only motion explains: less what is equal all along the limb,
+        which may be soft optics, and less what clouds may feign.
         """
         optics2 = 0.0 if self.boxed else self.least_px**2
         by_ground2 = min(_BOX * self.open_px2, _BY_GROUND_PX2)

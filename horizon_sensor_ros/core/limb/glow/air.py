@@ -1,9 +1,18 @@
-"""The air that glows above a limb: the same all along it, and so in every stretch that is seen.
+"""The air that glows above a limb: its unknowns, and what is known of them beforehand.
 
-Its unknowns come after the limb's three, in this order: the background, the blur, the logarithm of
-A (3, a polynomial along the limb), that of the scale height, the share of the air that lies in
-front of the ground, how far the lens darkens towards the corners, and how the background rises
-along the limb, from its middle to its end, and outwards, a pixel.
+All stretches of a limb are seen through the same air. `glow.limb` has the model that the symbols
+are of. A fit's 13 unknowns are a vector, of which these are the places:
+
+- 0 to 2, `LIMB`: nadir's two tangent components, and rho;
+- 3, `BACKGROUND`: gray level of the sky;
+- 4, `BLUR`: one sigma, pixels;
+- 5 to 7, `LOG_GLOW`: logarithm of A, the glow's brightness at the limb: a quadratic polynomial of
+  the place along the limb, -1 to 1;
+- 8, `LOG_HEIGHT`: logarithm of the scale height over the planet's radius;
+- 9, `SHARE`: brightness of the air in front of the ground, over that above the limb;
+- 10, `FADING`: logarithm of the light that the lens loses from its axis to the frame's corners;
+- 11, 12, `STRAY`: gray levels by which the background rises from the middle of the limb to its end,
+  and a pixel outwards.
 """
 
 from __future__ import annotations
@@ -18,33 +27,40 @@ from horizon_sensor_ros.core.limb.glow.fading import FADING_SIGMA
 LIMB, BACKGROUND, BLUR, LOG_GLOW, LOG_HEIGHT, SHARE, FADING = slice(3), 3, 4, slice(5, 8), 8, 9, 10
 STRAY = slice(11, 13)
 NUM = 13
-# What of one frame's fit is of use to other frames: limb, blur and log A, and where these stand
-# among them.
+# What of one frame's fit is of use to other frames, limb, blur and log A: where these are among all
+# unknowns, and where among these seven.
 KEPT = np.r_[LIMB, BLUR, LOG_GLOW]
 KEPT_LIMB, KEPT_BLUR, KEPT_LOG_GLOW = np.arange(3), 3, np.arange(4, 7)
-_LOGS, _OF_AIR = slice(5, 9), slice(5, 11)
-# What is known beforehand, one sigma each: the scale height over the radius (of its logarithm), the
-# blur about that of the edges, the air in front of the ground over that above it; slope and bend of
-# the logarithm of A from the middle of the limb to its ends, the bend also as a share of the slope.
-USUAL_HEIGHT, _HEIGHT_SIGMA = 8.5e3 / 6371e3, 0.15
-BLUR_SIGMA_PX = 0.1
-USUAL_SHARE, SHARE_SIGMA = 0.5, 0.15
-_SLOPE_SIGMA, _BEND_SIGMA, _BEND_OF_SLOPE = 0.1, 0.02, 0.4
-# Stray light along the limb, and outwards, as a layer of airglow shines above it, over A.
+_LOGS = slice(5, 9)
+_OF_AIR = slice(5, 11)
+# What is known beforehand of each unknown: its usual value, and one sigma.
+USUAL_HEIGHT = 8.5e3 / 6371e3  # of the Earth's air, over its radius
+_HEIGHT_SIGMA = 0.15  # of the logarithm
+BLUR_SIGMA_PX = 0.1  # about the blur of the edges found one by one
+USUAL_SHARE = 0.5
+SHARE_SIGMA = 0.15
+_SLOPE_SIGMA = 0.1  # of the logarithm of A, from the middle of the limb to its ends; usually 0
+_BEND_SIGMA = 0.02  # likewise
+_BEND_OF_SLOPE = 0.4  # a steeper slope bends more: one sigma besides, over the slope
+# Over A, of stray light along the limb, and outwards, where a layer of airglow shines above it.
 _STRAY_SIGMA = np.array([0.05, 0.001])
-BLURS_PX, SHARES = (0.35, 1.7), (0.0, 1.2)  # what can be told, and what air may be
+BLURS_PX = 0.35, 1.7  # blurs that pixels can tell
+SHARES = 0.0, 1.2  # shares that air may have
 WHOLE = 0.0, 1.0  # limb, from one end in sight to the other
 _MOST_CHANGE = 0.3  # of logarithms, in a step
-_NEAR, _NEAR_BLUR_PX = 0.15, 0.02  # changes in the last step: of logarithms and shares, of the blur
+# Largest changes of the last step.
+_NEAR = 0.15  # of logarithms and shares
+_NEAR_BLUR_PX = 0.02
 
 
 @dataclass(frozen=True)
 class Air:
-    """What is common to a limb: scale height over the radius, log A (3,), share of the air in front
-    of the ground, blur, background; edge_psf_px, the blur of edges found one by one; the part of
-    the limb in sight, from 0 to 1 along it, that it is of; fading, the logarithm of what light the
-    lens loses in the corners; stray (2,), how the background rises along the limb and outwards;
-    faint, it may be no glow at all.
+    """What is common to all stretches of a limb.
+
+    height, log_glow (3,), share, psf_px, background, fading, stray (2,) : the unknowns of the air,
+    see the top of this file; the height itself, not its logarithm.
+    edge_psf_px : blur of edges found one by one, pixels. part : of the limb in sight that the fit
+    is of, from 0 to 1 along it. faint : the glow is so weak that there may be none.
     """
 
     height: float

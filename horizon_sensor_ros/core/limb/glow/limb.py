@@ -45,27 +45,45 @@ from horizon_sensor_ros.core.limb_curve import LimbCurve
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.symmetric3 import is_positive
 
-_LEAST_STRETCHES, _KEEP_SHARE = 10, 0.5
+_LEAST_STRETCHES = 10  # of limb, that a fit takes
+_KEEP_SHARE = 0.5  # of the stretches, that may not be outliers
 _FROM_PX = 2.0  # beyond the edge, from where on there is hardly anything but glow
-_LENGTHS, _SHORTEST_PX, _LONGEST_PX = 3.5, 6.0, 40.0  # of glow that is looked at, beyond that
+# How far beyond that glow is looked at.
+_LENGTHS = 3.5  # lengths over which it fades
+_SHORTEST_PX = 6.0
+_LONGEST_PX = 40.0
 _LEAST_LENGTH = 0.6  # of glow that is looked for, over the usual one
-_HEIGHTS = np.exp(np.linspace(np.log(4e3), np.log(16e3), 25)) / 6371e3  # to start from
-_THIN_PX, _THIN_GLOW = 1.0, 0.5  # glow so short hides in the blur: its brightness, over the ground
-# Moves of the limb that are the last; of all together, that are too many, or too far. Under long
-# glow, as from a balloon, blur and height of the limb are told apart in many small ones.
-_NEAR_PX, _STEPS, _FAR_PX, _MOST_STEP_PX = 0.05, 16, 4.0, 2.0
-_LONG_PX, _FAR_LENGTHS = 2.0, 3.0
-# Of glow, from where on a fit is begun again elsewhere, and where: lengths of glow.
-_LONG_GLOW_PX, _STARTS = 4.0, (0.0, -0.2, -0.4)
-# Shares of the last step between which it is looked ahead, or half the way back.
-_AHEAD, _BACK = (0.3, 0.8), (-1.3, -0.5)
+# Scale heights over the Earth's radius that are tried for the first guess.
+_HEIGHTS = np.exp(np.linspace(np.log(4e3), np.log(16e3), 25)) / 6371e3
+_THIN_PX = 1.0  # length of glow, below which it hides in the blur and is guessed
+_THIN_GLOW = 0.5  # that guess, over the brightness just beyond the edge
+# Steps of the fit, by how far they move the limb at most.
+_NEAR_PX = 0.05  # of the last one
+_STEPS = 16  # more are too many: the fit does not converge
+_FAR_PX = 4.0  # of all together: farther is another edge
+_MOST_STEP_PX = 2.0  # of one; longer ones are cut
+# Under long glow, as from a balloon, it takes many small steps to separate blur and height.
+_LONG_PX = 2.0  # length of glow, from where on as many times more are allowed as it is longer
+_FAR_LENGTHS = 3.0  # lengths of glow that all steps together may go
+_LONG_GLOW_PX = 4.0  # length of glow, from where on a fit that fails is begun again elsewhere
+_STARTS = 0.0, -0.2, -0.4  # where: lengths of glow outwards
+# A step over the last one, where the next ones will go on like it, or back and forth: all of them
+# are then made at once, as the sum of a geometric series.
+_AHEAD = 0.3, 0.8
+_BACK = -1.3, -0.5
 _AFRESH_PX = 1.0  # off the cone about which the limb was drawn, from where on it is drawn again
-_FAINTEST, _BRIGHTEST = 0.2, 5.0  # glow over the usual one that may still be the same air's
-_MOST_MISFIT = 4.0  # of a stretch's glow, over the noise or the usual one
-_TWILIGHT = 1.0  # slope or bend of the logarithm of A, at first sight, that no daylight has
-_MOST_SLOPE, _MOST_BEND = 0.3, 0.15  # of the logarithm of A: steeper towards the terminator
-_MOST_FADING = 0.5  # of that logarithm along the brightest part of a limb
-_OUTLIER, _MISFIT = 5.0, 1.4  # cost over the degrees of freedom: of a stretch, of all
+# Glow of a stretch over the median one, that may still be the same air's.
+_FAINTEST = 0.2
+_BRIGHTEST = 5.0
+_MOST_MISFIT = 4.0  # of a stretch's glow, over the noise or the median stretch's
+# How the logarithm of A, the glow's brightness, changes from the middle of the limb to its ends.
+_TWILIGHT = 1.0  # slope or bend, at first sight, that no daylight has
+_MOST_SLOPE = 0.3  # by daylight; more towards the terminator
+_MOST_BEND = 0.15  # likewise
+_MOST_FADING = 0.5  # by how much it falls along the brightest part of a limb, which is kept
+# Cost over the degrees of freedom.
+_OUTLIER = 5.0  # of a stretch, over the median one's: left out
+_MISFIT = 1.4  # of the median stretch, from which the model does not hold
 # Least glow over its own error. Of simulated limbs without air one of 120 reaches more; above those
 # with air none of 1300 that are fixed has less than 5.
 _LEAST_GLOW = 4.0

@@ -24,12 +24,12 @@ from horizon_sensor_ros.core.limb.glow.one_sky import Together, under_one_sky
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 
-# One sigma of slope and of bend of a limb whose six stretches are off independently by one; and of
-# its mean.
-_SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES, _MEAN_OF_STRETCHES = 0.72, 1.47, 0.41
+# One sigma of the shape of a limb whose six stretches are off independently by one.
+_SLOPE_OF_STRETCHES = 0.72
+_BEND_OF_STRETCHES = 1.47
+_MEAN_OF_STRETCHES = 0.41
 # No model is quite right: errors of the limb's mean, slope and bend beside the truth of simulated
-# ones, in sigmas, by what they grow with; those of slope and bend also with powers of the length of
-# glow, with which they fall where it is thin. However exact the fit, it is off by a share of that.
+# limbs, in sigmas that the fit claims, by what they grow with.
 _MISJUDGED = np.array(
     [
         [0.7, 0.86, 0.5],  # even glow
@@ -43,16 +43,24 @@ _MISJUDGED = np.array(
         [4.0, 1.5, 5.0],  # saturated ground nearly all along
     ]
 )
-# Amplitude up to where glow is as good as even, and from where on it matters no more.
-_EVEN, _UNEVEN = 0.03, 0.15
-_MOST_BLURRED, _LEAST_SHARE = 2.0, 0.5  # sigmas from where on they grow no more
+# From where on they grow, and from where on no more.
+_EVEN = 0.03  # amplitude of the logarithm of A; up to here glow is as good as even
+_UNEVEN = 0.15  # likewise, beyond which it matters no more
+_MOST_BLURRED = 2.0  # blur off the edges' one, sigmas
+_LEAST_SHARE = 0.5  # share of the air below the usual one, sigmas
 _OVEREXPOSED = 0.85  # share of the limb beside saturated ground, from where on it matters
-_FINE_PX, _FINER = 2.5, np.array([0.0, 0.2, 0.1])
-_THIN_PX, _THINNER = 1.0, np.array([0.0, 1.4, 1.1])
-_OF_LENGTH = np.array([0.001, 0.006, 0.012])
 # Ripple of glow along the limb, as under flickering light through which rows are exposed one after
-# the other: beyond what five of six even limbs show, and the most.
-_RIPPLE, _MOST_RIPPLE = 0.4, 1.0
+# the other, as of `GlowStep`.
+_RIPPLE = 0.4  # five of six even limbs show less
+_MOST_RIPPLE = 1.0  # that is counted, beyond that
+# All of these also grow with a power of the length of glow, where that is longer than one length,
+# and fall with one where it is shorter than another: of mean, slope, bend.
+_FINE_PX = 2.5
+_FINER = np.array([0.0, 0.2, 0.1])
+_THIN_PX = 1.0
+_THINNER = np.array([0.0, 1.4, 1.1])
+# However exact the fit claims to be: errors of mean, slope and bend over the length of glow.
+_OF_LENGTH = np.array([0.001, 0.006, 0.012])
 _POINT_SHARE = 0.5  # sigma of a point by itself, over what would explain all of the limb's
 
 

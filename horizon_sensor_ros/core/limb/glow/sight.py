@@ -39,17 +39,21 @@ _SATURATED, _SATURATED_SHARE = 0.98, 0.02  # of white; of a stretch's samples
 
 @dataclass(frozen=True, eq=False)
 class GlowSight:
-    """Mean profiles (M, J) of stretches of limb at d_px (J,), whole pixels outwards from a cone.
+    """What M stretches of limb look like across a cone, in an image reduced by `factor`.
 
-    blind : (M, J) samples that are saturated. noise : one sigma of the others. px, normal_px :
-    (M, 2) middles of the stretches in the full image, and their normals. rows : (M, 3) how the
-    limb moves along them with nadir's two tangent components and rho, pixels per radian.
-    distance : (M, J) heights above the limb in pixels of the first one above it; rise : (M,) that
-    pixel's height over the planet's radius. cornered : (M,) squares of the stretches' distances to
-    the optical axis, over half the frame's diagonal. px_over_radius : ground across one pixel along
-    the limb, over that radius. stretch_px : length of limb. curve, bundles : what was sampled,
-    reduced by factor. glare : (M, 2) level at the limb and slope of what has been taken off the
-    profiles, and glare_variance (M, J) that it left.
+    Sampled : curve : points along the limb. bundles : of these points, one a stretch. stretch_px :
+    length of limb of each.
+    Seen : d_px : (J,) places across the limb, whole pixels outwards. profiles : (M, J) mean gray
+    levels there. blind : (M, J) where samples are saturated. noise : one sigma of the others.
+    glare : (M, 2) straight line, level at the limb and slope a pixel outwards, that has been taken
+    off the profiles as the Sun's glare; glare_variance : (M, J) error that this left.
+    Geometry : px, normal_px : (M, 2) middles of the stretches in the full image, and normals there,
+    towards space. rows : (M, 3) by how much the limb moves outwards, pixels per radian, with
+    nadir's two tangent components and rho. rise : (M,) height of the first pixel above the limb,
+    over the planet's radius. distance : (M, J) heights of the samples above the limb in units of
+    `rise`; below the limb d_px itself. cornered : (M,) squares of the distances to the optical
+    axis, over half the frame's diagonal. px_over_radius : ground across one pixel along the limb,
+    over the planet's radius.
     """
 
     curve: LimbCurve

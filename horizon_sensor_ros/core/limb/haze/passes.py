@@ -28,7 +28,7 @@ from horizon_sensor_ros.core.limb.haze.sample import (
     haze_factor,
     sample_haze,
 )
-from horizon_sensor_ros.core.limb.search.candidates import block_average
+from horizon_sensor_ros.core.limb.search.working_image import block_average
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status

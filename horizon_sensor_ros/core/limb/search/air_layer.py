@@ -1,11 +1,15 @@
 """The night's airglow, a bright layer some 95 km above the ground, taken for the limb; and dawn.
 
-By night the outermost edge is that layer's upper side. What gives it away: behind the edge the
-brightness falls again, and rises once more where the ground begins, all along the limb at the same
-height. Cloud does not keep its distance from the limb; the ground does. Where no ground shows, the
-layer is told from daylit air over dark sea by the stars above it, and by being the same all along
-the limb. Beside the dawn the air is lit, and the ground is not: how high it is lit goes with the
-distance to the Sun, so that its edge is no limb.
+By night the outermost edge in a frame may be the upper side of that layer. Columns of brightness,
+straight down from places along the edge, tell which it is:
+
+- **Airglow above ground**: brightness reaches a crest, falls again to a trough, and rises once more
+  where the ground begins. The ground does so at the same depth all along the limb; clouds, which
+  may look so too, do not.
+- **Airglow alone**: no ground shows. Air lit by day over dark sea looks alike, but then there are
+  no stars above it; and the layer fades alike in all columns.
+- **Dawn**: the air is lit and the ground below is not. The lit band is thinner the farther it is
+  from the Sun, so that its edge is no limb.
 """
 
 from __future__ import annotations
@@ -13,45 +17,54 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.selection import Consensus, RayCandidates
 from horizon_sensor_ros.core.limb.search.stars import shows_stars
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
 
 _LAYER_M = 95e3  # height of the layer; depths below its edge are counted in this height's scale
-# Places along the limb that are looked at, a camera, and the neighbours whose mean counts as one:
-# a faint layer is hardly more than a pixel's noise.
-_COLUMNS, _TOGETHER = 48, 4
-_GLANCE, _PERHAPS = 24, 0.5  # places that a first look takes; share of them that asks for more
-_DEPTHS_M = np.arange(-12e3, 156e3, 6e3)
-_CREST_M, _TROUGH_M = 45e3, (20e3, 110e3)  # where each is looked for
-_FALL, _RISE = 0.75, 1.25  # the trough over the crest, the ground over the trough
+# A column is the brightness straight down from one place of the edge.
+_COLUMNS = 48  # a camera
+_TOGETHER = 4  # neighbours whose mean counts as one: a faint layer is hardly more than noise
+_GLANCE = 24  # columns of a first look, at fewer depths
+_PERHAPS = 0.5  # share of those columns that must fall again, for a closer look
+_DEPTHS_M = np.arange(-12e3, 156e3, 6e3)  # below the edge; negative ones are above it
+_CREST_M = 45e3  # depth down to which a column's crest, its brightest place, is looked for
+_TROUGH_M = 20e3, 110e3  # depths between which its darkest place behind that is looked for
+_FALL = 0.75  # brightness of the trough over the crest's, at most
+_RISE = 1.25  # brightness of the ground over the trough's, at least
 _SIGMAS = 6.0  # of noise that make a difference
-_APART_M = 14e3  # how far the ground may lie from the middle of where it does
-# Of the columns, from which it is a layer (cloud: a third, two thirds at most); less by night, when
-# parts of the craft may hide it.
-_SHARE, _SHARE_BY_NIGHT = 0.7, 0.6
-# Behind its crest the layer fades in all columns alike: between these depths at least to such a
-# share, and within so much of the crest as in most of the others.
-_FADES_M, _FADED, _ALIKE = (25e3, 70e3), 0.85, 0.14
-# Beside the dawn air is lit above ground that is not: a band that ends at so much of its crest,
-# between such depths, and along the limb nearer and nearer to the edge (by rank correlation), in
-# most columns, those behind which the ground is no brighter than such a share. Wedges of cloud
-# beside the limb, which end nearer or less evenly, do so in one of 500 frames.
-_BAND_ENDS, _BAND_M, _NARROWS = 0.75, (33e3, 84e3), 0.95
-_GROUND, _DARK_SHARE = 0.6, 0.5
-_LEAST_COLUMNS = 7  # from which it is asked whether the air's band narrows along the limb
+_SAME_DEPTH_M = 14e3  # by which the depth of ground in a column may be off the median one
+# Share of the columns with ground at one depth from which the edge is a layer's; cloud's are a
+# third, two thirds at most.
+_SHARE = 0.7
+_SHARE_BY_NIGHT = 0.6  # where stars show, and parts of the craft may hide some
+# Behind its crest the layer fades in all columns alike.
+_FADES_M = 25e3, 70e3  # depths between which it does
+_FADED = 0.85  # brightness at the deeper one over that at the other, at most
+_ALIKE = 0.14  # of the crest, by which a column may differ from the median one
+# Beside the dawn air is lit above ground that is not: a bright band, which is thinner the farther
+# it is from the Sun. Wedges of cloud beside the limb, which end nearer to the edge or less evenly,
+# are like it in one of 500 frames.
+_BAND_ENDS = 0.75  # of the crest: darker than this, a column is below the band
+_BAND_M = 33e3, 84e3  # depth of its end where it is thinnest, more than; and thickest, more than
+_NARROWS = 0.95  # rank correlation of that depth with the place along the limb, more than
+_GROUND = 0.6  # brightness of dark ground over the crest's, at most
+_DARK_SHARE = 0.5  # of the columns, behind which ground must be dark
+_LEAST_COLUMNS = 7  # with dark ground, likewise
 
 
 def ground_under_airglow(
     views: Sequence[CameraView],
-    candidates: Sequence[LimbCandidates],
+    working: Sequence[WorkingImage],
     found: RayCandidates,
     consensus: Consensus,
     planet: Planet,
@@ -60,72 +73,53 @@ def ground_under_airglow(
 ) -> Consensus:
     """The consensus, moved to the ground's limb where it holds the airglow's edge for it.
 
-    candidates : those of every view, with their reduced images. refined : its cone was fitted to
+    working : images of every view. found : candidates in them. refined : its cone was fitted to
     edges: it knows nadir better than steps of depth do, and about it a layer looks alike all along.
     Where the layer is seen but no ground behind it: status POOR_FIT, and the cone and layer_rad of
     what would be the ground's limb.
     """
     if consensus.status is not Status.OK:
         return consensus
-    apparent = planet.altitude_from_rho(consensus.rho_rad)
-    sine = np.sin(consensus.rho_rad)
-    above_m = apparent + _LAYER_M / sine
-    scale = consensus.rho_rad - planet.rho_from_altitude(above_m)
-    depths = _DEPTHS_M * (scale / _LAYER_M)
-    columns: list[np.ndarray] = []
-    levels: list[np.ndarray] = []
-    for i, (view, seen) in enumerate(zip(views, candidates, strict=True)):
-        of_view = np.flatnonzero(consensus.inliers & (found.camera == i))
-        if len(of_view) == 0:
-            continue
-        for count, thin in ((_GLANCE, 3), (_COLUMNS, 1)):
-            some = of_view[np.linspace(0, len(of_view) - 1, count).astype(np.intp)]
-            level = _levels(view, seen, _rays(found.rays[some], consensus, depths[::thin]))
-            whole = np.isfinite(level).all(axis=1)
-            middle, level = _bundled(some[whole], level[whole])
-            noise = seen.noise / math.sqrt(_TOGETHER)
-            falls = _crest_and_trough(level, noise, _DEPTHS_M[::thin])[0]
-            if count == _GLANCE and np.count_nonzero(falls) < _PERHAPS * max(len(falls), 4):
-                return consensus
-        columns.append(middle)
-        levels.append(level)
-    if not levels:
+    layer_rad = _layer_rad(consensus, planet)
+    depths = _DEPTHS_M * (layer_rad / _LAYER_M)
+    columns = _columns(views, working, found, consensus, depths)
+    if not columns:
         return consensus
-    level = np.concatenate(levels)
-    noise = max(seen.noise for seen in candidates) / math.sqrt(_TOGETHER)
+    places = np.concatenate([column.places for column in columns])
+    level = np.concatenate([column.level for column in columns])
+    noise = max(seen.noise for seen in working) / math.sqrt(_TOGETHER)
     falls, crest, trough, at_trough = _crest_and_trough(level, noise, _DEPTHS_M)
-    ground = np.maximum(_RISE * trough, trough + _SIGMAS * noise)
     layered = _is_layer(level, falls, crest)
     if refined and not layered:
         return consensus
-    risen = (_DEPTHS_M[at_trough][:, None] < _DEPTHS_M) & (level > ground[:, None])
-    rises = falls & risen.any(axis=1)
-    at = risen.argmax(axis=1)
-    if np.count_nonzero(rises) > 0.5 * len(level):
-        together = rises & (np.abs(_DEPTHS_M[at] - np.median(_DEPTHS_M[at[rises]])) <= _APART_M)
-        num_together = np.count_nonzero(together)
-        if num_together >= _SHARE * len(level) or (
-            num_together >= _SHARE_BY_NIGHT * len(level)
-            and _starry(views, candidates, consensus, scale)
-        ):
-            rays = _rays(found.rays[np.concatenate(columns)[together]], consensus, depths)
-            cone = None
-            if not refined:
-                cone = _cone(rays[np.arange(len(rays)), at[together]], consensus, scale)
-            if cone is None and _starry(views, candidates, consensus, scale):
-                # The layer is about the same nadir, wherever the ground was found along it.
-                below = float(np.median(depths[at[together]]))
-                cone = consensus.nadir_base, consensus.rho_rad - below
-            return consensus if cone is None else _moved(consensus, cone, scale)
+
+    @cache
+    def starry() -> bool:
+        """Whether stars above the layer show an exposure for the night."""
+        return shows_stars(views, working, consensus.nadir_base, consensus.rho_rad + layer_rad)
+
+    ground = _ground_behind(level, falls, trough, at_trough, noise)
+    shown = ground >= 0
+    num, num_all = int(np.count_nonzero(shown)), len(level)
+    if num > 0 and (num >= _SHARE * num_all or (num >= _SHARE_BY_NIGHT * num_all and starry())):
+        rays = _rays(found.rays[places[shown]], consensus, depths)
+        cone = None
+        if not refined:
+            cone = _cone(rays[np.arange(len(rays)), ground[shown]], consensus, layer_rad)
+        if cone is None and starry():
+            # The layer is about the same nadir, wherever the ground was found along it.
+            below = float(np.median(depths[ground[shown]]))
+            cone = consensus.nadir_base, consensus.rho_rad - below
+        return consensus if cone is None else _moved(consensus, cone, layer_rad)
     dawns = any(
-        _is_twilight(found.rays[middle], seen, consensus.nadir_base)
-        for middle, seen in zip(columns, levels, strict=True)
+        _is_twilight(found.rays[column.places], column.level, consensus.nadir_base)
+        for column in columns
     )
-    if not (dawns or layered) or not _starry(views, candidates, consensus, scale):
+    if not (dawns or layered) or not starry():
         return consensus
     if dawns:
         return Consensus(Status.POOR_FIT, "twilight: lit air over ground that is dark")
-    no_ground = _moved(consensus, (consensus.nadir_base, consensus.rho_rad - scale), scale)
+    no_ground = _moved(consensus, (consensus.nadir_base, consensus.rho_rad - layer_rad), layer_rad)
     reason = "a layer of airglow, and no ground behind it"
     return replace(no_ground, status=Status.POOR_FIT, reason=reason)
 
@@ -142,22 +136,75 @@ def layer_height_m(edge: RayCandidates, cone: tuple[np.ndarray, float], planet: 
     return planet.radius_m * (sine / math.sin(rho) - 1.0)
 
 
+def _layer_rad(consensus: Consensus, planet: Planet) -> float:
+    """Angle from the ground's limb up to the layer's edge, if the consensus is of that edge."""
+    apparent = planet.altitude_from_rho(consensus.rho_rad)
+    above_m = apparent + _LAYER_M / np.sin(consensus.rho_rad)
+    return consensus.rho_rad - planet.rho_from_altitude(above_m)
+
+
+class _Columns(NamedTuple):
+    """Brightness straight down from the edge in one camera's frame.
+
+    places : (M,) of the columns, by number among the candidates' rays. level : (M, D) gray levels
+    above space at `_DEPTHS_M`.
+    """
+
+    places: np.ndarray
+    level: np.ndarray
+
+
+def _columns(
+    views: Sequence[CameraView],
+    working: Sequence[WorkingImage],
+    found: RayCandidates,
+    consensus: Consensus,
+    depths: np.ndarray,
+) -> list[_Columns]:
+    """Columns of every camera that sees the edge; none where a glance at a few of one camera tells
+    that no layer is there. depths : (D,) angles below the edge.
+    """
+    out = []
+    for i, (view, seen) in enumerate(zip(views, working, strict=True)):
+        of_view = np.flatnonzero(consensus.inliers & (found.camera == i))
+        if len(of_view) == 0:
+            continue
+        for count, thin in ((_GLANCE, 3), (_COLUMNS, 1)):
+            some = of_view[np.linspace(0, len(of_view) - 1, count).astype(np.intp)]
+            level = _levels(view, seen, _rays(found.rays[some], consensus, depths[::thin]))
+            whole = np.isfinite(level).all(axis=1)
+            places, level = _bundled(some[whole], level[whole])
+            if count == _GLANCE:
+                noise = seen.noise / math.sqrt(_TOGETHER)
+                falls = _crest_and_trough(level, noise, _DEPTHS_M[::thin])[0]
+                if np.count_nonzero(falls) < _PERHAPS * max(len(falls), 4):
+                    return []
+        out.append(_Columns(places, level))
+    return out
+
+
+def _ground_behind(
+    level: np.ndarray, falls: np.ndarray, trough: np.ndarray, at_trough: np.ndarray, noise: float
+) -> np.ndarray:
+    """Where (N,) among `_DEPTHS_M` columns (N, D) rise again behind their troughs, at a depth that
+    most of them have in common; -1 where one does not, and in all where fewer than half do at all.
+    """
+    bright = np.maximum(_RISE * trough, trough + _SIGMAS * noise)
+    risen = (_DEPTHS_M[at_trough][:, None] < _DEPTHS_M) & (level > bright[:, None])
+    rises = falls & risen.any(axis=1)
+    if np.count_nonzero(rises) <= 0.5 * len(level):
+        return np.full(len(level), -1)
+    at = risen.argmax(axis=1)
+    off_m = np.abs(_DEPTHS_M[at] - np.median(_DEPTHS_M[at[rises]]))
+    return np.where(rises & (off_m <= _SAME_DEPTH_M), at, -1)
+
+
 def _bundled(columns: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Middle ones (M,) of columns (N,), `_TOGETHER` each, and means (M, D) of their levels."""
     num = len(columns) // _TOGETHER
     used = num * _TOGETHER
     means = level[:used].reshape(num, _TOGETHER, level.shape[1]).mean(axis=1)
     return columns[_TOGETHER // 2 : used : _TOGETHER], means
-
-
-def _starry(
-    views: Sequence[CameraView],
-    candidates: Sequence[LimbCandidates],
-    consensus: Consensus,
-    depth_rad: float,
-) -> bool:
-    """Whether stars above the layer show an exposure for the night."""
-    return shows_stars(views, candidates, consensus.nadir_base, consensus.rho_rad + depth_rad)
 
 
 def _is_layer(level: np.ndarray, falls: np.ndarray, crest: np.ndarray) -> bool:
@@ -201,9 +248,9 @@ def _rays(rays: np.ndarray, consensus: Consensus, depths: np.ndarray) -> np.ndar
     return np.cos(angle)[:, None] * nadir + np.sin(angle)[:, None] * across[:, None, :]
 
 
-def _levels(view: CameraView, seen: LimbCandidates, rays: np.ndarray) -> np.ndarray:
+def _levels(view: CameraView, seen: WorkingImage, rays: np.ndarray) -> np.ndarray:
     """Gray levels (N, D) above space along rays (N, D, 3); NaN outside the frame and its mask."""
-    small, factor = seen.reduced, int(seen.pitch_px)
+    small, factor = seen.gray, seen.factor
     px = view.camera.pixels((rays @ view.rot_base_from_cam).reshape(-1, 3))
     with np.errstate(invalid="ignore"):
         px = np.floor((px + 0.5) / factor)

@@ -12,11 +12,9 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.mask import Mask
 
-# The search works on an image of about this many pixels on its longer side: the limb is a large
-# thing, and the cost of the search stays nearly the same for any sensor.
-WORKING_SIZE_PX = 320
 _OUTWARD_STEPS_PX = np.array(
     [3.0, 4.5, 6.5, 9.0, 13.0, 19.0, 28.0, 40.0], dtype=np.float32
 )  # working pixels
@@ -33,8 +31,6 @@ _SUN_PX = 60, 1500  # that the Sun covers, working pixels
 _NEAR_SUN_PX, _SUN_SHARE = 20.0, 0.8  # from its middle, and how many of them lie so near
 _LEAST_STREAK = 8  # edges
 _ACROSS_PX = np.arange(-2.0, 3.0, dtype=np.float32)[:, None]
-# Types of images, and those that hold sums of them.
-_SUMS: dict[type, type] = {np.uint8: np.uint16, np.uint16: np.uint32, np.float32: np.float32}
 _BORDER_PX = 48  # working pixels beyond the frame that may be asked for
 _MASK_CLEARANCE_PX = 4.0  # working pixels that a candidate keeps from a masked part of the frame
 
@@ -45,75 +41,22 @@ class LimbCandidates:
 
     px : (N, 2) float64 raw pixels of the full image. normal_px : (N, 2) unit vectors towards the
     dark side. contrast : (N,) gray-level step across the edge. pitch_px : spacing of the
-    candidates' grid, full-image pixels. space_level, noise : gray level of empty space and its
-    one-sigma noise, as seen in the working image. outermost : (N,) False where another candidate
-    lies farther out along the normal; None where that was not looked at. reduced : the working
-    image, ``pitch_px`` times smaller: (h, w), float32 means, or single pixels of the frame's type
-    where the limb is followed; empty where there is none. beyond_px : (N,) how far
-    outside px the image falls most steeply; empty where that was not looked at.
+    candidates' grid, full-image pixels. working : the image in which they were found; empty where
+    that was the full one. outermost : (N,) False where another candidate lies farther out along the
+    normal; None where that was not looked at. beyond_px : (N,) how far outside px the image falls
+    most steeply; empty where that was not looked at.
     """
 
     px: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     normal_px: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     contrast: np.ndarray = field(default_factory=lambda: np.empty(0))
     pitch_px: float = 1.0
-    space_level: float = np.nan
-    noise: float = np.nan
+    working: WorkingImage = field(default_factory=WorkingImage)
     outermost: np.ndarray | None = None
-    reduced: np.ndarray = field(default_factory=lambda: np.empty((0, 0), dtype=np.float32))
     beyond_px: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     def __len__(self) -> int:
         return len(self.px)
-
-
-def reduce_image(gray: np.ndarray) -> tuple[np.ndarray, int]:
-    """Block-average an image to the working size: (float32 image, integer reduction factor)."""
-    factor = max(1, int(np.ceil(max(gray.shape) / WORKING_SIZE_PX - 0.25)))
-    return block_average(gray, factor), factor
-
-
-def block_average(gray: np.ndarray, factor: int) -> np.ndarray:
-    """Mean of blocks of factor x factor pixels, float32; what does not fill a block is cut off.
-
-    Not rounded: rounded means would make 8-bit images another search than the same in 16 bits.
-    """
-    height, width = (size // factor * factor for size in gray.shape)
-    # Whole rows of integers are added up first: a fraction of the time of OpenCV's area resampling.
-    sums: np.ndarray = gray[:height:factor].astype(_SUMS[gray.dtype.type])
-    for row in range(1, factor):
-        sums += gray[row:height:factor]
-    means = sums[:, :width:factor].astype(np.float32)
-    for column in range(1, factor):
-        means += sums[:, column:width:factor]
-    means *= np.float32(1.0 / factor**2)
-    return means
-
-
-def space_level_and_noise(
-    small: np.ndarray, usable: np.ndarray | None = None
-) -> tuple[float, float]:
-    """Gray level of empty space and its noise: median and spread of the darkest of 256 tiles.
-
-    Darkest by its brighter part: the median of a tile that is just over half space is as dark.
-    usable : mask like `small`; tiles that are not usable throughout count only if all are like
-    that.
-    """
-    # A strip is lower than a tile.
-    tile_h, tile_w = (min(max(4, size // 16), size) for size in small.shape)
-    rows, cols = small.shape[0] // tile_h, small.shape[1] // tile_w
-    tiles = small[: rows * tile_h, : cols * tile_w].reshape(rows, tile_h, cols, tile_w)
-    tiles = np.sort(tiles.transpose(0, 2, 1, 3).reshape(rows * cols, -1)[:, ::2], axis=1)
-    count = tiles.shape[1]
-    low, median, high = (tiles[:, int(share * count)] for share in (0.16, 0.5, 0.84))
-    if usable is not None:
-        blocks = usable[: rows * tile_h, : cols * tile_w].reshape(rows, tile_h, cols, tile_w)
-        whole = blocks.all(axis=(1, 3)).ravel()
-        high = np.where(whole | ~whole.any(), high, np.inf)
-    darkest = int(np.argmin(high))
-    # A saturated or quantised frame may show no noise at all; a third of a gray level is what
-    # rounding alone adds.
-    return float(median[darkest]), max(float(high[darkest] - low[darkest]) / 2.0, 0.3)
 
 
 def canny_candidates(gray: np.ndarray, low: float = 50.0, high: float = 150.0) -> LimbCandidates:
@@ -145,26 +88,24 @@ def space_boundary_candidates(
     result. At most `max_candidates`, evenly thinned. What is masked is unknown, like what lies
     beyond the frame.
     """
-    small, factor = reduce_image(gray)
-    usable = None if mask is None else mask.reduced(factor)
-    level, noise = space_level_and_noise(small, usable)
-    if usable is not None:
-        # No edge of the craft's is left to be found, and nothing of it counts as bright.
-        small = np.where(usable, small, np.float32(level))
-    smooth = cv2.GaussianBlur(small, (0, 0), 1.0)
+    working = WorkingImage.of(gray, mask)
+    factor, level = working.factor, working.space_level
+    smooth = cv2.GaussianBlur(working.gray, (0, 0), 1.0)
     bright = float(
         np.partition(smooth.ravel()[::7], -max(1, smooth.size // 700))[-max(1, smooth.size // 700)]
     )
     # Smoothing with sigma 1 leaves 0.28 of white noise; a step is believed from five sigma of that.
-    step_min = max(5.0 * 0.28 * noise, 0.01 * (bright - level), 0.5)
-    empty = LimbCandidates(pitch_px=float(factor), space_level=level, noise=noise, reduced=small)
+    step_min = max(5.0 * 0.28 * working.noise, 0.01 * (bright - level), 0.5)
+    empty = LimbCandidates(pitch_px=float(factor), working=working)
     if bright - level < 3.0 * step_min:
         return empty
 
     found = _steep(smooth, bright - level, step_min)
     if found is None:
         return empty
-    known = smooth if usable is None else np.where(usable, smooth, np.float32(np.nan))
+    known = smooth
+    if mask is not None:
+        known = np.where(mask.reduced(factor), smooth, np.float32(np.nan))
     found, step = _beside_space(found, smooth, known - np.float32(level), level, step_min)
     if mask is not None:
         centre = (np.stack([found.u, found.v], axis=1) + 0.5) * factor - 0.5
@@ -183,10 +124,8 @@ def space_boundary_candidates(
         np.stack([found.out_x, found.out_y], axis=1).astype(np.float64),
         step.astype(np.float64),
         float(factor),
-        level,
-        noise,
+        working,
         _outermost(found, there),
-        small,
         factor * found.beyond_px(smooth),
     )
 

@@ -31,7 +31,9 @@ from horizon_sensor_ros.core.limb.texture.fitted_limb import limb_in_raster
 from horizon_sensor_ros.core.limb_points import SharedError
 from horizon_sensor_ros.core.robust import median
 
-INNER_PX, OUTER_PX = 6.0, 7.0  # the part of a profile that is used
+# The part of a profile that is used, pixels from the predicted edge into the planet and into space.
+INNER_PX = 6.0
+OUTER_PX = 7.0
 _BESIDE_PX = (-2.0, -1.0)  # where the planet beside the edge is seen
 _SPACE_PX = 2.5  # from where on space is
 _WINDOW = 0.03  # over the planet's radius; along so much limb the texture is the same
@@ -47,7 +49,8 @@ _STEP_VARIANCE = 0.5  # over that of a pixel of a profile: two of them are besid
 _SHARED = ground_texture.by_kind(0.75, 2.4)
 # Rough texture that changes brightness by nearly as much as there is of it moves all of a limb by
 # more than to first order: as measured.
-_BY_CONTRAST, _MOST_CONTRAST = 5.0, 0.7
+_BY_CONTRAST = 5.0  # growth of that move with the contrast: deviation of brightness over its median
+_MOST_CONTRAST = 0.7  # from where on it grows no more
 # Of brightness's deviation along the limb over the noise: no ground follows the textures' law more
 # finely. With less noise errors stay, as measured down to .4 DN, what they are with 2 DN.
 _MOST_TEXTURE = 64.0
@@ -80,13 +83,17 @@ class Stretches:
 
 @dataclass(frozen=True)
 class _Tables:
-    """For each of S textures, and profiles over the noise.
+    """What solves profiles of J samples, over their noise, for each of S textures.
 
-    weights (3 J, 2 S) : of a profile with its two neighbours, for ``e step`` and for ``w step``
-    where w is what the blur lacks; sigma, widening_sigma (S,) : of these. textured (S,) : the part
-    of sigma that is the texture's. lean (S,) : by which w moves e. residual (J, S J) : whitened
-    residual projectors of one profile whose edge is known; log_det (S,). slope, widening (J,) :
-    derivatives of a unit step by e and w; rise : what there is of it beside the edge.
+    Two unknowns of an edge are solved for: e, its distance from the predicted place, and w, by
+    which its blur is wider than expected, both in pixels and times the step over the noise.
+    weights : (3 J, 2 S) by which a profile between its two neighbours is multiplied for e (first S
+    columns) and w (the others). sigma, widening_sigma : (S,) of e for a known w, and of w.
+    textured : (S,) the part of sigma that the texture causes. lean : (S,) change of e with w.
+    residual : (J, S J) takes one profile, less its edge, to what no level and background explain,
+    whitened: its square is the cost. log_det : (S,) of the covariances that this is whitened by.
+    slope, widening : (J,) derivatives of a unit step by e and w. rise : mean of a unit step at
+    `_BESIDE_PX`, where steps are measured.
     """
 
     weights: np.ndarray
@@ -126,90 +133,194 @@ def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> Kr
     is one where they run with the limb. To first order in the edge's distance from its predicted
     place: a tenth of a pixel is near enough.
     """
-    d_px = stretches.d_px
-    used = _samples(d_px, -INNER_PX, OUTER_PX)
+    used = _samples(stretches.d_px, -INNER_PX, OUTER_PX)
+    tables = _tables_of(stretches, used)
+    limb = _Limb(stretches, good, Raster.of(stretches.base[:, :2], phase, good))
+    bright = _Brightness.of(limb, tables.rise)
+    scaled = stretches.profiles[:, used] * (1.0 / bright.noise)
+    over_step = bright.noise / bright.step
+    found = _solved(scaled, over_step, limb, tables)
+    usual = ground_texture.likely(bright.deviation / bright.noise)
+    unknowns, edge, blur = _on_one_limb(found, usual, limb, tables)
+    evidence = -0.5 * (_cost(scaled, edge / over_step, blur / over_step, tables) + tables.log_det)
+    share = _shares(evidence, limb.sure(bright.step) / bright.noise, limb)
+    place, spread2, blur, open_px = _averaged(found, share, limb, tables)
+    chi2 = _cost(scaled, place / over_step, blur / over_step, tables)
+    misfit = (share * chi2).sum(axis=1) / (scaled.shape[1] - 3)
+    model_error = _SHAPE_ERROR + PLACE_SIGMA_PX * limb.raster.size
+    misfit /= 1.0 + np.square(model_error / over_step)
+    place, spread2 = _without_raster(place, spread2, limb)
+    # What weighs less moves the limb less.
+    weight = good / spread2
+    textured = (weight * np.square(over_step)) @ share * np.square(tables.textured) / weight.sum()
+    hidden_px = math.hypot(open_px, stretches.blur_open_px)
+    hidden_px *= float(weight @ (share @ tables.lean)) / float(weight.sum())
+    shared = _shared_error(textured, limb.count, limb.ground, bright.deviation / bright.usual)
+    shared = shared.besides(SharedError(hidden_px, hidden_px))
+    return KrigedEdges(place, np.sqrt(spread2), unknowns, misfit, bright.step, shared)
+
+
+def _tables_of(stretches: Stretches, used: slice) -> _Tables:
+    """Tables for these stretches; their ground's scale is rounded, so that few are made."""
     octave = round(_SCALES_PER_OCTAVE * math.log2(stretches.px_over_radius))
-    tables = _tables(
-        tuple(d_px[used].tolist()),
+    return _tables(
+        tuple(stretches.d_px[used].tolist()),
         stretches.psf_px,
         2.0 ** (octave / _SCALES_PER_OCTAVE),
         round(stretches.length_px),
     )
-    every = bool(good.all())
 
-    def sure(values: np.ndarray) -> np.ndarray:
-        return values if every else values[good]
 
-    # Just inside the edge: brightness may be another a few pixels on.
-    beside = stretches.profiles[:, _samples(d_px, *_BESIDE_PX)]
-    step = np.add.reduce(beside, axis=1) / np.float32(beside.shape[1])
-    step -= median(sure(stretches.profiles)[:, _samples(d_px, _SPACE_PX)].ravel())
-    step = np.maximum(step / tables.rise, stretches.noise)
-    usual_step = median(sure(step))
-    deviation = _deviation(sure(step))
-    noise = max(stretches.noise, usual_step / MAX_LEVEL, deviation / _MOST_TEXTURE)
-    scaled = stretches.profiles[:, used] * (1.0 / noise)
-    over_step = noise / step
-    solved = _with_neighbours(scaled, good) @ tables.weights
+class _Limb:
+    """Stretches along one limb: which of them are good (N,), and how they lie in the raster.
+
+    ground : length of a stretch, over the planet's radius. count : of the good ones.
+    """
+
+    def __init__(self, stretches: Stretches, good: np.ndarray, raster: Raster) -> None:
+        self.stretches, self.good, self.raster = stretches, good, raster
+        self.every = bool(good.all())
+        self.ground = _rounded(stretches.px_over_radius * stretches.length_px)
+        self.count = int(np.count_nonzero(good))
+
+    def sure(self, values: np.ndarray) -> np.ndarray:
+        """Of values (N, ...), those of the good stretches."""
+        return values if self.every else values[self.good]
+
+
+@dataclass(frozen=True, eq=False)
+class _Brightness:
+    """Gray levels along a limb.
+
+    step (N,) : from space to the planet beside each edge. usual : their median. deviation : one
+    sigma along the limb. noise : of a sample, no less than what the model is wrong by.
+    """
+
+    step: np.ndarray
+    usual: float
+    deviation: float
+    noise: float
+
+    @classmethod
+    def of(cls, limb: _Limb, rise: float) -> _Brightness:
+        """Of stretches; rise : as of `_Tables`."""
+        d_px, profiles = limb.stretches.d_px, limb.stretches.profiles
+        # Just inside the edge: brightness may be another a few pixels on.
+        beside = profiles[:, _samples(d_px, *_BESIDE_PX)]
+        step = np.add.reduce(beside, axis=1) / np.float32(beside.shape[1])
+        step -= median(limb.sure(profiles)[:, _samples(d_px, _SPACE_PX)].ravel())
+        step = np.maximum(step / rise, limb.stretches.noise)
+        usual, deviation = median(limb.sure(step)), _deviation(limb.sure(step))
+        noise = max(limb.stretches.noise, usual / MAX_LEVEL, deviation / _MOST_TEXTURE)
+        return cls(step, usual, deviation, noise)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """What each stretch says of its edge by itself, (N, S) if the ground had one texture each.
+
+    places : of the edge for a blur as expected, and variance, of these. wider : what the blur
+    lacks, and wider_information, on that.
+    """
+
+    places: np.ndarray
+    variance: np.ndarray
+    wider: np.ndarray
+    wider_information: np.ndarray
+
+
+def _solved(scaled: np.ndarray, over_step: np.ndarray, limb: _Limb, tables: _Tables) -> _Solved:
+    """Solve profiles (N, J) over the noise; over_step (N,) : the noise over their steps."""
+    solved = _with_neighbours(scaled, limb.good) @ tables.weights
     solved *= over_step[:, None]
-    places, wider = solved[:, : ground_texture.NUM], solved[:, ground_texture.NUM :]
-    variance = np.square(tables.sigma * over_step[:, None])
-    wider_information = np.square((good / over_step)[:, None] / tables.widening_sigma)
-    normal_px = stretches.base[:, :2]
-    raster = Raster.of(normal_px, phase, good)
-    wider_information /= 1.0 + wider_information * raster.blur_rest2()[:, None]
-    ground = _rounded(stretches.px_over_radius * stretches.length_px)
-    count = int(np.count_nonzero(good))
-    # What the raster does to a profile is not texture.
-    nearby = nearness(len(good), max(_LEAST_WINDOW, _WINDOW / ground)) + _ANYWHERE
-    nearby *= good * np.maximum(1.0 - _PHASE_WEIGHT * raster.size, 0.0)
-    k = ground_texture.likely(deviation / noise)
-    blur = blur_along(
-        normal_px, raster.blur, wider[:, k], wider_information[:, k], stretches.psf_px
-    ).lacking_px
-    place = places[:, k] - tables.lean[k] * blur
-    limb, error, _ = limb_in_raster(
-        sure(stretches.base), sure(place), sure(variance[:, k]), sure(raster.place)
+    information = np.square((limb.good / over_step)[:, None] / tables.widening_sigma)
+    information /= 1.0 + information * limb.raster.blur_rest2()[:, None]
+    return _Solved(
+        solved[:, : ground_texture.NUM],
+        np.square(tables.sigma * over_step[:, None]),
+        solved[:, ground_texture.NUM :],
+        information,
     )
-    edge = stretches.base @ limb + error * raster.place
-    chi2 = _cost(scaled, edge / over_step, blur / over_step, tables)
-    evidence = -0.5 * (chi2 + tables.log_det)
-    level = _level_evidence(sure(step) / noise, ground)
-    if every:
+
+
+def _on_one_limb(
+    found: _Solved, texture: int, limb: _Limb, tables: _Tables
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unknowns (3,) of the limb that fits the edges beside one texture; edges (N,) that lie on it,
+    and what their blur lacks (N,).
+    """
+    stretches, raster = limb.stretches, limb.raster
+    blur = blur_along(
+        stretches.base[:, :2],
+        raster.blur,
+        found.wider[:, texture],
+        found.wider_information[:, texture],
+        stretches.psf_px,
+    ).lacking_px
+    place = found.places[:, texture] - tables.lean[texture] * blur
+    unknowns, error, _ = limb_in_raster(
+        limb.sure(stretches.base),
+        limb.sure(place),
+        limb.sure(found.variance[:, texture]),
+        limb.sure(raster.place),
+    )
+    return unknowns, stretches.base @ unknowns + error * raster.place, blur
+
+
+def _shares(evidence: np.ndarray, step: np.ndarray, limb: _Limb) -> np.ndarray:
+    """How likely (N, S) each texture is beside each stretch, by what it and its neighbours say.
+
+    evidence : (N, S) log likelihood of their profiles, to which that of their brightness is added.
+    step : of the good ones, over the noise.
+    """
+    # What the raster does to a profile is not texture.
+    nearby = nearness(len(limb.good), max(_LEAST_WINDOW, _WINDOW / limb.ground)) + _ANYWHERE
+    nearby *= limb.good * np.maximum(1.0 - _PHASE_WEIGHT * limb.raster.size, 0.0)
+    level = _level_evidence(step, limb.ground)
+    if limb.every:
         evidence += level
     else:
-        evidence[good] += level
+        evidence[limb.good] += level
     evidence -= evidence.max(axis=1, keepdims=True)
     evidence = nearby @ np.maximum(evidence, -_MOST_EVIDENCE)
     evidence[:, ground_texture.NONE] += _NO_TEXTURE
     share = np.exp(evidence - evidence.max(axis=1, keepdims=True))
-    share /= share.sum(axis=1, keepdims=True)
-    # Averaged over the textures, as likely as each is.
-    wider_information *= share
-    told = wider_information.sum(axis=1)
-    lacking = (wider_information * wider).sum(axis=1) / np.maximum(told, 1e-30)
-    smeared = blur_along(normal_px, raster.blur, lacking, told, stretches.psf_px)
+    return np.asarray(share / share.sum(axis=1, keepdims=True))
+
+
+def _averaged(
+    found: _Solved, share: np.ndarray, limb: _Limb, tables: _Tables
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Places (N,) and variances (N,) averaged over the textures, as likely as each is (N, S); what
+    the blur lacks (N,), and one sigma of what it may lack besides.
+    """
+    stretches = limb.stretches
+    information = found.wider_information * share
+    told = information.sum(axis=1)
+    lacking = (information * found.wider).sum(axis=1) / np.maximum(told, 1e-30)
+    smeared = blur_along(stretches.base[:, :2], limb.raster.blur, lacking, told, stretches.psf_px)
     blur = smeared.lacking_px
-    places -= tables.lean * blur[:, None]
+    places = found.places - tables.lean * blur[:, None]
     place = (share * places).sum(axis=1)
-    spread2 = (share * (variance + np.square(places - place[:, None]))).sum(axis=1)
-    chi2 = _cost(scaled, place / over_step, blur / over_step, tables)
-    misfit = (share * chi2).sum(axis=1) / (scaled.shape[1] - 3)
-    misfit /= 1.0 + np.square((_SHAPE_ERROR + PLACE_SIGMA_PX * raster.size) / over_step)
-    spread2 += raster.rest2()
+    spread2 = (share * (found.variance + np.square(places - place[:, None]))).sum(axis=1)
+    return place, spread2, blur, smeared.open_px
+
+
+def _without_raster(
+    place: np.ndarray, spread2: np.ndarray, limb: _Limb
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places (N,) less what the raster moves them by, and their variances (N,) with what is left of
+    it.
+    """
+    raster = limb.raster
+    spread2 = spread2 + raster.rest2()
     _, error, open2 = limb_in_raster(
-        sure(stretches.base), sure(place), sure(spread2), sure(raster.place)
+        limb.sure(limb.stretches.base),
+        limb.sure(place),
+        limb.sure(spread2),
+        limb.sure(raster.place),
     )
-    place -= error * raster.place
-    spread2 += raster.shared2(open2)
-    # What weighs less moves the limb less.
-    weight = good / spread2
-    textured = (weight * np.square(over_step)) @ share * np.square(tables.textured) / weight.sum()
-    hidden_px = math.hypot(smeared.open_px, stretches.blur_open_px)
-    hidden_px *= float(weight @ (share @ tables.lean)) / float(weight.sum())
-    shared = _shared_error(textured, count, ground, deviation / usual_step)
-    shared = shared.besides(SharedError(hidden_px, hidden_px))
-    return KrigedEdges(place, np.sqrt(spread2), limb, misfit, step, shared)
+    return place - error * raster.place, spread2 + raster.shared2(open2)
 
 
 def _level_evidence(step: np.ndarray, ground: float) -> np.ndarray:

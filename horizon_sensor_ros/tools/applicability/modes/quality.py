@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from horizon_sensor_ros.core.visibility import horizon_rays
+from horizon_sensor_ros.core.applicability.visibility import horizon_rays
 from horizon_sensor_ros.tools.applicability.arguments import (
     altitude_of,
     angle_grid,

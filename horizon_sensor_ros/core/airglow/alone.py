@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.airglow_nadir import cone_of_airglow, under_stars
-from horizon_sensor_ros.core.calibration_error import with_calibration_error
+from horizon_sensor_ros.core.airglow.nadir import cone_of_airglow, under_stars
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.figure import Figure
+from horizon_sensor_ros.core.covariance.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
@@ -23,9 +22,10 @@ from horizon_sensor_ros.core.limb.airglow_edge import (
     airglow_edge,
     sphere_of_airglow,
 )
-from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.stars import NIGHT_STARS
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.planet_figure import Figure
 
 # Without the ground nothing else says that it is a layer. In 40 photographs from the ISS in which
 # it is .85 and more of it lay on the cone, and bent by .8 at most; beside twilight and structure
@@ -55,7 +55,7 @@ class AirglowAlone:
 
 def by_airglow_alone(
     frames: Sequence[tuple[np.ndarray, CameraView]],
-    searched: Sequence[LimbCandidates],
+    working: Sequence[WorkingImage],
     cone: tuple[np.ndarray, float],
     figure: Figure,
     config: HorizonConfig,
@@ -63,7 +63,7 @@ def by_airglow_alone(
     """Find the airglow's edge; None where it is not as even as airglow is in nearly all of what is
     seen, or no stars are above it.
 
-    frames : image (H, W), and its camera, stretched as the figure has it. searched : the search's
+    frames : image (H, W), and its camera, stretched as the figure has it. working : working
     images of them. cone : nadir (3,) and rho of where the ground's limb would be below the layer.
     """
     sphere = figure.sphere
@@ -78,7 +78,7 @@ def by_airglow_alone(
         edge, observations = found
         cone = edge.nadir_base, sphere.rho_from_altitude(edge.altitude_m + AIRGLOW_HEIGHT_M)
     views = [view for _, view in frames]
-    if not under_stars(views, searched, edge, NIGHT_STARS):
+    if not under_stars(views, working, edge, NIGHT_STARS):
         return None
     cov = edge.cov_nadir_altitude + figure.covariance(edge, observations)
     edge = with_calibration_error(

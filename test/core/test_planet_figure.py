@@ -18,8 +18,11 @@ from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement, CoarsePo
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.figure import VERTICALS, Figure, MeanSphere, StretchedEllipsoid
-from horizon_sensor_ros.core.figure_error import ANY_POLE, figure_influence, pole_covariance
+from horizon_sensor_ros.core.covariance.figure_error import (
+    ANY_POLE,
+    figure_influence,
+    pole_covariance,
+)
 from horizon_sensor_ros.core.fits import METHODS, fit_horizon
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
@@ -29,6 +32,7 @@ from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb_curve import limb_curve
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.planet_figure import VERTICALS, Figure, MeanSphere, StretchedEllipsoid
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.stretched_camera import stretched_view
 from horizon_sensor_ros.sim.scene_sets import two_camera_set

@@ -16,7 +16,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.aiding import AltitudeMeasurement, CoarsePose
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.figure_error import (
+from horizon_sensor_ros.core.covariance.figure_error import (
     ANY_POLE,
     figure_covariance,
     figure_influence,

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from horizon_sensor_ros.core.applicability.visibility import limb_in_view
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.bound import horizon_bound
@@ -18,7 +19,6 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.visibility import limb_in_view
 
 
 def observe(

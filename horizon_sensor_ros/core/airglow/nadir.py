@@ -13,17 +13,16 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.figure import MeanSphere
-from horizon_sensor_ros.core.fits.assessment import tangent_rows
+from horizon_sensor_ros.core.covariance.shared_error import bend_px, with_shared_error
+from horizon_sensor_ros.core.fits.assessment import birge_factor, tangent_rows
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.moved import moved
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.airglow_edge import airglow_edge, sphere_of_airglow
-from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.stars import shows_stars
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.shared_error import bend_px, with_shared_error
 from horizon_sensor_ros.core.status import Status
 
 # Edges farther off the layer's cone than so many of their own and the stretches' sigmas are of the
@@ -56,18 +55,18 @@ def fit_airglow(
 
 def under_stars(
     views: Sequence[CameraView],
-    searched: Sequence[LimbCandidates],
+    working: Sequence[WorkingImage],
     airglow: HorizonFit,
     least: int = _LEAST_STARS,
 ) -> bool:
-    """Whether there are stars above what may be the airglow, in the search's images, at least so
-    many in one. By day, when there are none, edges of haze, ghosts and compression run beside the
+    """Whether there are stars above what may be the airglow, at least so many in one of the working
+    images. By day, when there are none, edges of haze, ghosts and compression run beside the
     limb as well.
     """
     used = [i for i, view in enumerate(views) if view.name in airglow.cameras]
     return shows_stars(
         [views[i] for i in used],
-        [searched[i] for i in used],
+        [working[i] for i in used],
         airglow.nadir_base,
         airglow.rho_rad,
         least,
@@ -97,7 +96,7 @@ def cone_of_airglow(
     bends = (bend_px(found, one.rays) / one.limb.coherent_px for one in on_it if len(one.rays))
     if any(bend > most_bend for bend in bends):
         return None
-    return with_shared_error(found, on_it, MeanSphere(layer, "geocentric")), on_it
+    return with_shared_error(found, on_it, layer), on_it
 
 
 def _of_layer(seen: LimbObservation, found: HorizonFit) -> LimbObservation:
@@ -118,8 +117,8 @@ def with_airglow(
     common : (4, 4) part of the fit's covariance that is the airglow's as well, of cameras and
     planet: it does not tell the two apart, and stays. The minimum-variance update of a Gaussian
     estimate (Kalman 1960); on a short arc altitude hangs together with nadir, and gains. Where the
-    two are farther apart than they claim that grows (Birge, Phys. Rev. 40 (1932) 207). Unchanged
-    where no limb would be seen from there.
+    two are farther apart than they claim that grows (`birge_factor`). Unchanged where no limb would
+    be seen from there.
     """
     basis = tangent_basis(fit.nadir_base)
     to_tangent = tangent_rows(basis)
@@ -128,6 +127,6 @@ def with_airglow(
     apart = basis.T @ (airglow.nadir_base - fit.nadir_base)
     weight = np.linalg.inv(own[:2, :2] + theirs)
     gain = own[:, :2] @ weight
-    birge = max(1.0, 0.5 * float(apart @ weight @ apart))
+    birge = birge_factor(float(apart @ weight @ apart), 2)
     cov = to_tangent.T @ (birge * (own - gain @ own[:2])) @ to_tangent + common
     return moved(fit, to_tangent.T @ (gain @ apart), cov, sphere) or fit

@@ -10,8 +10,6 @@ from functools import lru_cache
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.common_cone import nearest_to_cones
-from horizon_sensor_ros.core.figure import Figure
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude, tangent_rows
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
@@ -23,25 +21,19 @@ from horizon_sensor_ros.core.symmetric3 import inverse
 _STRETCHES = 6
 _NEGLIGIBLE = 0.02  # shared variance over the points' own that is not worth adding
 _MEDIAN_VARIANCE = np.pi / 2.0  # of a median of normal errors, over that of their mean
+_NOT_A_LIMB_PX = 9.0  # bend of a limb to which no distance can be told: no limb bends so far
 _SURE = 2.0  # times the points' own variance: what chance makes of it
 
 
 def with_shared_error(
-    fit: HorizonFit, observations: Sequence[LimbObservation], figure: Figure
+    fit: HorizonFit, observations: Sequence[LimbObservation], sphere: Planet
 ) -> HorizonFit:
-    """Return the fit with the errors that points share in its covariance.
+    """Add to a fit's covariance the errors that points share.
 
-    Those are what stretches of the limb have in common (`LimbPoints.coherent_px`), or what is known
-    of the cone that they lie on, and what the figure that was fitted leaves out of the planet's.
-    Where all cameras' limbs are cones' the fit moves to that which is nearest to these.
+    Of each camera: what stretches of its limb have in common (`LimbPoints.coherent_px`), or the
+    errors of the cone that its points lie on (`LimbPoints.cone_errors`).
     """
-    nearest = nearest_to_cones(fit, observations, figure.sphere)
-    if nearest is None:
-        cov = _with_shared(fit, observations, figure.sphere)
-    else:
-        fit, cov = nearest, nearest.cov_nadir_altitude
-    cov = cov + figure.covariance(fit, observations)
-    return replace(fit, cov_nadir_altitude=cov)
+    return replace(fit, cov_nadir_altitude=_with_shared(fit, observations, sphere))
 
 
 def bend_px(fit: HorizonFit, rays: LimbRays) -> float:
@@ -56,7 +48,7 @@ def _bend_px(rays: LimbRays, nadir_base: tuple[float, ...], rho_rad: float) -> f
     residual = rays.residuals_px(nadir, rho_rad)[rays.along_limb(nadir)]
     medians = [median(part) for part in stretches(residual, _STRETCHES)]
     bend = math.sqrt(sum(middle * middle for middle in medians) / _STRETCHES)
-    return bend if bend < math.inf else 9.0
+    return bend if bend < math.inf else _NOT_A_LIMB_PX
 
 
 def _with_shared(
@@ -92,7 +84,7 @@ def _with_shared(
     cov, height, of_cones = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 1))
     variance = np.diag(fit.cov_nadir_altitude).copy()
     variance[3] /= sphere.altitude_slope(fit.rho_rad) ** 2
-    # Of the points' own errors, over those that they claim.
+    # Factor between the variance that the fit found for the points and that which they claim.
     more_own = float(variance.sum() / np.trace(gain))
     for (limb, rays, claimed2, own2), a in zip(cameras, rows, strict=True):
         # How a sigma of each point moves the fit, and a pixel.
@@ -121,10 +113,10 @@ def _with_shared(
 
 
 def _left(rows_px: np.ndarray, by_px: np.ndarray) -> float:
-    """What a fit leaves of the variance of stretches that are off independently, mean of them.
+    """Share of the variance of independent errors of stretches that is left in the residuals.
 
-    rows_px, by_px : (N, 3), in order along the limb, how points' residuals move with the cone, and
-    the cone with the points.
+    rows_px : (N, 3) derivatives of the points' residuals by the cone's three unknowns. by_px :
+    (N, 3) derivatives of these by the points' places. Both in order along the limb.
     """
     starts = [part[0] for part in stretches(np.arange(len(rows_px)), _STRETCHES)]
     sizes = np.diff([*starts, len(rows_px)])

@@ -16,6 +16,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import (
+    birge_factor,
     covariance_nadir_altitude,
     inliers,
     root_mean_square,
@@ -59,7 +60,7 @@ def nearest_to_cones(
     """Return the fit moved to the cone that is nearest to all cameras' cones, with its covariance;
     None where that is left to the points.
 
-    Where cones lie farther off it than they claim, that grows (Birge, Phys. Rev. 40 (1932) 207).
+    Where cones lie farther off it than they claim, that grows (`birge_factor`).
     """
     shares = cone_shares(fit, observations)
     if not shares:
@@ -81,7 +82,7 @@ def nearest_to_cones(
     together = np.concatenate(errors)
     off = np.concatenate(offs) - np.tile(step, len(offs))
     chi2 = float(off @ np.linalg.solve(together @ together.T, off))
-    birge = max(1.0, chi2 / (len(off) - 3))
+    birge = birge_factor(chi2, len(off) - 3)
     nadir = fit.nadir_base + basis @ step[:2]
     nadir /= np.linalg.norm(nadir)
     rho = fit.rho_rad + float(step[2])

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.common_cone import cone_shares
+from horizon_sensor_ros.core.covariance.common_cone import cone_shares
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
@@ -36,8 +36,9 @@ def with_calibration_error(
     lens_sigma_px : of each camera's focal length and of its distortion, by what either moves the
     corners of its frame. limb_height_sigma_m : of the height of the visible limb. Zero: taken to be
     exact.
-    The nadir that a camera alone would find turns with the camera; several weigh by what their
-    points know. First order; source: derived here, after the information form of least squares.
+    A camera's turn turns the nadir that it would find by itself; of several cameras these are
+    weighted by their information. First order; derived here, from the information form of least
+    squares.
     """
     if mounting_sigma_rad == 0.0 and lens_sigma_px == 0.0 and limb_height_sigma_m == 0.0:
         return fit
@@ -57,7 +58,7 @@ def with_calibration_error(
 
 
 class _Cameras:
-    """How a fit follows the cameras that it used."""
+    """How much each camera of a fit moves it: nadir's two tangent components and rho."""
 
     def __init__(
         self, fit: HorizonFit, observations: Sequence[LimbObservation], basis: np.ndarray

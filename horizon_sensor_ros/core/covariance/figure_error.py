@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.common_cone import cone_shares
+from horizon_sensor_ros.core.covariance.common_cone import cone_shares
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb_points import LimbPoints

@@ -1,0 +1,1 @@
+"""What may be wrong with a fit besides the own errors of its points, for its covariance."""
