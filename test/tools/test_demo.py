@@ -29,17 +29,17 @@ from horizon_sensor_ros.core.rigid import (
 from horizon_sensor_ros.ros.messages import pose_message, twist_message
 from horizon_sensor_ros.tools.bags.replay import main as replay
 from horizon_sensor_ros.tools.demo import processes as demo_processes
-from horizon_sensor_ros.tools.demo.errors import Truth, error_table, flight_errors
 from horizon_sensor_ros.tools.demo.processes import NodeFailedError, running_nodes
-from horizon_sensor_ros.tools.demo.target_errors import (
+from horizon_sensor_ros.tools.private_domain import private_domain
+from horizon_sensor_ros.tools.truth.horizon_errors import Truth, error_table, flight_errors
+from horizon_sensor_ros.tools.truth.target_errors import (
     DELTA_TOPIC,
     POSE_TOPIC,
     TWIST_TOPIC,
     target_errors,
     target_table,
 )
-from horizon_sensor_ros.tools.private_domain import private_domain
-from horizon_sensor_ros.tools.truth_topics import (
+from horizon_sensor_ros.tools.truth.topics import (
     TRUTH_TOPICS,
     true_attitude_message,
     true_vertical_message,

@@ -12,8 +12,8 @@ from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.rigid import inverse_pose, pose_matrix, vector_from_rotation
 from horizon_sensor_ros.ros.messages import NANOSECONDS
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
-from horizon_sensor_ros.tools.demo.errors import error_lines
-from horizon_sensor_ros.tools.truth_topics import pose_in_target_frame
+from horizon_sensor_ros.tools.truth.horizon_errors import error_lines
+from horizon_sensor_ros.tools.truth.topics import pose_in_target_frame
 
 POSE_TOPIC, DELTA_TOPIC, TWIST_TOPIC = TARGET_TOPICS
 # Of chi-squared with six degrees of freedom: median, 95 %.
