@@ -20,25 +20,39 @@ COMMANDS = {
     "horizon_bag_to_csv": "tools.bags.bag_to_csv",
 }
 
+# The pages as they are read without Sphinx; these two only take in files of the root.
+PAGES = sorted(set(glob("doc/*.md")) - {"doc/start.md", "doc/contributing.md"})
+MAINTAINER = "Horizon Sensor ROS maintainers"
+EMAIL = "horizon-sensor-ros@users.noreply.github.com"
+
 setup(
     name=PACKAGE,
     version="0.1.0",
     description="Local vertical, roll, pitch and altitude from cameras that see a planet's limb",
+    author=MAINTAINER,
+    author_email=EMAIL,
+    maintainer=MAINTAINER,
+    maintainer_email=EMAIL,
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={f"{PACKAGE}.tools.report": ["templates/*.j2"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
-        (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}", ["package.xml", "README.md"]),
         (f"share/{PACKAGE}/config", sorted(glob("config/*.*"))),
         (f"share/{PACKAGE}/config/integration", sorted(glob("config/integration/*"))),
         (f"share/{PACKAGE}/config/security", sorted(glob("config/security/*"))),
         (f"share/{PACKAGE}/launch", sorted(glob("launch/*.launch.py"))),
+        # Help texts and configuration files refer to them.
+        (f"share/{PACKAGE}/doc", PAGES),
+        (f"share/{PACKAGE}/doc/pictures", sorted(glob("doc/pictures/*"))),
     ],
     # The libraries come from rosdep (package.xml) or from requirements/run.txt, never from here:
     # apt's OpenCV and rclpy have no pip distribution that such a line could name.
     install_requires=["setuptools"],
+    # `colcon test` runs pytest only where it finds it here; without it, unittest, and no test.
+    extras_require={"test": ["hypothesis", "pytest"]},
     zip_safe=False,
     entry_points={
         "console_scripts": [

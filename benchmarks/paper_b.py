@@ -9,12 +9,11 @@ points.
 
 from __future__ import annotations
 
-import argparse
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from tables import Options, Text, verdict
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.applicability.error_map import angle_rad, fit_error
@@ -33,6 +32,8 @@ from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.tools.applicability.figure6 import paper_rig
 
 PAPER_RMS_DEG = 0.038
+BAR_DEG = 0.005
+_STEP_DEG, _COARSE_STEP_DEG = 6.0, 30.0
 # Below this length in either frame an arc's end points say little; such attitudes are shown apart.
 LONG_ARC_PX = 100.0
 NO_NOISE = Imaging(noise_dn=0.0)
@@ -57,7 +58,21 @@ class PaperB:
     cameras: np.ndarray
 
 
-def measure(step_deg: float = 6.0, methods: Sequence[str] = tuple(METHODS)) -> PaperB:
+def run(options: Options) -> list[Text]:
+    """One table over the field of applicability; a coarse grid where few frames are asked for."""
+    step_deg = _STEP_DEG if options.frames >= 100 else _COARSE_STEP_DEG
+    result = measure(step_deg)
+    default = HorizonConfig().method
+    errors = result.frames_deg[default]
+    lines = [
+        table(result, default),
+        f"Grid of {step_deg:g} deg. {default} (default), RMS over its "
+        f"{int(np.isfinite(errors).sum())} fixes: {verdict(rms(errors), BAR_DEG)}",
+    ]
+    return [Text("Paper B: error over the field of applicability", "\n".join(lines))]
+
+
+def measure(step_deg: float = _STEP_DEG, methods: Sequence[str] = tuple(METHODS)) -> PaperB:
     """Draw, detect and fit over the field; about a second an attitude."""
     rig = paper_rig()
     altitude_m = 300e3
@@ -143,17 +158,3 @@ def table(result: PaperB, default: str) -> str:
     two, one = (int(np.sum(result.cameras == number)) for number in (2, 1))
     lines.append(f"Fixes from both frames: {two}, from one: {one}, none: {total - two - one}.")
     return "\n".join(lines)
-
-
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--step", type=float, default=6.0, help="of the grid, degrees (default 6)")
-    args = parser.parse_args()
-    start = time.perf_counter()
-    print(table(measure(args.step), default=HorizonConfig().method))
-    print(f"{time.perf_counter() - start:.0f} s")
-
-
-if __name__ == "__main__":
-    main()

@@ -21,7 +21,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 # Name of a part: module beside this file whose `run(options)` returns tables.
 PARTS = {
     "horizon_methods": "horizon_methods",
-    "paper_b": "horizon_paper_b",
+    "paper_b": "paper_b",
     "paper_c": "paper_c",
     "horizon_scenes": "horizon_scenes",
     "horizon_hard": "horizon_hard",

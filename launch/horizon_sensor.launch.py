@@ -13,8 +13,11 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 PACKAGE = "horizon_sensor_ros"
-# No default: without the cameras' rotations no node starts.
-PARAMS_FILE = "ROS parameter file; it must hold camera_N.rotation of every camera that is used"
+# No default: without the cameras' rotations, or the word that TF has them, no node starts.
+PARAMS_FILE = (
+    "ROS parameter file; it must hold camera_N.rotation of every camera that is used, "
+    "or extrinsics_source: tf, which takes the rotations from TF"
+)
 NODES = ("local_vertical_node", "attitude_node", "target_pose_node")
 
 

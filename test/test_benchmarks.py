@@ -171,3 +171,20 @@ def test_edge_sigma_is_what_a_matched_filter_reaches() -> None:
     errors = rng.normal(0.0, noise, (rows, slope.size)) @ slope / (slope @ slope)
     expected = edge_sigma_px(np.full(7, step), np.sqrt(noise**2 - 1.0 / 12.0), psf)
     assert np.std(errors) == pytest.approx(expected, rel=0.04)
+
+
+def test_errors_of_a_flight_are_in_its_own_sigmas() -> None:
+    from demo_flights import _nees, another
+
+    from horizon_sensor_ros.sim.flight import Flight
+
+    drawn = Flight().frames(0.0)[0].truth
+    basis = tangent_basis(drawn.nadir_base)
+    nadir = drawn.nadir_base + 2e-3 * basis[:, 0]
+    cov = np.zeros((4, 4))
+    cov[:3, :3], cov[3, 3] = 1e-6 * basis @ basis.T, 300.0**2
+    fit = HorizonFit(Status.OK, "", "ml", nadir, 1.0, drawn.altitude_m - 900.0, cov)
+    assert _nees(fit, drawn) == pytest.approx((4.0 + 9.0, 9.0, 4.0, -3.0), rel=1e-4)
+    # The first is the demo's own flight; the others are elsewhere, above other clouds.
+    assert another(0) == Flight(seed=0)
+    assert another(1).scene.texture_seed != Flight().scene.texture_seed

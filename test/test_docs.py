@@ -161,8 +161,13 @@ def test_the_table_of_parameters_is_that_of_the_declared_ones() -> None:
 def test_files_that_the_architecture_names_exist(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(DOC))
     figure = pytest.importorskip("figures.architecture")
-    groups = (figure.HORIZON, figure.TARGET, figure.ROS_IN, figure.ROS_OUT, figure.NODES)
-    for name, _ in sum((*groups, figure.TOOLS), ()):
+    drivers = (figure.HORIZON_DRIVER, figure.TARGET_DRIVER)
+    groups = (drivers, figure.HORIZON, figure.TARGET, figure.ROS_IN, figure.ROS_OUT, figure.NODES)
+    names = [name for name, _ in sum((*groups, figure.TOOLS), ())]
+    # The others are steps that are no file of their own.
+    files = [name for name in names if "/" in name]
+    assert len(files) > 15
+    for name in files:
         assert (ROOT / "horizon_sensor_ros" / name).exists(), name
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import os
 import py_compile
 import re
@@ -11,7 +12,9 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -74,10 +77,29 @@ def test_colcon_installs_index_marker_and_share_files(installed: Path) -> None:
     share = installed / "share"
     assert (share / "ament_index" / "resource_index" / "packages" / PACKAGE).is_file()
     assert (share / PACKAGE / "package.xml").is_file()
-    for folder, pattern in (("config", "*"), ("launch", "*.launch.py")):
+    for folder, pattern in (
+        *(("config", "*"), ("config/integration", "*"), ("config/security", "*")),
+        *(("launch", "*.launch.py"), ("doc/pictures", "*")),
+    ):
         ours = {p.name for p in (ROOT / folder).glob(pattern)}
         assert ours
         assert {p.name for p in (share / PACKAGE / folder).iterdir()} == ours
+
+
+def test_pages_that_installed_files_refer_to_are_installed(installed: Path) -> None:
+    share = installed / "share" / PACKAGE
+    (site,) = installed.glob("lib/python3*/site-packages")
+    files = [p for p in share.rglob("*") if p.suffix in {".yaml", ".xml", ".rviz", ".py", ".json"}]
+    named: set[str] = set()
+    for file in [*files, *(site / PACKAGE / "tools").rglob("*.py")]:
+        named.update(re.findall(r"\bdoc/\w+\.md", file.read_text(encoding="utf-8")))
+    assert {"doc/conventions.md", "doc/security.md"} <= named
+    for page in named:
+        assert (share / page).is_file(), page
+    for page in [share / "README.md", *share.glob("doc/*.md")]:
+        text = page.read_text(encoding="utf-8")
+        for picture in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text):
+            assert (page.parent / picture).is_file(), f"{page.name}: {picture}"
 
 
 def test_colcon_installs_every_module(installed: Path) -> None:
@@ -157,21 +179,48 @@ def test_pip_installs_the_commands_beside_python() -> None:
     assert {c for c in COMMANDS if os.access(directory / c, os.X_OK)} == COMMANDS
 
 
-def test_versions_agree() -> None:
+@pytest.fixture(scope="module")
+def setup_arguments() -> dict[str, Any]:
+    """What setup.py hands to setuptools, as colcon asks for it."""
+    code = (
+        "import json, setuptools; setuptools.setup = lambda **given: print(json.dumps(given)); "
+        "import runpy; runpy.run_path('setup.py')"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return json.loads(done.stdout)
+
+
+def test_manifest_and_setup_agree(setup_arguments: dict[str, Any]) -> None:
     manifest = ET.parse(ROOT / "package.xml").getroot()
-    setup = (ROOT / "setup.py").read_text()
-    found = re.search(r'version="([^"]+)"', setup)
-    assert found is not None
-    assert manifest.findtext("version") == found[1]
+    assert manifest.findtext("version") == setup_arguments["version"]
+    assert manifest.findtext("license") == setup_arguments["license"]
+    for role in ("maintainer", "author"):
+        (person,) = manifest.iter(role)
+        assert person.text == setup_arguments[role]
+        assert person.get("email") == setup_arguments[f"{role}_email"]
+
+
+def test_colcon_test_runs_pytest(setup_arguments: dict[str, Any]) -> None:
+    # Where the extra does not name it colcon falls back to unittest, which finds no test here.
+    extra = setup_arguments["extras_require"]["test"]
+    assert "pytest" in extra
+    manifest = ET.parse(ROOT / "package.xml").getroot()
+    declared = {element.text for element in manifest.iter("test_depend")}
+    assert {f"python3-{name}" for name in extra} <= declared
 
 
 def test_every_ros_package_imported_is_declared() -> None:
     manifest = ET.parse(ROOT / "package.xml").getroot()
     declared = {element.text for element in manifest.iter("exec_depend")}
-    pattern = re.compile(r"^\s*(?:from|import) (rclpy|\w+_(?:msgs|interfaces|srvs))\b", re.M)
+    pattern = re.compile(
+        r"^\s*(?:from|import) (rclpy|tf2_ros|\w+_(?:msgs|interfaces|srvs))\b", re.M
+    )
     source = "\n".join(path.read_text() for path in (ROOT / PACKAGE).rglob("*.py"))
-    imported = set(pattern.findall(source))
-    assert "rclpy" in imported
+    # The module tf2_ros is in the package tf2_ros_py.
+    imported = {name.replace("tf2_ros", "tf2_ros_py") for name in pattern.findall(source)}
+    assert {"rclpy", "tf2_ros_py"} <= imported
     assert imported <= declared
 
 
@@ -250,6 +299,7 @@ def test_launch_files_ask_for_the_parameters() -> None:
             and ast.unparse(c.func) == "DeclareLaunchArgument"
         ]
         assert [keyword.arg for keyword in call.keywords] == ["description"]
+        assert "extrinsics_source: tf" in path.read_text(), "rotations may come from TF instead"
 
 
 def test_params_file_is_written_from_the_table_of_parameters() -> None:
@@ -260,10 +310,15 @@ def test_params_file_is_written_from_the_table_of_parameters() -> None:
 
 
 def test_config_files_parse() -> None:
-    for path in (ROOT / "config").glob("*.yaml"):
-        assert yaml.safe_load(path.read_text()), path
-    for path in (ROOT / "config").glob("*.xml"):
-        ET.parse(path)
+    parsers: dict[str, Callable[[str], Any]] = {
+        **dict.fromkeys((".yaml", ".rviz"), yaml.safe_load),
+        ".xml": lambda text: ET.fromstring(text) is not None,
+        ".json": json.loads,
+    }
+    files = [path for path in (ROOT / "config").rglob("*") if path.is_file()]
+    assert {path.parent.name for path in files} == {"config", "integration", "security"}
+    for path in files:
+        assert parsers[path.suffix](path.read_text(encoding="utf-8")), path
 
 
 @pytest.mark.parametrize("node", ["horizon_node", "target_node"])

@@ -5,24 +5,31 @@ from __future__ import annotations
 from pathlib import Path
 
 from matplotlib.axes import Axes
+from matplotlib.patches import FancyBboxPatch
 
 from figures.drawing import GREY, arrow, blank, box, save
 
-_CORE, _ROS, _OTHER = "#DCEBF5", "#DDF1E9", "#FBE9D9"
-# Each box: folder or file, and what it does. Top to bottom is the way of the data.
+_CORE, _DRIVER, _ROS, _OTHER = "#DCEBF5", "#F1F7FB", "#DDF1E9", "#FBE9D9"
+_WIDTH, _HEIGHT, _GAP = 30.5, 5.2, 2.0
+# What drives the steps below it, and is where to start reading; then the steps, each a folder or
+# file, or what is done, and what that is. Top to bottom is the way of the data.
+HORIZON_DRIVER = ("core/horizon_sensor.py", "start here: follow or search the limb")
 HORIZON = (
-    ("core/camera.py", "pixels to rays, distortion"),
+    ("core/horizon_search.py", "which cameras to search together"),
     ("core/limb/", "image to points of the limb"),
+    ("core/horizon_estimator.py", "limbs to a fix, by these three:"),
     ("core/fits/", "points to nadir, altitude"),
-    ("core/covariance/", "how sure that is"),
+    ("core/covariance/", "errors that points share, and all else"),
     ("core/judgement.py", "believe it, or say why not"),
 )
+TARGET_DRIVER = ("core/target/tracker.py", "start here: clouds to a track")
 TARGET = (
     ("core/target/range_image.py", "cloud to a range image"),
+    ("core/target/surfels.py", "image to planes and edges"),
+    ("core/target/attempts.py", "from which start"),
     ("core/target/search.py", "many motions at once"),
     ("core/target/refinement.py", "the best one, refined"),
     ("core/target/judgement.py", "believe it, or say why not"),
-    ("core/target/tracker.py", "steps to a track"),
 )
 ROS_IN = (("ros/messages.py", "images to numpy"), ("ros/point_cloud.py", "clouds to numpy"))
 ROS_OUT = (
@@ -35,18 +42,15 @@ TOOLS = (("tools/", "replay, report, demo, maps"), ("sim/", "scenes with truth")
 
 def draw(folder: Path) -> None:
     """Write architecture.png."""
-    figure, axes = blank(6.5, 7.6)
-    axes.text(1, 73.2, "horizon_sensor_ros/", fontsize=12, weight="bold")
-    columns = (1.0, 33.5)
-    for x, column in zip(columns, (HORIZON, TARGET), strict=True):
-        first = 0 if column is HORIZON else 1
-        y = _box(axes, x, 66, ROS_IN[first], _ROS)
-        for entry in column:
-            y = _box(axes, x, y - 2.2 - 5.4, entry, _CORE, above=y)
-        y = _box(axes, x, y - 2.2 - 5.4, ROS_OUT[first], _ROS, above=y)
-        y = _box(axes, x, y - 2.2 - 5.4, NODES[first], _ROS, above=y)
-    for x, entry in zip(columns, TOOLS, strict=True):
-        _box(axes, x, 5.0, entry, _OTHER)
+    figure, axes = blank(6.5, 8.6)
+    axes.text(1, 83.2, "horizon_sensor_ros/", fontsize=12, weight="bold")
+    columns = zip((1.0, 33.5), (HORIZON_DRIVER, TARGET_DRIVER), (HORIZON, TARGET), strict=True)
+    for index, (x, driver, steps) in enumerate(columns):
+        y = _box(axes, x, 76.2, ROS_IN[index], _ROS)
+        y = _driver(axes, x, y, driver, steps)
+        y = _box(axes, x, y - _GAP - _HEIGHT, ROS_OUT[index], _ROS, above=y)
+        y = _box(axes, x, y - _GAP - _HEIGHT, NODES[index], _ROS, above=y)
+        _box(axes, x, 5.0, TOOLS[index], _OTHER)
     axes.text(
         1, 0.9, "Blue: NumPy, SciPy and OpenCV, without ROS. Green: ROS.\n"
         "tools/ runs the pipelines without nodes.",
@@ -55,10 +59,40 @@ def draw(folder: Path) -> None:
     save(figure, folder / "architecture.png")
 
 
-def _box(
-    axes: Axes, x: float, y: float, entry: tuple[str, str], colour: str, above: float | None = None
+def _driver(
+    axes: Axes, x: float, top: float, driver: tuple[str, str], steps: tuple[tuple[str, str], ...]
 ) -> float:
-    box(axes, (x, y), (30.5, 5.4), "\n".join(entry), colour)
+    """Draw the steps inside a box of what calls them; return that box's lower edge."""
+    upper = top - _GAP
+    height = _HEIGHT + len(steps) * (_HEIGHT + _GAP) - _GAP + 1.0
+    lower = upper - height
+    axes.add_patch(
+        FancyBboxPatch(
+            (x, lower), _WIDTH, height, "round,pad=0,rounding_size=0.8",
+            facecolor=_DRIVER, edgecolor="0.25",
+        )
+    )  # fmt: skip
+    middle = x + _WIDTH / 2
+    axes.text(middle, upper - 1.5, driver[0], ha="center", va="center", fontsize=10, weight="bold")
+    axes.text(middle, upper - 3.5, driver[1], ha="center", va="center", fontsize=9)
+    arrow(axes, (middle, top), (middle, upper))
+    y, above = upper - _HEIGHT, None
+    for entry in steps:
+        y = _box(axes, x + 1, y - _HEIGHT, entry, _CORE, above=above, width=_WIDTH - 2)
+        above, y = y, y - _GAP
+    return lower
+
+
+def _box(
+    axes: Axes,
+    x: float,
+    y: float,
+    entry: tuple[str, str],
+    colour: str,
+    above: float | None = None,
+    width: float = _WIDTH,
+) -> float:
+    box(axes, (x, y), (width, _HEIGHT), "\n".join(entry), colour)
     if above is not None:
-        arrow(axes, (x + 15, above), (x + 15, y + 5.4))
+        arrow(axes, (x + width / 2, above), (x + width / 2, y + _HEIGHT))
     return y

@@ -26,8 +26,8 @@ def draw(folder: Path) -> None:
     gray = frames[0].gray
     steps = [
         titled(cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR), "1 the frame"),
-        titled(dots(gray, canny_candidates(gray).px), "2 Canny finds clouds"),
-        titled(dots(gray, space_boundary_candidates(gray).px), "3 what borders on space"),
+        titled(dots(gray, canny_candidates(gray).px), "2 Canny: limb, clouds, Sun"),
+        titled(dots(gray, space_boundary_candidates(gray).px), "3 what seems to border on space"),
     ]
     fix = HorizonSensor().process(frames)
     steps.append(titled(draw_fix(tuple(frames), fix)[:480, :640], "4 limb, fix, nadir"))

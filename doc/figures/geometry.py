@@ -11,6 +11,7 @@ from matplotlib.path import Path as Outline
 from figures.drawing import BLUE, GREEN, ORANGE, arc, arrow, blank, save
 
 _RADIUS, _CENTRE, _CRAFT = 17.0, (18.0, 20.0), (50.0, 20.0)
+_ARROW = 12.0
 
 
 def draw(folder: Path) -> None:
@@ -21,8 +22,8 @@ def draw(folder: Path) -> None:
     axes.add_patch(Circle(_CENTRE, _RADIUS, facecolor="#DCEBF5", edgecolor=BLUE, linewidth=1.6))
     for sign in (1, -1):
         tangent = (cx + _RADIUS * np.sin(rho), cy + sign * _RADIUS * np.cos(rho))
-        beyond = (x - 46 * np.cos(rho), y + sign * 46 * np.sin(rho))
-        axes.plot([x, beyond[0]], [y, beyond[1]], ":", color=ORANGE, lw=1.2, clip_on=False)
+        beyond = (x - 36 * np.cos(rho), y + sign * 36 * np.sin(rho))
+        axes.plot([x, beyond[0]], [y, beyond[1]], ":", color=ORANGE, lw=1.2)
         axes.plot([x, tangent[0]], [y, tangent[1]], color=ORANGE, lw=1.6)
         axes.plot(*tangent, "o", color=ORANGE, markersize=6)
     tangent = (cx + _RADIUS * np.sin(rho), cy + _RADIUS * np.cos(rho))
@@ -30,9 +31,10 @@ def draw(folder: Path) -> None:
     corner = [_along(tangent, _CENTRE, 2), None, _along(tangent, _CRAFT, 2)]
     corner[1] = (corner[0][0] + corner[2][0] - tangent[0], corner[0][1] + corner[2][1] - tangent[1])
     axes.plot(*zip(*corner, strict=True), color="0.3", lw=1)
-    axes.plot([cx, x], [cy, y], "--", color="0.5", lw=1)
-    arrow(axes, _CRAFT, (x - 12, y), GREEN, width=2.4)
-    arrow(axes, _CRAFT, (x - 12 * np.cos(rho), y + 12 * np.sin(rho)), ORANGE, width=2.4)
+    # As far as the arrow to nadir, which goes on from there.
+    axes.plot([cx, x - _ARROW], [cy, y], "--", color="0.5", lw=1)
+    arrow(axes, _CRAFT, (x - _ARROW, y), GREEN, width=2.4)
+    arrow(axes, _CRAFT, (x - _ARROW * np.cos(rho), y + _ARROW * np.sin(rho)), ORANGE, width=2.4)
     arc(axes, _CRAFT, 7.5, 180 - np.degrees(rho), 180, "0.2")
     axes.plot(*_CRAFT, marker=_satellite(), color="0.15", markersize=24)
     label = {"fontsize": 13, "ha": "center", "va": "center"}

@@ -42,7 +42,7 @@ def draw(folder: Path) -> None:
             )
         axes.set(xlabel=beside, ylabel=f"error of the {of_what} (px)", ylim=_MOST_PX * _STEPS)
         axes.grid(color="0.92")
-        axes.legend(fontsize=10, loc="lower left")
+        axes.legend(fontsize=10, loc="upper right")  # no point is there: errors fall to the right
     save(figure, folder / "one_sky.png")
 
 

@@ -11,11 +11,10 @@ from horizon_sensor_ros.core.attitude import nadir_sign, rotation_from_quaternio
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.messages import EARTH_FRAME, LEVEL_FRAME
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.message_types import IMU, POSE, POSE_WITH_COVARIANCE, VECTOR
 
-_VECTOR = "geometry_msgs/msg/Vector3Stamped"
-_IMU = "sensor_msgs/msg/Imu"
-POSE_TYPES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped")
-NADIR_TYPES = (_VECTOR, *POSE_TYPES, _IMU)
+POSE_TYPES = (POSE, POSE_WITH_COVARIANCE)
+NADIR_TYPES = (VECTOR, *POSE_TYPES, IMU)
 
 
 def nadir_of(msg: Any, msgtype: str, level_z: str) -> np.ndarray | None:
@@ -25,9 +24,9 @@ def nadir_of(msg: Any, msgtype: str, level_z: str) -> np.ndarray | None:
     (`level_z` says where its z points). An Imu's orientation is taken in a world frame with z up;
     without one (first covariance -1) what it feels at rest is up.
     """
-    if msgtype == _VECTOR:
+    if msgtype == VECTOR:
         return _unit([msg.vector.x, msg.vector.y, msg.vector.z])
-    if msgtype == _IMU:
+    if msgtype == IMU:
         if msg.orientation_covariance[0] == -1.0:
             felt = msg.linear_acceleration
             return _unit([-felt.x, -felt.y, -felt.z])

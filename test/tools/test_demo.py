@@ -29,17 +29,22 @@ from horizon_sensor_ros.core.rigid import (
 from horizon_sensor_ros.ros.messages import pose_message, twist_message
 from horizon_sensor_ros.tools.bags.replay import main as replay
 from horizon_sensor_ros.tools.demo import processes as demo_processes
-from horizon_sensor_ros.tools.demo.errors import Truth, error_table, flight_errors
 from horizon_sensor_ros.tools.demo.processes import NodeFailedError, running_nodes
-from horizon_sensor_ros.tools.demo.target_errors import (
+from horizon_sensor_ros.tools.private_domain import private_domain
+from horizon_sensor_ros.tools.truth.horizon_errors import (
+    Truth,
+    error_table,
+    flight_errors,
+)
+from horizon_sensor_ros.tools.truth.nees import within_95
+from horizon_sensor_ros.tools.truth.target_errors import (
     DELTA_TOPIC,
     POSE_TOPIC,
     TWIST_TOPIC,
     target_errors,
     target_table,
 )
-from horizon_sensor_ros.tools.private_domain import private_domain
-from horizon_sensor_ros.tools.truth_topics import (
+from horizon_sensor_ros.tools.truth.topics import (
     TRUTH_TOPICS,
     true_attitude_message,
     true_vertical_message,
@@ -101,6 +106,15 @@ def test_table_counts_moments_without_an_answer() -> None:
     assert np.isfinite(errors.nadir_rad).tolist() == [False, True, False, False]
     assert "local_vertical 0 of 4 (0%), attitude 1 of 4 (25%)" in table
     assert re.search(r"attitude: altitude +km +1\.0000 +1\.0000 +1\.0000 +0\.4000", table)
+    # A mean of one flight is no proof, and the table says so.
+    assert "100% of the errors within the 95 % ellipsoid" in table
+    assert "errors hang together" in table
+
+
+def test_share_within_the_ellipsoid_is_that_of_chi_squared() -> None:
+    for freedom in (3, 6):
+        errors = np.random.default_rng(0).normal(size=(20_000, freedom))
+        assert within_95(np.sum(errors**2, axis=1), freedom) == pytest.approx(0.95, abs=0.005)
 
 
 # ------------------------------------------------------------------------------------ the target

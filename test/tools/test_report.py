@@ -29,7 +29,7 @@ from target_messages import FRAME_ID, cloud_of, scan, stamp_of, truth_at
 
 from horizon_sensor_ros.tools.bags.replay import main as replay
 from horizon_sensor_ros.tools.report.report import main, write_report
-from horizon_sensor_ros.tools.truth_topics import (
+from horizon_sensor_ros.tools.truth.topics import (
     true_attitude_message,
     true_pose_message,
     true_vertical_message,

@@ -31,6 +31,7 @@ from horizon_sensor_ros.ros.parameters.unknown import unknown_parameters
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TargetPipeline
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.input_bag import STORAGE, bag_messages, open_bag, storage_of
+from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU, POINT_CLOUD, POSE
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag, check_replaceable
 from horizon_sensor_ros.tools.bags.replayed_node import (
     HORIZON_NODES,
@@ -40,11 +41,6 @@ from horizon_sensor_ros.tools.bags.replayed_node import (
     TopicNames,
 )
 
-_IMAGE = "sensor_msgs/msg/Image"
-_CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
-_POSE = "geometry_msgs/msg/PoseStamped"
-_IMU = "sensor_msgs/msg/Imu"
-_POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 _TARGET_NODE = "target_pose_node"
 _NODES = (*HORIZON_NODES, _TARGET_NODE)
 # Those of a kind share their sensors.
@@ -156,16 +152,16 @@ def _hand_on(process: Callable[[Any], Any], nodes: Sequence[ReplayedNode], msg: 
 
 
 def _camera_inputs(camera: str, names: TopicNames) -> tuple[_Input, _Input]:
-    return (names(f"{camera}/image_raw"), _IMAGE), (names(f"{camera}/camera_info"), _CAMERA_INFO)
+    return (names(f"{camera}/image_raw"), IMAGE), (names(f"{camera}/camera_info"), CAMERA_INFO)
 
 
 def _aiding_inputs(names: TopicNames) -> tuple[_Input, _Input]:
     """Optional ones: nobody misses them."""
-    return (names(COARSE_POSE_TOPIC), _POSE), (names(IMU_TOPIC), _IMU)
+    return (names(COARSE_POSE_TOPIC), POSE), (names(IMU_TOPIC), IMU)
 
 
 def _cloud_input(names: TopicNames) -> _Input:
-    return names(CLOUD_TOPIC), _POINT_CLOUD
+    return names(CLOUD_TOPIC), POINT_CLOUD
 
 
 def _inputs_of(

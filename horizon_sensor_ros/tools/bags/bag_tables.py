@@ -22,11 +22,11 @@ from tqdm import tqdm
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag
 from horizon_sensor_ros.tools.bags.message_tables import (
-    DIAGNOSTICS,
     TABLES,
     MessageTable,
     diagnostics_table,
 )
+from horizon_sensor_ros.tools.bags.message_types import DIAGNOSTICS
 
 
 def write_tables(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) -> str:

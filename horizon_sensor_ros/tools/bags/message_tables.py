@@ -9,6 +9,15 @@ from typing import Any
 import numpy as np
 
 from horizon_sensor_ros.tools.bags.frame_files import stamp_text
+from horizon_sensor_ros.tools.bags.message_types import (
+    IMU,
+    ORIENTATION,
+    POSE,
+    POSE_WITH_COVARIANCE,
+    TWIST,
+    TWIST_WITH_COVARIANCE,
+    VECTOR,
+)
 
 _STAMP = ("stamp_s", "frame_id")
 _LEVELS = ("ok", "warn", "error", "stale")
@@ -36,10 +45,10 @@ def _covariance(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
     return tuple(found)
 
 
-_POSE = (
+_POSE_COLUMNS = (
     *_vector("", "_m"), "qx", "qy", "qz", "qw", "roll_deg", "pitch_deg", "yaw_deg",
 )  # fmt: skip
-_TWIST = (*_vector("v", "_m_s"), *_vector("w", "_rad_s"))
+_TWIST_COLUMNS = (*_vector("v", "_m_s"), *_vector("w", "_rad_s"))
 _ROTATIONS = tuple(f"rot_{axis}" for axis in "xyz")
 _POSE_COVARIANCE = _covariance((*"xyz", *_ROTATIONS), ("m",) * 3 + ("rad",) * 3)
 _TWIST_COVARIANCE = _covariance(("vx", "vy", "vz", "wx", "wy", "wz"), ("m_s",) * 3 + ("rad_s",) * 3)
@@ -91,23 +100,21 @@ _IMU_ACCELERATION = _covariance(("ax", "ay", "az"), ("m_s2",) * 3)
 
 # Of the types that the nodes publish, and of references that are compared with them.
 TABLES = {
-    "geometry_msgs/msg/Vector3Stamped": _stamped("xyz", lambda m: _xyz(m.vector)),
-    "geometry_msgs/msg/PoseStamped": _stamped(_POSE, lambda m: _pose(m.pose)),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": _stamped(
-        (*_POSE, *_POSE_COVARIANCE),
+    VECTOR: _stamped("xyz", lambda m: _xyz(m.vector)),
+    POSE: _stamped(_POSE_COLUMNS, lambda m: _pose(m.pose)),
+    POSE_WITH_COVARIANCE: _stamped(
+        (*_POSE_COLUMNS, *_POSE_COVARIANCE),
         lambda m: (*_pose(m.pose.pose), *_upper(m.pose.covariance)),
     ),
-    "geometry_msgs/msg/QuaternionStamped": _stamped(
-        _POSE[3:], lambda m: _orientation(m.quaternion)
-    ),
-    "geometry_msgs/msg/TwistStamped": _stamped(_TWIST, lambda m: _twist(m.twist)),
-    "geometry_msgs/msg/TwistWithCovarianceStamped": _stamped(
-        (*_TWIST, *_TWIST_COVARIANCE),
+    ORIENTATION: _stamped(_POSE_COLUMNS[3:], lambda m: _orientation(m.quaternion)),
+    TWIST: _stamped(_TWIST_COLUMNS, lambda m: _twist(m.twist)),
+    TWIST_WITH_COVARIANCE: _stamped(
+        (*_TWIST_COLUMNS, *_TWIST_COVARIANCE),
         lambda m: (*_twist(m.twist.twist), *_upper(m.twist.covariance)),
     ),
-    "sensor_msgs/msg/Imu": _stamped(
+    IMU: _stamped(
         (
-            *_POSE[3:],
+            *_POSE_COLUMNS[3:],
             *_vector("w", "_rad_s"),
             *_vector("a", "_m_s2"),
             *(*_IMU_ROTATION, *_IMU_RATE, *_IMU_ACCELERATION),
@@ -121,8 +128,6 @@ TABLES = {
         ),
     ),
 }
-
-DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 
 def diagnostics_table(keys: Sequence[str]) -> MessageTable:

@@ -36,6 +36,7 @@ from horizon_sensor_ros.ros.parameters.horizon_settings import (
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
+from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.reference_topics import (
     NADIR_TYPES,
@@ -45,8 +46,6 @@ from horizon_sensor_ros.tools.reference_topics import (
     nadir_of,
 )
 
-_IMAGE = ("sensor_msgs/msg/Image",)
-_CAMERA_INFO = ("sensor_msgs/msg/CameraInfo",)
 # Any horizon node's parameters will do: the rotations are the same in both.
 _NODE = "attitude_node"
 # Between two messages of another instrument farther apart nothing is known.
@@ -191,8 +190,8 @@ def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -
         image = _plain(partial(horizons.on_image, camera))
         camera_info = _plain(partial(horizons.on_camera_info, camera))
         listeners += [
-            Listener(names(f"{camera}/image_raw"), _IMAGE, image),
-            Listener(names(f"{camera}/camera_info"), _CAMERA_INFO, camera_info),
+            Listener(names(f"{camera}/image_raw"), (IMAGE,), image),
+            Listener(names(f"{camera}/camera_info"), (CAMERA_INFO,), camera_info),
         ]
     listen(arguments.in_bag, listeners, stopped)
     found = sorted(horizons.sets, key=lambda each: each[0])

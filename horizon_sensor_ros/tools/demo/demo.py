@@ -21,7 +21,6 @@ from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.sim.flight import Flight
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
 from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
-from horizon_sensor_ros.tools.demo.errors import FlightErrors, Truth, error_table, flight_errors
 from horizon_sensor_ros.tools.demo.link import (
     ATTITUDE_TOPIC,
     OUTPUT_TOPICS,
@@ -40,15 +39,21 @@ from horizon_sensor_ros.tools.demo.processes import (
 from horizon_sensor_ros.tools.demo.recording import DemoBag, write_parameters
 from horizon_sensor_ros.tools.demo.rendering import Moment, rendered
 from horizon_sensor_ros.tools.demo.screen import FlightScreen
-from horizon_sensor_ros.tools.demo.target_errors import (
+from horizon_sensor_ros.tools.package_share import share_directory
+from horizon_sensor_ros.tools.private_domain import isolated_environment, private_domain
+from horizon_sensor_ros.tools.report.report import write_report
+from horizon_sensor_ros.tools.truth.horizon_errors import (
+    FlightErrors,
+    Truth,
+    error_table,
+    flight_errors,
+)
+from horizon_sensor_ros.tools.truth.target_errors import (
     POSE_TOPIC,
     TargetErrors,
     target_errors,
     target_table,
 )
-from horizon_sensor_ros.tools.package_share import share_directory
-from horizon_sensor_ros.tools.private_domain import isolated_environment, private_domain
-from horizon_sensor_ros.tools.report.report import write_report
 
 HORIZON_NODES = ("local_vertical_node", "attitude_node")
 NODES = (*HORIZON_NODES, "target_pose_node")

@@ -22,7 +22,7 @@ from horizon_sensor_ros.tools.demo.link import (
     RANGE_CAMERA_FRAME,
     input_topics,
 )
-from horizon_sensor_ros.tools.truth_topics import (
+from horizon_sensor_ros.tools.truth.topics import (
     TRUE_ATTITUDE,
     TRUE_LOCAL_VERTICAL,
     TRUE_TARGET_POSE,

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.attitude import roll_pitch_from_nadir
-from horizon_sensor_ros.tools.demo.errors import nadir_and_altitude
 from horizon_sensor_ros.tools.report.bags import Recorded
 from horizon_sensor_ros.tools.report.blocks import (
     BLUE,
@@ -25,6 +24,7 @@ from horizon_sensor_ros.tools.report.blocks import (
     legend,
     with_gaps,
 )
+from horizon_sensor_ros.tools.truth.horizon_errors import nadir_and_altitude
 
 _Z, _ROT_X, _ROT_Y = 2, 3, 4
 # A scale that spans less than this is linear.

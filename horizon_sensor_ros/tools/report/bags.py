@@ -21,13 +21,11 @@ from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag
-from horizon_sensor_ros.tools.bags.message_tables import DIAGNOSTICS
+from horizon_sensor_ros.tools.bags.message_types import DIAGNOSTICS, IMAGE, IMU, POINT_CLOUD
 from horizon_sensor_ros.tools.bags.replayed_node import HORIZON_NODES, TopicNames
-from horizon_sensor_ros.tools.truth_topics import TRUTH_TOPICS
+from horizon_sensor_ros.tools.truth.topics import TRUTH_TOPICS
 
 ANSWER_TOPICS = (*(output.topic for output in HORIZON_NODES.values()), *TARGET_TOPICS)
-_IMAGE, _CLOUD = "sensor_msgs/msg/Image", "sensor_msgs/msg/PointCloud2"
-_IMU = "sensor_msgs/msg/Imu"
 _IMAGE_SUFFIX = "/image_raw"
 
 
@@ -143,15 +141,15 @@ class _Wanted:
             topic in self._answers
             or topic in self._truths
             or (topic == self._diagnostics and kind == DIAGNOSTICS)
-            or (topic == self._imu and kind == _IMU)
+            or (topic == self._imu and kind == IMU)
             or self.is_big(connection)
         )
 
     def is_big(self, connection: Connection) -> bool:
         """Whether only the stamps of its messages count."""
         topic, kind = connection.topic, connection.msgtype
-        return (kind == _IMAGE and self._camera(topic) is not None) or (
-            kind == _CLOUD and topic == self._cloud
+        return (kind == IMAGE and self._camera(topic) is not None) or (
+            kind == POINT_CLOUD and topic == self._cloud
         )
 
     def _camera(self, topic: str) -> str | None:
@@ -164,7 +162,7 @@ class _Wanted:
     def take_stamp(self, connection: Connection, time: int, raw: bytes) -> None:
         """Take note of an image or a cloud."""
         stamp = _stamp_in(raw)
-        if connection.msgtype == _CLOUD:
+        if connection.msgtype == POINT_CLOUD:
             self.found.clouds.append(stamp)
             self.found.clouds_received_ns[stamp] = time
         else:

@@ -25,12 +25,12 @@ from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.point_cloud import points_from_cloud
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
+from horizon_sensor_ros.tools.bags.message_types import POINT_CLOUD
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
-from horizon_sensor_ros.tools.demo.target_errors import pose_of
 from horizon_sensor_ros.tools.report.bags import Recorded
 from horizon_sensor_ros.tools.report.blocks import BLUE, VERMILION, Block, Text, chart
+from horizon_sensor_ros.tools.truth.target_errors import pose_of
 
-_CLOUD = ("sensor_msgs/msg/PointCloud2",)
 # The second cloud is the first after which the target has turned by as much.
 _TURN_SHOWN_RAD = np.radians(8.0)
 # Cells over the target's size, and the fewest points that give a pattern.
@@ -170,7 +170,7 @@ def _clouds(wanted: set[int], topic: str, bags: Sequence[Path]) -> dict[int, np.
             found[stamp] = flat
 
     for bag in bags:
-        listen(bag, [Listener(topic, _CLOUD, take, needed=False)], bool)
+        listen(bag, [Listener(topic, (POINT_CLOUD,), take, needed=False)], bool)
     return found
 
 

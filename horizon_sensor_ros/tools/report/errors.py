@@ -11,8 +11,6 @@ from matplotlib.axes import Axes
 from horizon_sensor_ros.core.attitude import nadir_sign, rotation_from_quaternion
 from horizon_sensor_ros.core.rigid import pose_matrix
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
-from horizon_sensor_ros.tools.demo.errors import FlightErrors, Truth, flight_errors
-from horizon_sensor_ros.tools.demo.target_errors import MotionErrors, target_errors
 from horizon_sensor_ros.tools.report.attitude import attitudes
 from horizon_sensor_ros.tools.report.bags import Recorded
 from horizon_sensor_ros.tools.report.blocks import (
@@ -27,7 +25,10 @@ from horizon_sensor_ros.tools.report.blocks import (
     error_band,
     figures,
 )
-from horizon_sensor_ros.tools.truth_topics import (
+from horizon_sensor_ros.tools.truth.horizon_errors import FlightErrors, Truth, flight_errors
+from horizon_sensor_ros.tools.truth.nees import within_95
+from horizon_sensor_ros.tools.truth.target_errors import MotionErrors, target_errors
+from horizon_sensor_ros.tools.truth.topics import (
     TRUE_ATTITUDE,
     TRUE_LOCAL_VERTICAL,
     TRUE_TARGET_POSE,
@@ -160,7 +161,10 @@ def _consistency(nees: np.ndarray, freedom: int, what: str) -> list[Block]:
     return [
         Text(
             f"NEES of {what}, mean over {seen.size} answers: {seen.mean():.2f} ({freedom} is "
-            "right; more: the sigmas are too small, less: too large)."
+            "right over many recordings; more: the sigmas are too small, less: too large). "
+            f"{within_95(seen, freedom):.0%} of the errors lie within the 95 % ellipsoid. "
+            "Errors of one recording hang together, since what is seen stays much the same: its "
+            "mean says little more than a few independent answers would."
         )
     ]
 

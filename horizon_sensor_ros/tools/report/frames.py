@@ -33,6 +33,7 @@ from horizon_sensor_ros.ros.parameters.horizon_settings import (
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
+from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, POSE
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.calibration.recording import Horizons
 from horizon_sensor_ros.tools.report.bags import Recorded
@@ -55,9 +56,6 @@ from horizon_sensor_ros.tools.report.photos import (
     reason_in_words,
 )
 
-_IMAGE = ("sensor_msgs/msg/Image",)
-_CAMERA_INFO = ("sensor_msgs/msg/CameraInfo",)
-_POSE = ("geometry_msgs/msg/PoseStamped",)
 _REFUSED_SHOWN, _ANSWERED_SHOWN, _COMPARED = 8, 4, 60
 
 
@@ -186,12 +184,12 @@ class _Study:
 
     def listeners(self, names: TopicNames) -> list[Listener]:
         """Return what is to be heard of a bag."""
-        found = [Listener(names(COARSE_POSE_TOPIC), _POSE, self._on_coarse_pose, needed=False)]
+        found = [Listener(names(COARSE_POSE_TOPIC), (POSE,), self._on_coarse_pose, needed=False)]
         for camera in self._cameras:
             image, info = (partial(take, camera) for take in (self._on_image, self._on_camera_info))
             found += [
-                Listener(names(f"{camera}/image_raw"), _IMAGE, image, needed=False),
-                Listener(names(f"{camera}/camera_info"), _CAMERA_INFO, info, needed=False),
+                Listener(names(f"{camera}/image_raw"), (IMAGE,), image, needed=False),
+                Listener(names(f"{camera}/camera_info"), (CAMERA_INFO,), info, needed=False),
             ]
         return found
 

@@ -11,12 +11,6 @@ from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.rigid import vector_from_rotation
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
-from horizon_sensor_ros.tools.demo.target_errors import (
-    DELTA_TOPIC,
-    POSE_TOPIC,
-    TWIST_TOPIC,
-    pose_of,
-)
 from horizon_sensor_ros.tools.report.bags import Recorded
 from horizon_sensor_ros.tools.report.blocks import (
     COLOURS,
@@ -28,6 +22,12 @@ from horizon_sensor_ros.tools.report.blocks import (
     with_gaps,
 )
 from horizon_sensor_ros.tools.report.clouds import cloud_blocks
+from horizon_sensor_ros.tools.truth.target_errors import (
+    DELTA_TOPIC,
+    POSE_TOPIC,
+    TWIST_TOPIC,
+    pose_of,
+)
 
 _STYLES = ("-", "--", ":")
 

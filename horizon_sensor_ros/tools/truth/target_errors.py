@@ -12,12 +12,13 @@ from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.rigid import inverse_pose, pose_matrix, vector_from_rotation
 from horizon_sensor_ros.ros.messages import NANOSECONDS
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
-from horizon_sensor_ros.tools.demo.errors import error_lines
-from horizon_sensor_ros.tools.truth_topics import pose_in_target_frame
+from horizon_sensor_ros.tools.truth.horizon_errors import error_lines
+from horizon_sensor_ros.tools.truth.nees import within_95
+from horizon_sensor_ros.tools.truth.topics import pose_in_target_frame
 
 POSE_TOPIC, DELTA_TOPIC, TWIST_TOPIC = TARGET_TOPICS
-# Of chi-squared with six degrees of freedom: median, 95 %.
-_NEES_MEDIAN, _NEES_95 = 5.35, 12.59
+# Of chi-squared with six degrees of freedom.
+_NEES_MEDIAN = 5.35
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +140,7 @@ def target_table(errors: TargetErrors, latency_s: np.ndarray) -> str:
         if nees.size:
             lines.append(
                 f"NEES, {name:9}median {np.median(nees):.2f} ({_NEES_MEDIAN} is exact); "
-                f"{np.mean(nees < _NEES_95):.0%} of the errors within the 95 % ellipsoid"
+                f"{within_95(nees, 6):.0%} of the errors within the 95 % ellipsoid"
             )
     if latency_s.size:
         lines.append(

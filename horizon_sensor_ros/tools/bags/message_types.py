@@ -1,0 +1,15 @@
+"""Names of the message types that the tools look for in bags."""
+
+from __future__ import annotations
+
+IMAGE = "sensor_msgs/msg/Image"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+IMU = "sensor_msgs/msg/Imu"
+VECTOR = "geometry_msgs/msg/Vector3Stamped"
+POSE = "geometry_msgs/msg/PoseStamped"
+POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+ORIENTATION = "geometry_msgs/msg/QuaternionStamped"
+TWIST = "geometry_msgs/msg/TwistStamped"
+TWIST_WITH_COVARIANCE = "geometry_msgs/msg/TwistWithCovarianceStamped"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"

@@ -1,0 +1,1 @@
+"""Answers held against a simulation's truth, for demo and report: its topics, and the errors."""
