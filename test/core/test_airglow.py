@@ -470,3 +470,36 @@ def test_photographs_by_moonlight(name: str, focal_length_mm: float, shared_data
     assert fix.ok, fix.reason
     assert fix.airglow is not None
     assert 300e3 < fix.fit.altitude_m < 450e3
+
+
+@pytest.mark.parametrize(
+    ("texture", "ground_dn", "air_dn", "altitude_km"),
+    [
+        ("uniform", 40.0, 100.0, 700.0),
+        ("uniform", 13.0, 77.0, 309.0),  # the sea deep below is as dark as below a layer
+        ("uniform", 15.0, 127.0, 2206.0),
+        ("smooth", 22.0, 61.0, 2111.0),
+        ("smooth", 37.0, 127.0, 1018.0),
+    ],
+)
+def test_daylit_air_over_dark_sea_under_stars_is_no_airglow(
+    texture: str, ground_dn: float, air_dn: float, altitude_km: float
+) -> None:
+    """Taken for a layer its altitude was 95 to 125 km too high, at a tenth of that claimed."""
+    scene = EarthScene(
+        texture=texture,
+        uniform_dn=ground_dn,
+        smooth_contrast=0.2,
+        texture_seed=1,
+        air_dn=air_dn,
+        star_count=3000,
+    )
+    views = limb_views(1e3 * altitude_km, azimuths_rad=(0.0, 1.5))
+    frames = as_frames(views, draw(views, 1e3 * altitude_km, scene, NOISE))
+    for seen in (frames, frames[:1]):
+        fix = HorizonSensor().process(seen)
+        assert fix.ok, fix.reason
+        assert not fix.airglow_alone
+        off_m = fix.fit.altitude_m - 1e3 * altitude_km
+        assert abs(off_m) < 4.0 * np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
+        assert abs(off_m) < 30e3

@@ -11,6 +11,7 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb.detection import Detection, LimbState
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.glow.air import USUAL_HEIGHT
 from horizon_sensor_ros.core.limb.haze.passes import follow_through_haze, look_through_haze
 from horizon_sensor_ros.core.limb.passes import (
     AGAIN,
@@ -47,6 +48,9 @@ from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
+# Scale heights of air over the usual one that it has by day: simulated limbs .95 to 1.1; layers of
+# airglow that pass for air .25.
+_USUAL_SHARES = 0.6, 1.5
 # Jumps between means of many edges of a limb that shows itself well at once.
 _STEADY_MEANS_PX = 0.15
 
@@ -77,10 +81,17 @@ def detect_limb(
         consensus = ground_under_airglow(views, working, found, consensus, planet)
     else:
         consensus = consensus_about(found, *near)
+    lit = None
+    if consensus.by_day is not None:
+        lit = _looked_for(views, images, planet, working, consensus.by_day)
+        if _under_daylit_air(lit):
+            consensus = consensus.by_day
+        else:
+            lit = None
     if consensus.status is not Status.OK:
         return _nothing(views, working, consensus)
-    looked = _looked_for(views, images, planet, working, consensus)
-    if near is None and not consensus.unanimous and consensus.layer_rad == 0.0:
+    looked = lit or _looked_for(views, images, planet, working, consensus)
+    if near is None and not (lit or consensus.unanimous) and consensus.layer_rad == 0.0:
         below = _below_airglow(views, planet, working, found, looked)
         if below is not None:
             consensus = below
@@ -136,6 +147,23 @@ def follow_limb(
                 return None
             return with_smear_error(replace(found, smears=before.smears, steepness=sharp))
     return None
+
+
+def _under_daylit_air(found: Detection) -> bool:
+    """Whether every limb was separated from the glow above it, and that fades as the Earth's air
+    does by day. The upper side of a layer of airglow does so over a quarter of that.
+    """
+    seen = [
+        (limb, kinds)
+        for limb, kinds in zip(found.limbs, found.looks, strict=True)
+        if limb.status is Status.OK
+    ]
+    low, high = (share * USUAL_HEIGHT for share in _USUAL_SHARES)
+    return bool(seen) and all(
+        limb.glow_separated
+        and any(kind.air is not None and low < kind.air.height < high for kind in kinds)
+        for limb, kinds in seen
+    )
 
 
 def _nothing(

@@ -6,8 +6,8 @@ straight down from places along the edge, tell which it is:
 - **Airglow above ground**: brightness reaches a crest, falls again to a trough, and rises once more
   where the ground begins. The ground does so at the same depth all along the limb; clouds, which
   may look so too, do not.
-- **Airglow alone**: no ground shows. Air lit by day over dark sea looks alike, but then there are
-  no stars above it; and the layer fades alike in all columns.
+- **Airglow alone**: no ground shows, and the layer fades alike in all columns. Air lit by day over
+  dark sea looks alike, but then the sea deep below is lit as well, and stars are rarely above it.
 - **Dawn**: the air is lit and the ground below is not. The lit band is thinner the farther it is
   from the Sun, so that its edge is no limb.
 """
@@ -51,6 +51,10 @@ _SHARE_BY_NIGHT = 0.6  # where stars show, and parts of the craft may hide some
 _FADES_M = 25e3, 70e3  # depths between which it does
 _FADED = 0.85  # brightness at the deeper one over that at the other, at most
 _ALIKE = 0.14  # of the crest, by which a column may differ from the median one
+# Brightness of the ground deep below the edge over the crest's: from the first on it is lit, and no
+# layer stands above it alone; from the second on it may be. Below layers alone .29 and .32 in two
+# photographs, .12 to .29 simulated; over simulated dark sea by day .33 to .62.
+_LIT, _PERHAPS_LIT = 0.38, 0.3
 # Beside the dawn air is lit above ground that is not: a bright band, which is thinner the farther
 # it is from the Sun. Wedges of cloud beside the limb, which end nearer to the edge or less evenly,
 # are like it in one of 500 frames.
@@ -110,7 +114,9 @@ def ground_under_airglow(
             # The layer is about the same nadir, wherever the ground was found along it.
             below = float(np.median(depths[ground[shown]]))
             cone = consensus.nadir_base, consensus.rho_rad - below
-        return consensus if cone is None else _moved(consensus, cone, layer_rad)
+        if cone is None:
+            return consensus
+        return replace(_moved(consensus, cone, layer_rad), by_day=consensus)
     dawns = any(
         _is_twilight(found.rays[column.places], column.level, consensus.nadir_base)
         for column in columns
@@ -119,9 +125,13 @@ def ground_under_airglow(
         return consensus
     if dawns:
         return Consensus(Status.POOR_FIT, "twilight: lit air over ground that is dark")
+    lit = median(level[:, -3:].mean(axis=1) / crest)
+    if lit > _LIT:
+        return consensus
     no_ground = _moved(consensus, (consensus.nadir_base, consensus.rho_rad - layer_rad), layer_rad)
     reason = "a layer of airglow, and no ground behind it"
-    return replace(no_ground, status=Status.POOR_FIT, reason=reason)
+    by_day = consensus if lit > _PERHAPS_LIT else None
+    return replace(no_ground, status=Status.POOR_FIT, reason=reason, by_day=by_day)
 
 
 def layer_height_m(edge: RayCandidates, cone: tuple[np.ndarray, float], planet: Planet) -> float:

@@ -71,7 +71,8 @@ class Consensus:
     NaN but below a layer of airglow without ground. unanimous : it explains nearly all of them, and
     lies as near to the limb as they do.
     layer_rad : how far above the limb a layer of airglow lies, whose edge then the inliers are; 0
-    where there is none.
+    where there is none. by_day : of such, the consensus before it was taken for a layer's edge,
+    where lit air looks like that too.
     """
 
     status: Status
@@ -81,6 +82,7 @@ class Consensus:
     inliers: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=bool))
     unanimous: bool = False
     layer_rad: float = 0.0
+    by_day: Consensus | None = None
 
 
 def rays_of_candidates(
