@@ -30,6 +30,7 @@ from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet_figure import disc_of
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.debug_image import (
+    BLUISH_GREEN,
     LIGHT_GREEN,
     PURPLE,
     SKY_BLUE,
@@ -86,7 +87,7 @@ def test_points_and_limb_are_drawn_where_they_are(pair: tuple[Frames, HorizonFix
             assert distance_px(frame.view, fix, drawn).max() < 5.0
         assert len(places(tile, PURPLE, top=60)) > 50
     strip = picture[:30]
-    assert len(places(strip, LIGHT_GREEN)) > 500
+    assert len(places(strip, BLUISH_GREEN)) > 500
     assert len(places(strip, VERMILLION)) == 0
 
 
