@@ -71,6 +71,8 @@ _STARTS = 0.0, -0.2, -0.4  # where: lengths of glow outwards
 # are then made at once, as the sum of a geometric series.
 _AHEAD = 0.3, 0.8
 _BACK = -1.3, -0.5
+# Steps that leave the limb where it is with a blur at the end of what may be: no more come of it.
+_PINNED = 3
 _AFRESH_PX = 1.0  # off the cone about which the limb was drawn, from where on it is drawn again
 # Glow of a stretch over the median one, that may still be the same air's.
 _FAINTEST = 0.2
@@ -193,6 +195,7 @@ def _fitted(
     keep = np.empty(0, dtype=bool)
     sight: GlowSight | None = None
     moved = since = 0.0
+    pinned = 0
     last: np.ndarray | None = None
     most_px = max(_FAR_PX, _FAR_LENGTHS * length_px)
     for _ in range(round(_STEPS * max(1.0, length_px / _LONG_PX))):
@@ -230,8 +233,12 @@ def _fitted(
                 return _brightest(sight, air)
             holds = median(found.cost[keep]) < _MISFIT and _plausible(air)
             return _limb(sight, found, keep, air, nadir_base) if holds else None
+        settled = far <= _NEAR_PX and not outlying.any()
         keep = keep & ~outlying
         air = air.changed(change)
+        pinned = pinned + 1 if settled and air.psf_px in BLURS_PX else 0
+        if pinned == _PINNED:
+            return None
         moved += far
         since += far
         if moved > most_px:
