@@ -22,6 +22,7 @@ from horizon_sensor_ros.ros.messages import (
 from horizon_sensor_ros.ros.parameters.horizon_settings import AidingSettings
 
 COARSE_POSE_TOPIC = "coarse_pose"
+_OF_NO_USE = "not used: planet is sphere; the Earth's ellipsoid is wgs84"
 IMU_TOPIC = "imu"
 
 
@@ -122,7 +123,7 @@ class AidingSources:
             self._say(COARSE_POSE_TOPIC, f"{off}: {abs(age) / NANOSECONDS:.1f} s")
             return None
         of_use = self._planet.flattening > 0.0 or self._settings.pose_altitude_sigma_m > 0.0
-        self.words[COARSE_POSE_TOPIC] = "used" if of_use else "not used: the planet is a sphere"
+        self.words[COARSE_POSE_TOPIC] = "used" if of_use else _OF_NO_USE
         return self._pose[1]
 
     def _altitude(self, pose: CoarsePose | None) -> AltitudeMeasurement | None:

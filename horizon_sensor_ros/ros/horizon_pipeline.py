@@ -85,7 +85,6 @@ class HorizonPipeline:
         self.rejected: Counter[str] = Counter()
         self._extrinsics = extrinsics or _fixed_extrinsics(settings)
         self._sensor = HorizonSensor(settings.sensor)
-        self._located = False
         self._pairing: Pairing[Frame] = self._new_pairing()
         self._cameras = {
             name: _CameraState(None if path is None else read_mask(path), gamma)
@@ -93,7 +92,7 @@ class HorizonPipeline:
                 settings.cameras, settings.masks, settings.gammas, strict=True
             )
         }
-        self.aiding = AidingSources(settings.aiding, settings.planet, settings.base_frame)
+        self.aiding = AidingSources(settings.aiding, settings.sensor.planet, settings.base_frame)
 
     def with_settings(self, settings: PipelineSettings) -> HorizonPipeline:
         """Return a pipeline of the same cameras with other settings; calibrations and counts go
@@ -102,14 +101,12 @@ class HorizonPipeline:
         other = HorizonPipeline(settings, self._extrinsics)
         other.counts, other.rejected = self.counts.copy(), self.rejected.copy()
         other._pairing.go_on_from(self._pairing)
-        if self._located:
-            other._locate()
         # Copies: this pipeline may go on beside the other one, with the same messages.
         for name, state in other._cameras.items():
             known = self._cameras[name]
             state.info_key, state.camera = known.info_key, known.camera
         other.aiding = self.aiding.with_settings(
-            settings.aiding, settings.planet, settings.base_frame
+            settings.aiding, settings.sensor.planet, settings.base_frame
         )
         return other
 
@@ -170,14 +167,6 @@ class HorizonPipeline:
             camera = Camera(320, 240, 250.0, 250.0, 159.5, 119.5)
             sensor.process([Frame(CameraView("warm_up", camera, np.eye(3)), disc)])
 
-    def _locate(self) -> None:
-        """Go on with the figure of a planet above which a place is known: for good, since it stays
-        the same planet when the pose is no longer known.
-        """
-        self._located = True
-        if self.settings.located_sensor is not None:
-            self._sensor = HorizonSensor(self.settings.located_sensor)
-
     def _new_pairing(self) -> Pairing[Frame]:
         s = self.settings
         return Pairing(s.cameras, s.slop_ns, s.queue_size, s.camera_timeout_ns)
@@ -220,10 +209,7 @@ class HorizonPipeline:
     def _process(self, members: tuple[tuple[int, Frame], ...]) -> HorizonResult:
         self.counts["sets"] += 1
         frames = tuple(frame for _, frame in members)
-        aiding = self.aiding.of_set(members[0][0])
-        if aiding.coarse_pose is not None and not self._located:
-            self._locate()
-        fix = self._sensor.process(frames, aiding)
+        fix = self._sensor.process(frames, self.aiding.of_set(members[0][0]))
         if fix.status is Status.OK and not _finite(fix.fit):
             fix = HorizonFix(Status.UNCERTAIN, "the estimate is not finite", fix.fit, fix.limbs, ())
         if fix.status is Status.OK:

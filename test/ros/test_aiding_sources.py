@@ -27,12 +27,10 @@ from horizon_messages import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from limb_samples import angle_between
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 
 from horizon_sensor_ros.core.aiding import Aiding
-from horizon_sensor_ros.core.attitude import quaternion_from_rotation, tangent_basis
 from horizon_sensor_ros.core.horizon_fix import HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.planet import Planet
@@ -41,8 +39,6 @@ from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
-from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
-from horizon_sensor_ros.sim.flight import Flight
 
 S = 1_000_000_000
 POSITION = np.array([4.0e6, -3.0e6, 4.6e6])
@@ -50,8 +46,8 @@ ROTATION = Rotation.from_euler("xyz", [0.3, -0.8, 2.0]).as_matrix()
 
 
 def sources(**values: Any) -> AidingSources:
-    pipeline = horizon_settings({**PARAMETERS, **values}).pipeline
-    return AidingSources(pipeline.aiding, pipeline.planet, pipeline.base_frame)
+    pipeline = horizon_settings({**PARAMETERS, "planet": "wgs84", **values}).pipeline
+    return AidingSources(pipeline.aiding, pipeline.sensor.planet, pipeline.base_frame)
 
 
 def pose_of(stamp: int = START_NS, **fields: Any) -> PoseStamped:
@@ -200,7 +196,7 @@ def test_sources_with_other_settings_have_their_own_sigmas_and_rates() -> None:
     aiding.on_coarse_pose(pose_of())
     aiding.on_imu(imu_of(START_NS, (0.1, 0.0, 0.0), "imu_link"))
     other = horizon_settings({**PARAMETERS, "coarse_pose_position_sigma": 1e3}).pipeline
-    copy = aiding.with_settings(other.aiding, other.planet, other.base_frame)
+    copy = aiding.with_settings(other.aiding, other.sensor.planet, other.base_frame)
     assert (copy.ignored, copy.words) == (aiding.ignored, aiding.words)
     assert copy.ignored is not aiding.ignored
     for each in (aiding, copy):
@@ -234,7 +230,7 @@ def test_known_altitudes() -> None:
     assert known.altitude_m == pytest.approx(height, abs=1e-3)
     assert known.sigma_m == 1e4
     # Of a sphere the altitude is above the sphere.
-    aiding = sources(coarse_pose_altitude_sigma=1e4, planet="sphere")
+    aiding = sources(planet="sphere", coarse_pose_altitude_sigma=1e4)
     aiding.on_coarse_pose(pose_of())
     known = aiding.of_set(START_NS).altitude
     assert known is not None
@@ -278,7 +274,7 @@ def test_sources_with_settings_have_the_pose_and_rates_of_their_own() -> None:
     aiding = sources()
     aiding.on_coarse_pose(pose_of())
     pipeline = horizon_settings(PARAMETERS).pipeline
-    settings_of = pipeline.aiding, pipeline.planet, pipeline.base_frame
+    settings_of = pipeline.aiding, pipeline.sensor.planet, pipeline.base_frame
     both = aiding, aiding.with_settings(*settings_of)
     for step in range(21):
         stamp = START_NS + step * S // 20
@@ -369,98 +365,20 @@ def test_the_pose_of_a_bags_end_is_not_that_of_its_beginning() -> None:
     assert said == ["none", "used", "none"]
 
 
-WHEN = {"before": START_NS, "with": START_NS + S, "after": START_NS + 101 * S}
-
-
-def over_the_true_earth(planet: str) -> dict[str, tuple[float, float]]:
-    """Error (deg) and its chi squared (2 is usual): before a coarse pose, with it, and when it is
-    too old.
-    """
-    scene = EarthScene(planet=Planet.wgs84())
-    flight = Flight(start_rad=0.8, scene=scene, imaging=Imaging(noise_dn=1.0))
-    values: dict[str, Any] = {"planet": planet}
-    for view in flight.views:
-        quaternion = quaternion_from_rotation(view.rot_base_from_cam)
-        values[f"{view.name}.rotation"] = [float(q) for q in quaternion]
-    pipeline = HorizonPipeline(horizon_settings(values).pipeline)
-    rot, position = flight.pose(0.0)
-    nadir = -position @ rot / np.linalg.norm(position)
-    basis = tangent_basis(nadir)
-    found = {}
-    for when, stamp in WHEN.items():
-        if when == "with":
-            pipeline.aiding.on_coarse_pose(coarse_pose_of(stamp, position, rot))
-        for view, frame in zip(flight.views, flight.frames(0.0), strict=True):
-            camera = view.camera
-            k = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
-            size = {"width": camera.width, "height": camera.height}
-            pipeline.on_camera_info(view.name, camera_info_of(0, view.name, k=k, **size))
-            step = pipeline.on_image(view.name, image_of(frame.image, stamp, view.name))
-        (result,) = step.results
-        assert result.fix.ok, result.fix.reason
-        fit = result.fix.fit
-        off, cov = basis.T @ fit.nadir_base, basis.T @ fit.cov_nadir_altitude[:3, :3] @ basis
-        error_deg = float(np.degrees(angle_between(fit.nadir_base, nadir)))
-        found[when] = error_deg, float(off @ np.linalg.solve(cov, off))
-    return found
-
-
-def test_a_planet_is_a_sphere_until_a_position_is_known_and_the_earth_from_then_on() -> None:
-    """Where the pose is too old the sphere's error is claimed, before any pose it is not."""
-    auto, sphere, earth = map(over_the_true_earth, ("auto", "sphere", "wgs84"))
-    assert auto["before"] == sphere["before"]
-    for when in WHEN:
-        assert sphere[when][0] > 0.05
-        assert sphere[when][1] > 25.0
-        assert earth[when][1] < 12.0
-    for found in (auto, earth):
-        assert found["with"][0] < 0.01
-        assert found["after"][0] > 0.05
-        assert found["after"][1] < 12.0
-
-
-def test_what_auto_is_where_it_cannot_be_the_earth() -> None:
-    assert horizon_settings(PARAMETERS).pipeline.planet == Planet.wgs84()
-    mars = horizon_settings({**PARAMETERS, "planet_radius": 3389500.0}).pipeline
-    assert mars.located_sensor is None
-    assert mars.planet == mars.sensor.planet == Planet(3389500.0)
-    high = horizon_settings({**PARAMETERS, "limb_height": 9e3}).pipeline
-    assert high.sensor.planet == Planet(limb_height_m=9e3)
-    assert high.planet == Planet.wgs84(9e3)
-
-
-def test_settings_changed_in_flight_go_on_with_the_earth() -> None:
-    pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
-    pipeline.aiding.on_coarse_pose(pose_of())
-    for camera in CAMERAS:
-        pipeline.on_camera_info(camera, camera_info_of(0, camera))
-        pipeline.on_image(camera, image_of(horizon_gray(camera, nadir_of(0, 0)), START_NS, camera))
-    changed = horizon_settings({**PARAMETERS, "max_residual": 2.0}).pipeline
-    other = pipeline.with_settings(changed)
-    for camera in CAMERAS:
-        stamp = START_NS + 100 * S  # the pose is too old
-        gray = horizon_gray(camera, nadir_of(0, 0))
-        step = other.on_image(camera, image_of(gray, stamp, camera))
-    (result,) = step.results
-    assert result.fix.fit.disc is not None
-    assert result.fix.fit.disc.figure.shortfall == "fitted as a sphere: no coarse pose"
-
-
-def test_what_is_said_of_a_pose_that_nothing_is_made_of() -> None:
-    """Where the planet is a sphere a pose tells its altitude, if that was asked for."""
-    for values, words in (
-        ({"planet": "sphere"}, "not used: the planet is a sphere"),
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"planet": "sphere"}, "not used: planet is sphere; the Earth's ellipsoid is wgs84"),
         ({"planet": "sphere", "coarse_pose_altitude_sigma": 1e4}, "used"),
-        ({}, "used"),
-    ):
-        aiding = AidingSources(
-            horizon_settings({**PARAMETERS, **values}).pipeline.aiding,
-            horizon_settings({**PARAMETERS, **values}).pipeline.planet,
-            "base_link",
-        )
-        aiding.on_coarse_pose(pose_of())
-        aiding.of_set(START_NS)
-        assert aiding.words["coarse_pose"] == words
+        ({"planet": "wgs84"}, "used"),
+    ],
+)
+def test_what_is_said_of_a_pose_that_nothing_is_made_of(values: dict[str, Any], words: str) -> None:
+    """Where the planet is a sphere a pose tells its altitude, if that was asked for."""
+    aiding = sources(**values)
+    aiding.on_coarse_pose(pose_of())
+    aiding.of_set(START_NS)
+    assert aiding.words["coarse_pose"] == words
 
 
 def test_why_a_pose_was_refused_is_said_though_an_older_one_is_too_old() -> None:

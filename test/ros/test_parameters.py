@@ -65,7 +65,7 @@ def test_defaults_are_the_contracts() -> None:
         ({"planet_radius": -6371000.0}, ["planet_radius", "-6371000"]),
         ({"planet_radius": float("nan")}, ["planet_radius"]),
         ({"planet_radius": "large"}, ["planet_radius must be a double", "large"]),
-        ({"planet": "cube"}, ["planet must be one of auto, sphere, wgs84", "cube"]),
+        ({"planet": "cube"}, ["planet must be one of sphere, wgs84", "cube"]),
         ({"vertical": "plumb"}, ["vertical must be one of", "plumb"]),
         ({"level_z": "UP"}, ["level_z must be one of up, down"]),
         ({"method": "magic"}, ["method must be one of", "magic"]),

@@ -32,7 +32,6 @@ from horizon_sensor_ros.tools.calibration.self_calibration import main
 
 SETS = 16
 MISALIGNMENT_DEG = np.array([0.3, -0.2, 0.25])
-SPHERE = {"planet": "sphere"}  # the bag has coarse poses, over a planet that is none
 
 
 def stamped(msg: Any, stamp: int, frame_id: str) -> Any:
@@ -79,7 +78,7 @@ def params(tmp_path: Path) -> Path:
     )
     path = tmp_path / "params.yaml"
     content = {
-        "/**": {"ros__parameters": {"camera_1.rotation": first, "slop": 0.01, **SPHERE}},
+        "/**": {"ros__parameters": {"camera_1.rotation": first, "slop": 0.01}},
         "attitude_node": {"ros__parameters": {"level_z": "down", "camera_2": {"rotation": second}}},
     }
     path.write_text(yaml.safe_dump(content))
@@ -199,7 +198,7 @@ def test_one_camera_needs_a_reference(
     wrong = rotation_from_vector(-np.radians(MISALIGNMENT_DEG)) @ ROTATIONS["camera_1"]
     quaternion = [float(v) for v in quaternion_from_rotation(wrong)]
     params = tmp_path / "one.yaml"
-    content = {"cameras": ["camera_1"], "camera_1.rotation": quaternion, **SPHERE}
+    content = {"cameras": ["camera_1"], "camera_1.rotation": quaternion}
     params.write_text(yaml.safe_dump({"/**": {"ros__parameters": content}}))
     assert "give --reference TOPIC" in refused(capsys, flight, "--params", params)
     out = tmp_path / "corrected.yaml"

@@ -41,12 +41,10 @@ HORIZON_PARAMETERS = (
     Parameter(
         "planet",
         "string",
-        "auto",
-        "Figure of the planet. auto: a sphere until a coarse pose is known, wgs84 from then on; "
-        "always a sphere where planet_radius is not the Earth's. wgs84: fitted with a coarse pose; "
-        "without one a sphere of the ellipsoid's mean radius is fitted, and its error is in the "
-        "covariance.",
-        choices=("auto", "sphere", "wgs84"),
+        "sphere",
+        "Figure of the planet. wgs84 needs a coarse pose; without one a sphere of the ellipsoid's "
+        "mean radius is used.",
+        choices=("sphere", "wgs84"),
     ),
     Parameter(
         "planet_radius",

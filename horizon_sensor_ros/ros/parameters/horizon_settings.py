@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -80,15 +80,9 @@ class PipelineSettings:
     aiding: AidingSettings
     base_frame: str
     sensor: HorizonConfig
-    located_sensor: HorizonConfig | None
     slop_ns: int
     camera_timeout_ns: int
     queue_size: int
-
-    @property
-    def planet(self) -> Planet:
-        """The planet that a coarse pose is a place above."""
-        return (self.located_sensor or self.sensor).planet
 
 
 @dataclass(frozen=True)
@@ -134,7 +128,7 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
             problems.append(str(error))
     if problems:
         raise ParameterError("; ".join(problems))
-    sensor, located_sensor = _sensor_configs(accepted)
+    sensor = _sensor_config(accepted)
     return HorizonSettings(
         pipeline=PipelineSettings(
             cameras=tuple(cameras),
@@ -152,7 +146,6 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
             ),
             base_frame=accepted["base_frame"],
             sensor=sensor,
-            located_sensor=located_sensor,
             slop_ns=round(accepted["slop"] * 1e9),
             camera_timeout_ns=round(accepted["camera_timeout"] * 1e9),
             queue_size=accepted["queue_size"],
@@ -172,24 +165,20 @@ def cameras_of(values: Mapping[str, Any]) -> list[str]:
     return accepted["cameras"]
 
 
-def _sensor_configs(values: Mapping[str, Any]) -> tuple[HorizonConfig, HorizonConfig | None]:
-    """`PipelineSettings.sensor` and `located_sensor`."""
+def _sensor_config(values: Mapping[str, Any]) -> HorizonConfig:
     limb_height = values["limb_height"]
     try:
         if values["planet"] == "wgs84":
             planet = Planet.wgs84(limb_height)
         else:
             planet = Planet(values["planet_radius"], limb_height)
-        sensor = HorizonConfig(
+        return HorizonConfig(
             planet=planet,
             **{field: values[name] for name, field in _SENSOR_FIELDS.items()},
         )
-        if values["planet"] == "auto" and planet.radius_m == Planet.radius_m:
-            return sensor, replace(sensor, planet=Planet.wgs84(limb_height))
     except ValueError as error:
         fields = {"planet_radius": "radius_m", "limb_height": "limb_height_m", **_SENSOR_FIELDS}
         raise ParameterError(with_parameter_names(str(error), fields)) from None
-    return sensor, None
 
 
 def _camera_name_problems(cameras: Sequence[str]) -> list[str]:

@@ -238,9 +238,6 @@ def _settings(arguments: argparse.Namespace) -> HorizonSettings:
     known = arguments.altitude is not None or settings.pipeline.aiding.altitude_sigma_m > 0.0
     if known and settings.pipeline.sensor.planet.flattening > 0.0:
         raise BagError("limb height is told on a sphere only: no altitude with planet: wgs84")
-    if known:
-        # With planet: auto a coarse pose would make an ellipsoid of it.
-        settings = replace(settings, pipeline=replace(settings.pipeline, located_sensor=None))
     return settings
 
 
