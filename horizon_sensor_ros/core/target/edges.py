@@ -8,11 +8,11 @@ from itertools import product
 
 import numpy as np
 
-from horizon_sensor_ros.core.target.planes import Planes
+from horizon_sensor_ros.core.target.planes import LIMB_BEND, Planes, limb_reach_px
 from horizon_sensor_ros.core.target.range_image import RangeImage
 
-# Standard deviation, in pixels, of the place of a face's end, a limb, a thin part, a crease.
-_EDGE_PX, _LIMB_EDGE_PX, _THIN_EDGE_PX, _CREASE_PX = 0.25, 0.6, 0.5, 0.35
+# Standard deviation, in pixels, of the place of a face's end, a thin part, a crease.
+_EDGE_PX, _THIN_EDGE_PX, _CREASE_PX = 0.25, 0.5, 0.35
 # A plate's rim, of unknown thickness and seen at the cosine c, moves the face's end by as much as
 # c pixels, all along the edge alike; so many pixels do for that as if they were independent.
 _RIM_PX = 8.0
@@ -21,10 +21,6 @@ _RIM_PX = 8.0
 _OFF_PLANE, _BEHIND = 2.5, 4.0
 _BEHIND_PX = 1.5
 _MIN_SHARP_COSINE = 0.25
-# Within so many pixels before its limb a curved body bends by an angle with a cosine between
-# these; what bends more is another face.
-_LIMB_PX = 5
-_LIMB_BEND = np.cos(np.radians([10.0, 55.0]))
 _THIN_PX, _HOLE_PX = 7, 2
 _FEWEST_PLACES, _MOST_PLACES = 8, 6000
 _EDGE_REACH_PX = 4.6
@@ -33,6 +29,9 @@ _SLANT_PX = 2.5
 # Planes of a crease: least difference of their slopes, and largest distance of where they meet
 # from the pixels between which they change.
 _MIN_BEND = 0.5
+# And the cosine of the least angle between them: near a limb planes of windows side by side differ
+# much in slope, and little in direction.
+_CREASE_BEND = np.cos(np.radians(25.0))
 _CREASE_REACH_PX = 1.0
 _MIN_CREASE_COSINE = 0.1
 # Steps outwards, in pixels (u, v).
@@ -97,15 +96,13 @@ def _none() -> Edges:
 class _Places:
     """Half way between a surface's last pixel and the next one: that pixel (flat) and which of
     _WAYS leads outwards, (P,), in the order of the ways; pixel coordinates (2, P); inverse depth;
-    whether it is a face's, and may be its limb; its normal (3, P)."""
+    whether it is a face's."""
 
     pixel: np.ndarray
     way: np.ndarray
     spot: np.ndarray
     inverse_depth: np.ndarray
     sharp: np.ndarray
-    limb: np.ndarray
-    normal: np.ndarray
 
 
 def _ends(image: RangeImage, planes: Planes) -> Edges:
@@ -157,19 +154,10 @@ def _ends(image: RangeImage, planes: Planes) -> Edges:
     keep = np.flatnonzero(keep)
     keep = keep[:: 1 + len(keep) // _MOST_PLACES]
     k, way, sharp = k[keep], way[keep], sharp[keep]
-    # Where the surface bends before its end, that may be a limb, which moves over the surface as
-    # the body turns.
-    inwards = k - _LIMB_PX * step[keep]
-    normal = planes.normals.take(inwards, axis=0)
-    bend = np.einsum("ij,ij->i", planes.normals.take(k, axis=0), normal)
-    same = found[inwards] & (bend > _LIMB_BEND[1])
-    # A rim that shows bends the windows over it.
-    normal = planes.normals.take(np.where(same, inwards, k), axis=0).T.astype(float)
     row, column = np.divmod(k, width)
     spot = np.array([column, row]) + 0.5 * _WAYS[way].T
     end = np.where(sharp, own[keep] + 0.5 * slope[keep], inverse[k]).astype(float)
-    places = _Places(k, way, spot, end, sharp, same & (bend < _LIMB_BEND[0]), normal)
-    return _lines(image, planes, places)
+    return _lines(image, planes, _Places(k, way, spot, end, sharp))
 
 
 def _neighbours(places: _Places, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -221,10 +209,13 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     angle = 0.5 * np.arctan2(2 * xy, xx - yy)
     along = np.array([np.cos(angle), np.sin(angle)])
     turn = along[0] * out_v - along[1] * out_u
+    across = np.array([-along[1], along[0]]) * np.sign(turn)
     k = np.flatnonzero((n >= 5) & (wide < 0.25) & (long > 1.0) & (np.abs(turn) > 0.3))
+    limb, normal = _before_end(planes, places.pixel[k], across[:, k])
+    edge = ~(limb & places.sharp[k])
+    k, normal = k[edge], normal[:, edge]
     u, v, w, mean_u, mean_v, level = u[k], v[k], w[k], mean_u[k], mean_v[k], level[k]
-    along, sharp, limb = along[:, k], places.sharp[k], places.limb[k]
-    across = np.array([-along[1], along[0]]) * np.sign(turn[k])
+    along, across, sharp = along[:, k], across[:, k], places.sharp[k]
     # The place on the line, and inverse depth along it.
     slope = along[0] * (xw[k] - mean_u * level) + along[1] * (yw[k] - mean_v * level)
     slope /= long[k]
@@ -237,13 +228,32 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     front *= -np.sign(_dot(front, ray))
     front[:, sharp] = np.nan
     # How far a side at right angles to the face would be turned towards the sensor.
-    outward = _cross(places.normal[:, k], direction)
+    outward = _cross(normal, direction)
     outward *= np.sign(_dot(outward, side))
     rim = -_dot(outward, ray) / np.sqrt(_dot(ray, ray))
-    edge_px = np.where(limb, _LIMB_EDGE_PX, _EDGE_PX)
-    edge_px = np.where(sharp, np.hypot(edge_px, _RIM_PX * np.maximum(rim, 0)), _THIN_EDGE_PX)
+    edge_px = np.where(sharp, np.hypot(_EDGE_PX, _RIM_PX * np.maximum(rim, 0)), _THIN_EDGE_PX)
     sigma = edge_px / (smooth * image.focal_px)
     return Edges(points.T, side.T, direction.T, sigma, front.T, np.zeros(len(k), bool))
+
+
+def _before_end(
+    planes: Planes, pixel: np.ndarray, across: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Whether flat pixel indices (N,) at the end of a surface, which ``across`` (2, N) leads over,
+    show the limb of a curved one; and the surface's normal before its end (3, N).
+
+    The end's plane may be that of a window some pixels inwards, so that it is held against one that
+    shares no return with it. Towards a limb the surface falls back and bends away; before a rim
+    that shows it comes nearer.
+    """
+    du, dv = np.rint(across * limb_reach_px(planes.radius_px)).astype(np.int64)
+    inwards = np.clip(pixel - (dv * planes.found.shape[1] + du), 0, planes.found.size - 1)
+    bend = np.einsum("ij,ij->i", planes.normals[pixel], planes.normals[inwards])
+    same = planes.found.ravel()[inwards] & (bend > LIMB_BEND[1])
+    rise = across[0] * planes.slope_u.ravel()[inwards] + across[1] * planes.slope_v.ravel()[inwards]
+    # A rim that shows bends the windows over it.
+    normal = planes.normals[np.where(same, inwards, pixel)].T.astype(float)
+    return same & (bend < LIMB_BEND[0]) & (rise < 0), normal
 
 
 def _creases(image: RangeImage, planes: Planes) -> Edges:
@@ -272,6 +282,9 @@ def _creases(image: RangeImage, planes: Planes) -> Edges:
         keep &= (slope[k] - slope[q]) * image.focal_px > 0.5 * _MIN_BEND * w
         keep &= np.minimum(cosine[k], cosine[q]) > _MIN_CREASE_COSINE
         keep = np.flatnonzero(keep & (np.abs(gap) < _CREASE_REACH_PX * bend))
+        normal = planes.normals
+        turned = np.einsum("ij,ij->i", normal.take(k[keep], axis=0), normal.take(q[keep], axis=0))
+        keep = keep[turned < _CREASE_BEND]
         k, gap, bend = k[keep], gap[keep], bend[keep]
         across = np.array([bend_u[keep], bend_v[keep]]) / bend
         off = across * (gap / bend) + np.array([[0.5 * du], [0.5 * dv]])
