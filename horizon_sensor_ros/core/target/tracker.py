@@ -261,7 +261,8 @@ def _delta_covariance(last: _Known, now: _Known) -> np.ndarray:
 
     Both poses' errors enter as far as they are not the same: against one keyframe its noise, half
     of each registration's variance, is shared; against the last view itself there is but one
-    registration; otherwise both count in full.
+    registration; otherwise both count in full. What is the same, the error of the target frame that
+    has grown since it was set, turns the axes in which the step is told.
     """
     apart = now.pose[:3, 3] - last.pose[:3, 3]
     move = np.eye(6)
@@ -274,4 +275,10 @@ def _delta_covariance(last: _Known, now: _Known) -> np.ndarray:
         total = now.covariance + move @ last.covariance @ move.T
     back = np.kron(np.eye(2), last.pose[:3, :3].T)
     covariance = back @ total @ back.T
+    if now.keyframe_ns in (last.stamp_ns, last.keyframe_ns):
+        delta = inverse_pose(last.pose) @ now.pose
+        turned = np.kron(np.eye(2), delta[:3, :3] - np.eye(3))
+        turned[3:, :3] = skew(delta[:3, 3])
+        turned = turned @ back
+        covariance += turned @ last.covariance @ turned.T
     return (covariance + covariance.T) / 2
