@@ -17,7 +17,7 @@ from horizon_sensor_ros.core.target import tracker as tracker_module
 from horizon_sensor_ros.core.target.config import TrackerConfig
 from horizon_sensor_ros.core.target.registration import TargetView
 from horizon_sensor_ros.core.target.tracker import TargetTracker
-from horizon_sensor_ros.sim.shapes import TARGETS
+from horizon_sensor_ros.sim.shapes import TARGETS, box
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 
 STEP_NS = 200_000_000
@@ -127,6 +127,34 @@ def test_a_bad_first_cloud_sets_no_frame() -> None:
         assert fix.reason
         assert tracker.process(clouds[0], STEP_NS).new_frame
         assert not tracker.process(clouds[1], 2 * STEP_NS).new_frame
+
+
+def test_a_plate_sets_the_frame_once_two_clouds_show_its_ends() -> None:
+    rng = np.random.default_rng(3)
+    start = rotation_from_vector(np.array([0.3, -0.4, 0.2]))
+    poses = [
+        pose_matrix(rotation_from_vector(np.array([0.0, 0.03 * k, 0.02 * k])) @ start,
+                    np.array([0.01 * k, 0, 5.0]))
+        for k in range(6)
+    ]  # fmt: skip
+    tracker = TargetTracker()
+    fixes = [
+        tracker.process(CAMERA.scan(box((0.9, 0.7, 0.02)), pose, rng).points, k * STEP_NS)
+        for k, pose in enumerate(poses)
+    ]
+    assert fixes[0].status is Status.ILL_CONDITIONED
+    assert fixes[1].status is Status.OK
+    assert fixes[1].new_frame
+    for k in range(2, 6):
+        assert fixes[k].status is Status.OK
+        frame = inverse_pose(poses[1]) @ fixes[1].pose_sensor_from_target
+        assert angle_deg(poses[k] @ frame, fixes[k].pose_sensor_from_target) < 0.5
+    # Of a wall that fills the frame no two clouds set one.
+    wall = box((8.0, 8.0, 0.1))
+    tracker = TargetTracker()
+    for k, pose in enumerate(poses):
+        fix = tracker.process(CAMERA.scan(wall, pose, rng).points, k * STEP_NS)
+        assert fix.status is Status.ILL_CONDITIONED
 
 
 def test_a_gap_starts_a_new_frame() -> None:

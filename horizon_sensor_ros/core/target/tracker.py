@@ -96,6 +96,7 @@ class TargetTracker:
         self._before: _Known | None = None
         self._refused = 0
         self._odd: TargetView | None = None
+        self._flat: TargetView | None = None
         self._agreeing = 0
         self._stamp_ns: int | None = None
         self._why = why
@@ -168,10 +169,15 @@ class TargetTracker:
     def _start(self, view: TargetView, stamp_ns: int, why: str) -> TargetFix:
         assert view.surface is not None
         if view.surface.coplanar:
-            # It would fix half of the pose at best, and keep out the next good cloud.
-            return self._refuse(
-                Status.ILL_CONDITIONED, "all points lie on one plane", stamp_ns, view, None
-            )
+            # A plane fixes half of the pose, and would keep out the next good cloud; a plate's ends
+            # fix the rest, if two clouds in a row show it.
+            before, self._flat = self._flat, view
+            reason = "all points lie on one plane"
+            if before is not None:
+                found = register(before, view, self.config.registration)
+                reason = "" if found.status is Status.OK else f"{reason}: {found.reason}"
+            if reason:
+                return self._refuse(Status.ILL_CONDITIONED, reason, stamp_ns, view, None)
         self.reset()
         self._stamp_ns = stamp_ns
         centroid = view.image.rot_sensor_from_view @ view.image.centroid_m
