@@ -90,6 +90,18 @@ def test_points_strewn_at_random_make_an_image_with_few_holes() -> None:
     assert np.mean(inner > 0) > 0.7
 
 
+@pytest.mark.parametrize("arm", [0.04, 0.1])
+def test_pixels_are_as_wide_as_the_points_lie_apart_whatever_the_targets_shape(arm: float) -> None:
+    """Of a plus with arms a tenth as wide as long pixels were twice as wide, as those of the box
+    around it."""
+    rng = np.random.default_rng(4)
+    along, across = rng.uniform(-0.5, 0.5, 2500), rng.uniform(-arm / 2, arm / 2, 2500)
+    spot = np.where(np.arange(2500)[:, None] % 2, np.c_[along, across], np.c_[across, along])
+    image = range_image(np.column_stack([spot, np.ones(2500)]) * 5.0)
+    area = 2 * arm - arm * arm
+    assert 1 / image.focal_px == pytest.approx(np.sqrt(2 * area / 2500), rel=0.2)
+
+
 def barrel(rows: int, columns: int, focal_px: float) -> np.ndarray:
     """(rows, columns, 2) x/z and y/z of the pixels of a lens with barrel distortion."""
     u, v = np.meshgrid(np.arange(columns) - columns / 2, np.arange(rows) - rows / 2)

@@ -257,7 +257,8 @@ def test_a_prior_spares_the_search_and_a_wrong_one_does_no_harm() -> None:
     wrong = truth @ pose_matrix(Rotation.from_euler("x", 80, degrees=True).as_matrix(), np.ones(3))
     found = register(target_view(a), target_view(b), None, wrong)
     assert found.status is Status.OK
-    assert np.abs(found.pose_b_from_a - good.pose_b_from_a).max() < 2e-3
+    # It ends where a step is half a standard deviation, of 0.08 deg or 7 mm at the sensor.
+    assert np.abs(found.pose_b_from_a - good.pose_b_from_a).max() < 4e-3
 
 
 @pytest.mark.parametrize("name", ["n1", "n5"])

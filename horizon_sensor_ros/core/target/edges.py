@@ -8,11 +8,12 @@ from itertools import product
 
 import numpy as np
 
-from horizon_sensor_ros.core.target.planes import Planes
+from horizon_sensor_ros.core.target.planes import LIMB_BEND, Planes, limb_reach_px
 from horizon_sensor_ros.core.target.range_image import RangeImage
 
-# Standard deviation, in pixels, of the place of a face's end, a limb, a thin part, a crease.
-_EDGE_PX, _LIMB_EDGE_PX, _THIN_EDGE_PX, _CREASE_PX = 0.25, 0.6, 0.5, 0.35
+# Standard deviation, in pixels, of the place of a face's end, a thin part, one that runs obliquely,
+# a crease. An oblique one counts little: along the whole of it its places are off alike.
+_EDGE_PX, _THIN_EDGE_PX, _OBLIQUE_EDGE_PX, _CREASE_PX = 0.25, 0.5, 1.5, 0.35
 # A plate's rim, of unknown thickness and seen at the cosine c, moves the face's end by as much as
 # c pixels, all along the edge alike; so many pixels do for that as if they were independent.
 _RIM_PX = 8.0
@@ -21,22 +22,28 @@ _RIM_PX = 8.0
 _OFF_PLANE, _BEHIND = 2.5, 4.0
 _BEHIND_PX = 1.5
 _MIN_SHARP_COSINE = 0.25
-# Within so many pixels before its limb a curved body bends by an angle with a cosine between
-# these; what bends more is another face.
-_LIMB_PX = 5
-_LIMB_BEND = np.cos(np.radians([10.0, 55.0]))
 _THIN_PX, _HOLE_PX = 7, 2
 _FEWEST_PLACES, _MOST_PLACES = 8, 6000
 _EDGE_REACH_PX = 4.6
 # So far along both steps outwards may lie two places with different ones.
 _SLANT_PX = 2.5
+# Least number of places of a line, and of one along an oblique thin part, which has both kinds of
+# them: fewer lie between two holes as well. Their mean squares across a line at most, and along it
+# at least, pixels^2.
+_FEWEST_ON_LINE, _FEWEST_OBLIQUE, _WIDEST_LINE, _SHORTEST_LINE = 5, 8, 0.25, 1.0
 # Planes of a crease: least difference of their slopes, and largest distance of where they meet
 # from the pixels between which they change.
 _MIN_BEND = 0.5
+# And the cosine of the least angle between them: near a limb planes of windows side by side differ
+# much in slope, and little in direction.
+_CREASE_BEND = np.cos(np.radians(25.0))
 _CREASE_REACH_PX = 1.0
 _MIN_CREASE_COSINE = 0.1
 # Steps outwards, in pixels (u, v).
 _WAYS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1)])
+# Of two places with such ways: 1 where they are on the same side of a line that falls to the right,
+# as up and right are, -1 of one that rises, 0 of either.
+_LEAN = -np.sign(np.multiply.outer(*_WAYS.T) + np.multiply.outer(*_WAYS.T).T)
 
 
 def _beside(way: int) -> np.ndarray:
@@ -97,15 +104,14 @@ def _none() -> Edges:
 class _Places:
     """Half way between a surface's last pixel and the next one: that pixel (flat) and which of
     _WAYS leads outwards, (P,), in the order of the ways; pixel coordinates (2, P); inverse depth;
-    whether it is a face's, and may be its limb; its normal (3, P)."""
+    whether it is a face's; whether the surface is but a few pixels wide there."""
 
     pixel: np.ndarray
     way: np.ndarray
     spot: np.ndarray
     inverse_depth: np.ndarray
     sharp: np.ndarray
-    limb: np.ndarray
-    normal: np.ndarray
+    thin: np.ndarray
 
 
 def _ends(image: RangeImage, planes: Planes) -> Edges:
@@ -151,25 +157,21 @@ def _ends(image: RangeImage, planes: Planes) -> Edges:
     keep &= ~(next_found & found[k] & lead)
     sharp = cosine[k] > _MIN_SHARP_COSINE
     backs = k - np.arange(1, _THIN_PX + 1)[:, None] * step
-    thin = (inverse[backs] < inverse[k] - own + behind).any(axis=0)
+    past = inverse[k] - own + behind
+    thin = (inverse[backs] < past).any(axis=0)
     keep &= sharp | thin
     # Of a cloud with holes all over, a part bounds the time.
     keep = np.flatnonzero(keep)
     keep = keep[:: 1 + len(keep) // _MOST_PLACES]
     k, way, sharp = k[keep], way[keep], sharp[keep]
-    # Where the surface bends before its end, that may be a limb, which moves over the surface as
-    # the body turns.
-    inwards = k - _LIMB_PX * step[keep]
-    normal = planes.normals.take(inwards, axis=0)
-    bend = np.einsum("ij,ij->i", planes.normals.take(k, axis=0), normal)
-    same = found[inwards] & (bend > _LIMB_BEND[1])
-    # A rim that shows bends the windows over it.
-    normal = planes.normals.take(np.where(same, inwards, k), axis=0).T.astype(float)
+    # Before a small hole a surface is not thin.
+    backs = k - np.arange(1, _THIN_PX + _HOLE_PX + 1)[:, None] * step[keep]
+    gap = inverse.take(backs, mode="clip") < past[keep]
+    thin = np.logical_and.reduce([gap[n : n + _THIN_PX] for n in range(_HOLE_PX + 1)]).any(axis=0)
     row, column = np.divmod(k, width)
     spot = np.array([column, row]) + 0.5 * _WAYS[way].T
     end = np.where(sharp, own[keep] + 0.5 * slope[keep], inverse[k]).astype(float)
-    places = _Places(k, way, spot, end, sharp, same & (bend < _LIMB_BEND[0]), normal)
-    return _lines(image, planes, places)
+    return _lines(image, planes, _Places(k, way, spot, end, sharp, thin))
 
 
 def _neighbours(places: _Places, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -193,6 +195,16 @@ def _neighbours(places: _Places, shape: tuple[int, int]) -> tuple[np.ndarray, np
     return i, j
 
 
+def _widths(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean squares (pixels^2) across and along the lines through places, and the angle of these to
+    the rows, (P,) each; of `_lines`' sums."""
+    n, u, v, _, uu, vv, uv = sums[:7]
+    u, v = u / n, v / n
+    uu, vv, uv = uu / n - u * u, vv / n - v * v, uv / n - u * v
+    mean, spread = (uu + vv) / 2, np.hypot((uu - vv) / 2, uv)
+    return mean - spread, mean + spread, 0.5 * np.arctan2(2 * uv, uu - vv)
+
+
 def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     """Fit a short straight line through each place and its neighbours on the same edge."""
     from scipy.sparse import csr_matrix  # noqa: PLC0415  heavy to import, and only used here
@@ -205,26 +217,31 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     reach = 6 * planes.sigma_m * w * w + 3 * w / image.focal_px
     same = np.flatnonzero(np.abs(w[j] - w[i]) < reach[i])
     i, j = i[same], j[same]
+    out_u, out_v = _WAYS[places.way].T
+    own = np.array([np.ones(size), u, v, w, u * u, v * v, u * v, u * w, v * w, out_u, out_v])
+    own = np.ascontiguousarray(own.T)
     first = np.zeros(size + 1, np.int32)
     np.cumsum(np.bincount(i, minlength=size), out=first[1:])
     near = csr_matrix((np.ones(len(j)), j, first), shape=(size, size))
     # Sums over each place and its neighbours.
-    out_u, out_v = _WAYS[places.way].T
-    own = np.array([np.ones(size), u, v, w, u * u, v * v, u * v, u * w, v * w, out_u, out_v])
-    own = np.ascontiguousarray(own.T)
     sums = np.ascontiguousarray((near @ own + near.T @ own + own).T)
+    oblique = places.thin & (_widths(sums)[0] >= _WIDEST_LINE)
+    place = np.flatnonzero(oblique)
+    if len(place) >= _FEWEST_OBLIQUE:
+        sums[:, place] = _of_one_side(sums[:, place], own, places.way, place, i, j)
     n = sums[0]
-    mean_u, mean_v, level, xx, yy, xy, xw, yw, out_u, out_v = sums[1:] / n
-    xx, yy, xy = xx - mean_u * mean_u, yy - mean_v * mean_v, xy - mean_u * mean_v
-    spread = np.hypot((xx - yy) / 2, xy)
-    wide, long = (xx + yy) / 2 - spread, (xx + yy) / 2 + spread
-    angle = 0.5 * np.arctan2(2 * xy, xx - yy)
+    mean_u, mean_v, level, xw, yw, out_u, out_v = sums[[1, 2, 3, 7, 8, 9, 10]] / n
+    wide, long, angle = _widths(sums)
     along = np.array([np.cos(angle), np.sin(angle)])
     turn = along[0] * out_v - along[1] * out_u
-    k = np.flatnonzero((n >= 5) & (wide < 0.25) & (long > 1.0) & (np.abs(turn) > 0.3))
+    across = np.array([-along[1], along[0]]) * np.sign(turn)
+    straight = (n >= _FEWEST_ON_LINE) & (wide < _WIDEST_LINE) & (long > _SHORTEST_LINE)
+    k = np.flatnonzero(straight & (np.abs(turn) > 0.3))
+    limb, normal = _before_end(planes, places.pixel[k], across[:, k])
+    edge = ~(limb & places.sharp[k])
+    k, normal = k[edge], normal[:, edge]
     u, v, w, mean_u, mean_v, level = u[k], v[k], w[k], mean_u[k], mean_v[k], level[k]
-    along, sharp, limb = along[:, k], places.sharp[k], places.limb[k]
-    across = np.array([-along[1], along[0]]) * np.sign(turn[k])
+    along, across, sharp = along[:, k], across[:, k], places.sharp[k]
     # The place on the line, and inverse depth along it.
     slope = along[0] * (xw[k] - mean_u * level) + along[1] * (yw[k] - mean_v * level)
     slope /= long[k]
@@ -237,13 +254,66 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     front *= -np.sign(_dot(front, ray))
     front[:, sharp] = np.nan
     # How far a side at right angles to the face would be turned towards the sensor.
-    outward = _cross(places.normal[:, k], direction)
+    outward = _cross(normal, direction)
     outward *= np.sign(_dot(outward, side))
     rim = -_dot(outward, ray) / np.sqrt(_dot(ray, ray))
-    edge_px = np.where(limb, _LIMB_EDGE_PX, _EDGE_PX)
-    edge_px = np.where(sharp, np.hypot(edge_px, _RIM_PX * np.maximum(rim, 0)), _THIN_EDGE_PX)
+    edge_px = np.where(sharp, np.hypot(_EDGE_PX, _RIM_PX * np.maximum(rim, 0)), _THIN_EDGE_PX)
+    edge_px = np.where(oblique[k], np.maximum(edge_px, _OBLIQUE_EDGE_PX), edge_px)
     sigma = edge_px / (smooth * image.focal_px)
     return Edges(points.T, side.T, direction.T, sigma, front.T, np.zeros(len(k), bool))
+
+
+def _of_one_side(
+    sums: np.ndarray,
+    own: np.ndarray,
+    way: np.ndarray,
+    place: np.ndarray,
+    i: np.ndarray,
+    j: np.ndarray,
+) -> np.ndarray:
+    """The (11, B) sums of the places ``place`` (B,) without the neighbours that lie on the other
+    side of a part, if that makes a narrower line.
+
+    Where a part is a few pixels thin and runs obliquely, a place that differs in its way by a right
+    angle may be on either side: beside the upper end of a column lies, of a part that falls to the
+    right, the right end of a row on the same side, and the left end on the other one.
+    """
+    row = np.full(len(own), -1, np.int32)
+    row[place] = np.arange(len(place))
+    of, other = np.concatenate([i, j]), np.concatenate([j, i])
+    some = np.flatnonzero(row[of] >= 0)
+    of, other = of[some], other[some]
+    lean = _LEAN[way[of], way[other]]
+    narrowest, wide = sums, _widths(sums)[0]
+    for falling in (-1, 1):
+        odd = np.flatnonzero(lean == falling)
+        at, left_out = row[of[odd]], own[other[odd]].T
+        narrow = sums - [np.bincount(at, each, len(place)) for each in left_out]
+        narrow_wide = _widths(narrow)[0]
+        better = (narrow_wide < wide) & (narrow[0] >= _FEWEST_OBLIQUE)
+        narrowest = np.where(better, narrow, narrowest)
+        wide = np.where(better, narrow_wide, wide)
+    return narrowest
+
+
+def _before_end(
+    planes: Planes, pixel: np.ndarray, across: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Whether flat pixel indices (N,) at the end of a surface, which ``across`` (2, N) leads over,
+    show the limb of a curved one; and the surface's normal before its end (3, N).
+
+    The end's plane may be that of a window some pixels inwards, so that it is held against one that
+    shares no return with it. Towards a limb the surface falls back and bends away; before a rim
+    that shows it comes nearer.
+    """
+    du, dv = np.rint(across * limb_reach_px(planes.radius_px)).astype(np.int64)
+    inwards = np.clip(pixel - (dv * planes.found.shape[1] + du), 0, planes.found.size - 1)
+    bend = np.einsum("ij,ij->i", planes.normals[pixel], planes.normals[inwards])
+    same = planes.found.ravel()[inwards] & (bend > LIMB_BEND[1])
+    rise = across[0] * planes.slope_u.ravel()[inwards] + across[1] * planes.slope_v.ravel()[inwards]
+    # A rim that shows bends the windows over it.
+    normal = planes.normals[np.where(same, inwards, pixel)].T.astype(float)
+    return same & (bend < LIMB_BEND[0]) & (rise < 0), normal
 
 
 def _creases(image: RangeImage, planes: Planes) -> Edges:
@@ -272,6 +342,9 @@ def _creases(image: RangeImage, planes: Planes) -> Edges:
         keep &= (slope[k] - slope[q]) * image.focal_px > 0.5 * _MIN_BEND * w
         keep &= np.minimum(cosine[k], cosine[q]) > _MIN_CREASE_COSINE
         keep = np.flatnonzero(keep & (np.abs(gap) < _CREASE_REACH_PX * bend))
+        normal = planes.normals
+        turned = np.einsum("ij,ij->i", normal.take(k[keep], axis=0), normal.take(q[keep], axis=0))
+        keep = keep[turned < _CREASE_BEND]
         k, gap, bend = k[keep], gap[keep], bend[keep]
         across = np.array([bend_u[keep], bend_v[keep]]) / bend
         off = across * (gap / bend) + np.array([[0.5 * du], [0.5 * dv]])

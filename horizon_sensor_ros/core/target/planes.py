@@ -25,6 +25,11 @@ _FLAT = 2.0
 # carried on to the pixels beside it its planes would lie off it, and those of windows cut off by
 # its limb lean, in both views alike.
 _CURVED = 4.0
+# Where a surface turns edge-on at less than this cosine, and within two windows bends towards the
+# sensor by an angle with a cosine between these, that is the limb of a curved body; what bends more
+# is another face.
+_LIMB_COSINE = 0.5
+LIMB_BEND = np.cos(np.radians([10.0, 55.0]))
 # Ranges come in steps that matter where these are above such a share of the noise.
 _COARSE_STEP = 0.2
 
@@ -37,7 +42,8 @@ class Planes:
         normals.  radius_px : of the windows.
     found : bool, where there is a plane.  own : bool, where it is that of the pixel's own window,
         whole where the surface is curved; elsewhere it is borrowed from a window beside it, or of
-        the part of a window that a limb leaves.
+        the part of a window that a limb leaves.  limb : bool, where that is the limb of a curved
+        body and the plane leans towards the sensor.
     level, slope_u, slope_v : float32, inverse depth of the plane at the pixel, and its change from
         one pixel to the next; without a plane that of the return, and 0.
     cosine : float32, between ray and normal.  noise : float32, of one return, of inverse depth.
@@ -51,6 +57,7 @@ class Planes:
     radius_px: int
     found: np.ndarray
     own: np.ndarray
+    limb: np.ndarray
     level: np.ndarray
     slope_u: np.ndarray
     slope_v: np.ndarray
@@ -81,7 +88,8 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     noise = np.float32(sigma) * inverse * inverse + inverse * np.float32(_BEND_PX / image.focal_px)
     flat = fit.flat(noise)
     sag, curved = _sag(fit, flat, sigma, radius)
-    firm = (~curved | (fit.count > (2 * radius + 1) ** 2 - 0.5)).ravel()
+    full = (2 * radius + 1) ** 2 - 0.5
+    firm = (~curved | (fit.count > full)).ravel()
     fit = replace(fit, level=fit.level + sag)
     own, lending = flat.ravel(), (flat & ~curved).ravel()
     found, slope_u, slope_v, level = _borrow_planes(fit, own, lending, seen, inverse, noise, radius)
@@ -109,11 +117,46 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     points[returns] = (ray / level[returns]).T
     normals[at] = (np.array([a, b, c]) / -length).take(good, axis=1).T
     shape = inverse.shape
+    own &= found & firm
+    limb = np.zeros(inverse.size, bool)
+    cut = at[(cosine[at] < _LIMB_COSINE) & (fit.count.ravel()[at] < full)]
+    limb[cut] = _at_limb(cut, slope_u, slope_v, cosine, normals, limb_reach_px(radius), shape[1])
+    own &= ~limb
     return Planes(
         sigma, footprint, sigma / footprint / _slope_gain(radius), radius, found.reshape(shape),
-        (own & found & firm).reshape(shape), level.reshape(shape), slope_u.reshape(shape),
+        own.reshape(shape), limb.reshape(shape), level.reshape(shape), slope_u.reshape(shape),
         slope_v.reshape(shape), cosine.reshape(shape), noise, points, normals,
     )  # fmt: skip
+
+
+def limb_reach_px(radius_px: int) -> int:
+    """So far within its end the bend of a surface is looked for: there the windows share no return
+    with those at the end."""
+    return 2 * radius_px + 1
+
+
+def _at_limb(
+    place: np.ndarray,
+    slope_u: np.ndarray,
+    slope_v: np.ndarray,
+    cosine: np.ndarray,
+    normals: np.ndarray,
+    reach_px: int,
+    width: int,
+) -> np.ndarray:
+    """Which of the flat indices ``place`` (P,) show the limb of a curved body.
+
+    The window of a pixel there is cut off by the limb, so that its plane is that of the surface
+    farther in and leans towards the sensor: by 3 to 10 deg, in both views alike, however the body
+    has turned. What tells it from a slanted face is the surface farther in, along the steepest
+    slope, which has turned on towards the sensor.
+    """
+    steepest = np.array([slope_u[place], slope_v[place]])
+    steepest *= reach_px / np.maximum(np.sqrt((steepest * steepest).sum(axis=0)), 1e-12)
+    du, dv = np.rint(steepest).astype(np.int64)
+    inwards = np.clip(place + dv * width + du, 0, len(cosine) - 1)
+    bend = np.einsum("ij,ij->i", normals[place], normals[inwards])
+    return (cosine[inwards] > cosine[place]) & (LIMB_BEND[1] < bend) & (bend < LIMB_BEND[0])
 
 
 def _range_noise(inverse: np.ndarray, seen: np.ndarray) -> float:

@@ -19,6 +19,9 @@ _STEEPEST = 5.0
 # A point of an organised cloud may lie so far from its pixel's middle; half a pixel on the next one
 # begins.
 _ORGANISED_OFF_PX = 0.45
+# On a regular grid, square or twice as wide as high, the disc to this neighbour holds as many
+# points as it has room for, within a twentieth.
+_NEIGHBOURS = 12
 # Smallest step of ranges that is still looked for, and the points it is looked for in.
 _SMALLEST_STEP_M, _STEP_POINTS = 5e-4, 2000
 # And of disparity, at the median depth.
@@ -238,24 +241,29 @@ def _plain_grid(tangent: np.ndarray, focal_px: float | None) -> _Grid:
             square = _square_grid(tangent, pixel, pitch, origin, MOST_OFF)
             if square is not None:
                 return square
-    distance = _nearest_distance(tangent, extent)
+    distance, area = _spacing(tangent, extent)
     # Points strewn at random: some two to a pixel leave one in seven empty.
-    area = max(extent * float(np.ptp(tangent, axis=1).min()), (extent / 50) ** 2)
-    pitch = max(2 * distance, extent / _MAX_SIDE_PX, np.sqrt(2 * area / tangent.shape[1]))
+    pitch = max(2 * distance, extent / _MAX_SIDE_PX, np.sqrt(2 * area))
     origin = tangent.min(axis=1)
     pixel = np.rint((tangent - origin[:, None]) / pitch).astype(np.int64)
     return _Grid(pixel, 1 / pitch, origin, np.ones(tangent.shape[1], bool))
 
 
-def _nearest_distance(tangent: np.ndarray, extent: float) -> float:
-    """Median distance of a point to its nearest other one, over at most 500 of them."""
+def _spacing(tangent: np.ndarray, extent: float) -> tuple[float, float]:
+    """Median distance of a point to its nearest other one, and the area that each has about it; of
+    at most 500 of them.
+
+    The area is that of the disc to the k-th neighbour over k. What the target leaves empty of the
+    box around it (beside an antenna, between the arms of a cross) does not count.
+    """
     from scipy.spatial import cKDTree  # noqa: PLC0415  a camera's clouds do without it
 
     cell = np.rint((tangent - tangent.min(axis=1)[:, None]) * (1e6 / extent)).astype(np.int64)
     unique = tangent.T[np.unique(cell[0] * 2_000_003 + cell[1], return_index=True)[1]]
     sample = unique[:: max(1, len(unique) // 500)]
-    distance = cKDTree(unique).query(sample, k=2)[0][:, 1]
-    return float(np.median(distance))
+    last = min(_NEIGHBOURS, len(unique) - 1)
+    distance = np.median(cKDTree(unique).query(sample, k=[2, last + 1])[0], axis=0)
+    return float(distance[0]), float(np.pi * distance[1] ** 2 / last)
 
 
 def _assemble(

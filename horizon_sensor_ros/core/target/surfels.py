@@ -13,8 +13,9 @@ from horizon_sensor_ros.core.target.parts import Parts, find_parts
 from horizon_sensor_ros.core.target.planes import Planes, local_planes, normal_noise
 from horizon_sensor_ros.core.target.range_image import RangeImage
 
-# What a plane borrowed from the next window may lean by on a curved surface, alike in both views.
-_BORROWED_TILT_RAD = 0.08
+# What a plane borrowed from the next window may lean by on a curved surface, alike in both views;
+# and one at the limb, where that goes edge-on (7 to 14 deg at a cosine below 0.2).
+_BORROWED_TILT_RAD, _LIMB_TILT_RAD = 0.08, 0.16
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +115,7 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     planes = local_planes(image, sigma_m)
     inverse = image.inverse_depth
     tilt = np.float32(_BORROWED_TILT_RAD) * ~planes.own.ravel()
+    tilt[planes.limb.ravel()] = _LIMB_TILT_RAD
     noise = np.zeros(inverse.size, np.float32)
     index = np.flatnonzero(planes.found)
     noise[index] = normal_noise(

@@ -96,6 +96,7 @@ class TargetTracker:
         self._before: _Known | None = None
         self._refused = 0
         self._odd: TargetView | None = None
+        self._flat: TargetView | None = None
         self._agreeing = 0
         self._stamp_ns: int | None = None
         self._why = why
@@ -168,10 +169,15 @@ class TargetTracker:
     def _start(self, view: TargetView, stamp_ns: int, why: str) -> TargetFix:
         assert view.surface is not None
         if view.surface.coplanar:
-            # It would fix half of the pose at best, and keep out the next good cloud.
-            return self._refuse(
-                Status.ILL_CONDITIONED, "all points lie on one plane", stamp_ns, view, None
-            )
+            # A plane fixes half of the pose, and would keep out the next good cloud; a plate's ends
+            # fix the rest, if two clouds in a row show it.
+            before, self._flat = self._flat, view
+            reason = "all points lie on one plane"
+            if before is not None:
+                found = register(before, view, self.config.registration)
+                reason = "" if found.status is Status.OK else f"{reason}: {found.reason}"
+            if reason:
+                return self._refuse(Status.ILL_CONDITIONED, reason, stamp_ns, view, None)
         self.reset()
         self._stamp_ns = stamp_ns
         centroid = view.image.rot_sensor_from_view @ view.image.centroid_m
@@ -261,7 +267,8 @@ def _delta_covariance(last: _Known, now: _Known) -> np.ndarray:
 
     Both poses' errors enter as far as they are not the same: against one keyframe its noise, half
     of each registration's variance, is shared; against the last view itself there is but one
-    registration; otherwise both count in full.
+    registration; otherwise both count in full. What is the same, the error of the target frame that
+    has grown since it was set, turns the axes in which the step is told.
     """
     apart = now.pose[:3, 3] - last.pose[:3, 3]
     move = np.eye(6)
@@ -274,4 +281,10 @@ def _delta_covariance(last: _Known, now: _Known) -> np.ndarray:
         total = now.covariance + move @ last.covariance @ move.T
     back = np.kron(np.eye(2), last.pose[:3, :3].T)
     covariance = back @ total @ back.T
+    if now.keyframe_ns in (last.stamp_ns, last.keyframe_ns):
+        delta = inverse_pose(last.pose) @ now.pose
+        turned = np.kron(np.eye(2), delta[:3, :3] - np.eye(3))
+        turned[3:, :3] = skew(delta[:3, 3])
+        turned = turned @ back
+        covariance += turned @ last.covariance @ turned.T
     return (covariance + covariance.T) / 2

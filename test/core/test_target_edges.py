@@ -1,0 +1,62 @@
+"""Edges of thin parts that run obliquely, drawn in closed form."""
+
+import numpy as np
+import pytest
+
+from horizon_sensor_ros.core.target.edges import Edges, find_edges
+from horizon_sensor_ros.core.target.planes import local_planes
+from horizon_sensor_ros.core.target.range_image import range_image
+
+FOCAL_PX, SIDE_PX, DEPTH_M = 320.0, 160, 4.0
+
+
+def edges_of_bar(angle_deg: float, width_px: float, seed: int) -> tuple[Edges, np.ndarray]:
+    """Edges of a flat bar across a disc behind it, as wide in the image as that; and its unit
+    normal (2,) there. Away from its ends."""
+    rng = np.random.default_rng(seed)
+    middle = (SIDE_PX - 1) / 2 + rng.uniform(-0.5, 0.5, 2)
+    u, v = np.meshgrid(*2 * [np.arange(float(SIDE_PX))])
+    off = np.stack([u - middle[0], v - middle[1]], axis=-1)
+    turn = np.radians(angle_deg)
+    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    on_bar = (np.abs(off @ across) < width_px / 2) & (np.abs(off @ along) < 65)
+    on_disc = np.hypot(*np.moveaxis(off, -1, 0)) < 20
+    depth = np.where(on_bar, DEPTH_M, np.where(on_disc, DEPTH_M + 1.0, np.nan))
+    depth += rng.normal(0, 0.004, depth.shape)
+    rays = np.stack([u / FOCAL_PX - 0.25, v / FOCAL_PX - 0.25, np.ones_like(u)], axis=-1)
+    image = range_image(rays * depth[..., None], FOCAL_PX)
+    edges = find_edges(image, local_planes(image))
+    spot = (edges.points[:, :2] / edges.points[:, 2:] + 0.25) * FOCAL_PX - middle
+    free = (np.abs(spot @ along) < 58) & (np.abs(spot @ along) > 28)
+    free &= np.abs(spot @ across) < 12
+    kept = Edges(
+        edges.points[free], edges.sides[free], edges.directions[free], edges.sigma_m[free],
+        edges.fronts[free], edges.creases[free],
+    )  # fmt: skip
+    return kept, (spot @ across)[free] * np.sign(edges.sides[free, :2] @ across)
+
+
+@pytest.mark.parametrize("width_px", [2.0, 3.0, 4.0])
+@pytest.mark.parametrize("angle_deg", [35.0, 42.0, 60.0, 125.0, 140.0])
+def test_both_sides_of_an_oblique_bar_are_edges(angle_deg: float, width_px: float) -> None:
+    """There were none at all."""
+    turn = np.radians(angle_deg)
+    across = np.array([-np.sin(turn), np.cos(turn)])
+    for seed in range(3):
+        edges, outwards_px = edges_of_bar(angle_deg, width_px, seed)
+        sides = edges.sides[:, :2] @ across
+        # Of 60 pixels of either side, with one place a row and a column.
+        assert np.count_nonzero(sides > 0.9) > 25
+        assert np.count_nonzero(sides < -0.9) > 25
+        assert np.mean(np.abs(sides) > 0.95) > 0.9
+        assert abs(np.median(outwards_px) - width_px / 2) < 0.3
+        assert np.quantile(np.abs(outwards_px - width_px / 2), 0.9) < 0.6
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 90.0])
+def test_a_bar_along_the_pixels_is_known_better(angle_deg: float) -> None:
+    straight, outwards_px = edges_of_bar(angle_deg, 3.0, 0)
+    oblique, _ = edges_of_bar(42.0, 3.0, 0)
+    assert len(straight) > 100
+    assert np.median(oblique.sigma_m) > 2 * np.median(straight.sigma_m)
+    assert abs(np.median(outwards_px) - 1.5) < 0.5
