@@ -21,10 +21,12 @@ from horizon_messages import (
     PERIOD_NS,
     START_NS,
     WIDTH,
+    attitude_at,
     camera_info_of,
     coarse_pose_of,
     image_of,
     imu_of,
+    nadir_of,
     recording,
     write_bag,
     write_parameters,
@@ -75,7 +77,8 @@ def test_bad_input_gives_a_reason_and_no_estimate_and_the_next_good_frame_works(
     start: Callable[..., Program], craft: Craft, params: list[str]
 ) -> None:
     for name in NODES:
-        start(name, *params)
+        # Frames are sent faster than their stamps say: the nodes are to wait for the other camera.
+        start(name, *params, "-p", "camera_timeout:=0.0")
     for node in NODES:
         words = "no camera_info yet for camera_1"
         craft.insist(lambda: craft.send_frame("camera_1", -1), node, words)
@@ -148,6 +151,36 @@ def test_bad_input_gives_a_reason_and_no_estimate_and_the_next_good_frame_works(
     for node in NODES:
         craft.wait_for_state("degraded", "camera_2 left out", node)
     craft.wait(lambda: all(craft.stamps(topic) == [2] for topic in ESTIMATES), "one fix each")
+
+
+def test_a_camera_that_falls_silent_is_flown_without_until_it_is_back(
+    start: Callable[..., Program], craft: Craft, params: list[str]
+) -> None:
+    for name in NODES:
+        start(name, *params, "-p", "camera_timeout:=1.0")
+    craft.match(NODES)
+    craft.expect_pair(0)
+    index = 0
+
+    def send_one() -> None:
+        nonlocal index
+        index += 1
+        craft.send_frame("camera_1", index)
+
+    for node in NODES:
+        craft.insist(send_one, node, "camera_2 left out: no usable frames for longer than")
+    craft.heard.clear()
+    send_one()
+    craft.wait(lambda: all(index in craft.stamps(topic) for topic in ESTIMATES), "one camera's fix")
+    vertical = craft.estimates("local_vertical")[-1].vector
+    off = np.array([vertical.x, vertical.y, vertical.z]) - nadir_of(*attitude_at(index))
+    assert np.degrees(np.linalg.norm(off)) < 0.3
+    # The first pair may come one frame after the other, and be a fix of the first one alone.
+    for _ in range(2):
+        index += 1
+        craft.expect_pair(index)
+    for node in NODES:
+        craft.wait_for_state("ok", "fix from camera_1, camera_2", node)
 
 
 def replayed(bag: Path) -> dict[str, list[Any]]:

@@ -252,9 +252,10 @@ def test_no_estimate_is_a_valid_bag(
 
 
 def test_one_camera_missing_is_said_and_no_error(
-    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """After camera_timeout, two seconds, the fixes come from the other one."""
+    """After camera_timeout, here two seconds, the fixes come from the other one."""
+    params = write_parameters(tmp_path / "params.yaml", camera_timeout=2.0)
     alone = [m for m in recording(40) if "camera_1" in m[0]]
     bag = write_bag(tmp_path / "in", alone)
     assert run(bag, tmp_path / "out", "--params", params) == 0

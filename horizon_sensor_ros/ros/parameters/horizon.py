@@ -284,7 +284,7 @@ HORIZON_PARAMETERS = (
     Parameter(
         "camera_timeout",
         "double",
-        2.0,
+        5.0,
         "A camera without a usable frame for longer than this, by the others' stamps, is left out, "
         "and the fixes come from the others, until it is back; 0: they wait for it.",
         unit="s",
