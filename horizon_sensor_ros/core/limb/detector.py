@@ -81,17 +81,14 @@ def detect_limb(
         consensus = ground_under_airglow(views, working, found, consensus, planet)
     else:
         consensus = consensus_about(found, *near)
-    lit = None
+    daylit = None
     if consensus.by_day is not None:
-        lit = _looked_for(views, images, planet, working, consensus.by_day)
-        if _under_daylit_air(lit):
-            consensus = consensus.by_day
-        else:
-            lit = None
+        daylit = _under_daylit_air(views, images, planet, working, consensus.by_day)
+        consensus = consensus if daylit is None else consensus.by_day
     if consensus.status is not Status.OK:
         return _nothing(views, working, consensus)
-    looked = lit or _looked_for(views, images, planet, working, consensus)
-    if near is None and not (lit or consensus.unanimous) and consensus.layer_rad == 0.0:
+    looked = daylit or _looked_for(views, images, planet, working, consensus)
+    if near is None and not (daylit or consensus.unanimous) and consensus.layer_rad == 0.0:
         below = _below_airglow(views, planet, working, found, looked)
         if below is not None:
             consensus = below
@@ -149,21 +146,26 @@ def follow_limb(
     return None
 
 
-def _under_daylit_air(found: Detection) -> bool:
-    """Whether every limb was separated from the glow above it, and that fades as the Earth's air
-    does by day. The upper side of a layer of airglow does so over a quarter of that.
+def _under_daylit_air(
+    views: Sequence[CameraView],
+    images: Sequence[np.ndarray],
+    planet: Planet,
+    working: Sequence[WorkingImage],
+    consensus: Consensus,
+) -> Detection | None:
+    """Limb near a consensus that may be that of a layer of airglow; None unless every limb can be
+    separated from the glow above it, and that fades as the Earth's air does by day. The upper side
+    of a layer of airglow fades over a quarter of that.
     """
+    found = _looked_for(views, images, planet, working, consensus)
+    low, high = (share * USUAL_HEIGHT for share in _USUAL_SHARES)
     seen = [
-        (limb, kinds)
+        limb.glow_separated
+        and any(kind.air is not None and low < kind.air.height < high for kind in kinds)
         for limb, kinds in zip(found.limbs, found.looks, strict=True)
         if limb.status is Status.OK
     ]
-    low, high = (share * USUAL_HEIGHT for share in _USUAL_SHARES)
-    return bool(seen) and all(
-        limb.glow_separated
-        and any(kind.air is not None and low < kind.air.height < high for kind in kinds)
-        for limb, kinds in seen
-    )
+    return found if seen and all(seen) else None
 
 
 def _nothing(
