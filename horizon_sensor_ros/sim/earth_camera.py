@@ -35,7 +35,8 @@ BoolArray = NDArray[np.bool_]
 Image = NDArray[np.float32]
 
 _SUBPIXELS = 8
-_TWILIGHT = 0.02  # half-width of the terminator in the cosine of the Sun's zenith angle
+# Half-widths of the terminator in the cosine of the Sun's zenith angle: on the ground, and in air.
+_TWILIGHT, _AIR_TWILIGHT = 0.02, 0.12
 _DARKEST_GROUND = 0.08  # of smooth ground, over its mean brightness
 _FAINTEST_AIR = 12.0  # scale heights up to which the air's glow is drawn
 _CLEAR_AIR = 0.1  # optical depth of air that hides nothing
@@ -116,7 +117,7 @@ class _World:
             light = np.full(len(points), scene.uniform_dn, np.float32)
         if self.lamp is not None:
             cos_sun = self._normals(points) @ self.lamp
-            day = 0.5 * (cos_sun + np.sqrt(cos_sun * cos_sun + _TWILIGHT**2))
+            day = _sine(cos_sun, _TWILIGHT)
             light = light * np.maximum(day**0.7, scene.night_light).astype(np.float32)
             if scene.city_dn > 0.0:
                 dark = np.clip(-(cos_sun + 0.05) * 10.0, 0.0, 1.0)
@@ -192,10 +193,20 @@ class _World:
         """
         if self.lamp is None:
             return 1.0
-        day = np.clip((self._normals(points) @ self.lamp + 0.10) / 0.35, 0.0, 1.0)
-        light = np.maximum(day * day * (3.0 - 2.0 * day), self.scene.night_light)
+        cos_sun = self._normals(points) @ self.lamp
+        if self.scene.air_light == "sine":
+            day = _sine(cos_sun, _AIR_TWILIGHT)
+        else:
+            day = np.clip((cos_sun + 0.10) / 0.35, 0.0, 1.0)
+            day = day * day * (3.0 - 2.0 * day)
+        light = np.maximum(day, self.scene.night_light)
         scattered = 0.75 * (1.0 + np.square(rays @ self.lamp)) - 1.0
         return np.asarray(light * (1.0 + self.scene.air_rayleigh * scattered))
+
+
+def _sine(cos_sun: FloatArray, width: float) -> FloatArray:
+    """Cosines of the Sun's zenith angle (N,) by day; by night none, with a soft transition."""
+    return np.asarray(0.5 * (cos_sun + np.sqrt(cos_sun * cos_sun + width**2)))
 
 
 def _through_air(column: FloatArray, depth: float) -> tuple[FloatArray, FloatArray]:

@@ -16,6 +16,7 @@ from horizon_sensor_ros.core.planet import Planet
 Vector3 = tuple[float, float, float]
 
 TEXTURES = ("uniform", "clouds", "smooth")
+AIR_LIGHTS = ("even", "sine")
 
 
 def unit_vector(vector: Sequence[float] | np.ndarray) -> Vector3:
@@ -50,6 +51,9 @@ class EarthScene:
     air_dn: float = 0.0  # glow of the lit air just above the limb
     air_scale_height_m: float = 9000.0
     air_inside: float = 1.0  # glow just inside the limb over that just outside; thin air: 0.5
+    # How brightly the Sun lights it: evenly by day and less through twilight, or as the sine of the
+    # Sun's height, as it does ground.
+    air_light: str = "even"
     air_rayleigh: float = 0.0  # share of it that goes with Rayleigh's phase function of the Sun
     # Optical depth of the air along a ray that grazes the limb: 4 in red light, 7 in green, 15 in
     # blue. It hides what lies behind it, and air_dn is then how bright it gets. 0: none.
@@ -69,6 +73,8 @@ class EarthScene:
     def __post_init__(self) -> None:
         if self.texture not in TEXTURES:
             raise ValueError(f"texture must be one of {TEXTURES}, got {self.texture!r}")
+        if self.air_light not in AIR_LIGHTS:
+            raise ValueError(f"air_light must be one of {AIR_LIGHTS}, got {self.air_light!r}")
         if not 0.0 < self.cloud_cover < 1.0:
             raise ValueError(f"cloud_cover must be between 0 and 1, got {self.cloud_cover}")
         if self.air_scale_height_m <= 0.0:

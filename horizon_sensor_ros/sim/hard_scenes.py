@@ -364,6 +364,16 @@ def _daylight(draft: _Draft, rng: np.random.Generator) -> _Draft:
     return replace(shown, sun_zenith_rad=float(rng.uniform(0.0, 1.2)))
 
 
+def _low_sun(draft: _Draft, rng: np.random.Generator) -> _Draft:
+    """Air that the Sun, high above to below the horizon, lights as it does ground: unevenly."""
+    shown = draft.show(air_dn=float(rng.uniform(60.0, 220.0)), air_light="sine")
+    return replace(
+        shown,
+        altitude_m=float(rng.uniform(250e3, 1000e3)),
+        sun_zenith_rad=float(np.arccos(rng.uniform(-0.3, 1.0))),
+    )
+
+
 def _haze(draft: _Draft, rng: np.random.Generator) -> _Draft:
     """Air as thick as the Earth's, which hides the ground at the limb: red light to hazy blue."""
     return replace(
@@ -403,4 +413,4 @@ KINDS: dict[str, Callable[[_Draft, np.random.Generator], _Draft]] = {
     "saturated": _saturated,
 }
 # Some are drawn only when they are named, and not in turn with the others.
-ALL_KINDS = KINDS | {"daylight": _daylight, "haze": _haze}
+ALL_KINDS = KINDS | {"daylight": _daylight, "haze": _haze, "low_sun": _low_sun}

@@ -126,10 +126,15 @@ def test_twilight_is_not_taken_for_even_glow() -> None:
     limb = cone_rays(np.array([0.0, 0.0, 1.0]), rho, np.zeros(1))[0]
     along = np.cross([0.0, 0.0, 1.0], limb)
     twilight = _air(1, sun_direction=unit_vector(ROT_WORLD_FROM_BASE @ along))
-    assert isinstance(_fitted(twilight, altitude_m, 0)[0], UnevenGlow)
+    found = _fitted(twilight, altitude_m, 0)[0]
+    assert isinstance(found, UnevenGlow) or (found is not None and found.alone.air.twilit)
 
 
-def test_towards_the_terminator_the_part_in_daylight_lies_where_it_does() -> None:
+@pytest.mark.parametrize("air_light", ["even", "sine"])
+def test_towards_the_terminator_the_lit_part_lies_where_it_does(air_light: str) -> None:
+    """Whatever law the glow follows there: one that is even by day, or the sine of the Sun's
+    height.
+    """
     altitude_m, down = 400e3, np.array([0.0, 0.0, 1.0])
     rho = Planet().rho_from_altitude(altitude_m)
     parts, chi = [], []
@@ -140,17 +145,20 @@ def test_towards_the_terminator_the_part_in_daylight_lies_where_it_does() -> Non
             turn = np.radians(turn_deg)
             aside = np.cos(turn) * out + np.sin(turn) * np.cross(down, out)
             sun = unit_vector(ROT_WORLD_FROM_BASE @ (aside - 0.08 * down))
-            limb, off_px = _fitted(_air(seed, sun_direction=sun), altitude_m, seed)
+            scene = _air(seed, sun_direction=sun, air_light=air_light)
+            limb, off_px = _fitted(scene, altitude_m, seed)
             if not isinstance(limb, GlowPoints):
                 continue
             assert limb.alone is not None
-            first, last = limb.alone.air.part
-            parts.append(last - first)
-            assert 10 <= len(limb.px) <= 27 * parts[-1] + 1
             slope_px = 0.5 * (off_px[-1] - off_px[0])
             chi.append(off_px.mean() / np.hypot(limb.shift_px, 0.41 * limb.coherent_px))
             chi.append(slope_px / (0.72 * limb.coherent_px))
-    assert np.count_nonzero(np.array(parts) < 1.0) >= 5
+            if limb.alone.air.part is not None:
+                first, last = limb.alone.air.part
+                parts.append(last - first)
+                assert 10 <= len(limb.px) <= 27 * parts[-1] + 1
+    assert len(parts) >= 5
+    assert min(parts) < 1.0
     assert np.abs(chi).max() < 3.0
 
 
@@ -265,6 +273,12 @@ def test_derivatives_of_the_glow_are_those_of_its_brightness() -> None:
 
 
 _TRUE_AIR = Air(USUAL_HEIGHT, np.array([np.log(120.0), 0.0, 0.0]), USUAL_SHARE, 0.75, 8.0, 0.75)
+_TWILIT_AIR = replace(
+    _TRUE_AIR,
+    log_glow=np.array([np.log(120.0), 0.6, -0.4]),
+    part=(0.0, 1.0),
+    further=np.array([0.1, -0.05, 0.02]),
+)
 _OFF = {
     "background": 0.5,
     "psf_px": 0.04,
@@ -276,8 +290,9 @@ _OFF = {
 
 @pytest.mark.parametrize("altitude_m", [300e3, 900e3])
 @pytest.mark.parametrize(("ground_dn", "most_px"), [(0.0, 0.02), (60.0, 0.06)])
+@pytest.mark.parametrize("true_air", [_TRUE_AIR, _TWILIT_AIR], ids=["day", "twilight"])
 def test_a_step_from_beside_the_truth_leads_back_to_it(
-    altitude_m: float, ground_dn: float, most_px: float
+    altitude_m: float, ground_dn: float, most_px: float, true_air: Air
 ) -> None:
     """Of profiles that are the model's own, without noise: over dark ground the glow's edge alone
     shows the limb.
@@ -287,14 +302,17 @@ def test_a_step_from_beside_the_truth_leads_back_to_it(
     rho = Planet().rho_from_altitude(altitude_m)
     sight = look_along(frame.image, view, frame.truth.nadir_base, rho, 20.0, 1)
     assert sight is not None
-    keep, air = np.ones(len(sight), dtype=bool), _TRUE_AIR
+    keep, air = np.ones(len(sight), dtype=bool), true_air
+    log_glow = np.polynomial.polynomial.polyval(sight.along, air.log_glow)
+    for degree, size in enumerate(air.further, 3):
+        log_glow += size * np.polynomial.Legendre.basis(degree)(sight.along)
 
     def profiles(out_px: float) -> np.ndarray:
         lengths, edges = air.height / sight.rise, sight.d_px - out_px
         inside = [air_inside(edges, air.psf_px, length).bright for length in lengths]
         glow = glow_outside(sight.distance - out_px, air.psf_px, lengths).bright
         ground = ground_dn * normal_cdf(-edges / air.psf_px)
-        bright = np.exp(air.log_glow[0]) * (glow + air.share * np.array(inside))
+        bright = np.exp(log_glow)[:, None] * (glow + air.share * np.array(inside))
         return np.asarray(air.background + bright + ground)
 
     there = step_towards(replace(sight, profiles=profiles(0.0)), air, keep).change
@@ -312,11 +330,16 @@ _INNER_PX, _VARIANCE = np.arange(-4.0, 4.0), np.linspace(0.2, 0.6, 8)
 
 
 def _covariance(
-    edges_px: np.ndarray, psf_px: float, strength: float, others_px: np.ndarray | None = None
+    edges_px: np.ndarray,
+    psf_px: float,
+    strength: float,
+    others_px: np.ndarray | None = None,
+    lit: np.ndarray | None = None,
 ) -> np.ndarray:
     """Of the ground in all samples, without noise, of stretches whose edges (9,) lie so far out; or
-    between those and others, seen with the usual blur.
+    between those and others, seen with the usual blur. lit : (9,) shares of light, all by default.
     """
+    lit = np.ones(_NUM) if lit is None else lit
     blurs = [seen_depths(_INNER_PX - edge, psf_px) for edge in edges_px]
     steps = normal_cdf((edges_px[:, None] - _INNER_PX) / psf_px)
     beside, rises = blurs, steps
@@ -329,8 +352,8 @@ def _covariance(
         for j, (other, seen) in enumerate(beside):
             apart = along_sight(root, _PITCH)[:, None] - along_sight(other, _PITCH)
             alike = rough_correlation(along[i] - along[j]) * rough_correlation(apart)
-            level = _BRIGHT**2 * (1.0 + 0.15**2 * (i == j))
-            out[i, :, j] = strength**2 * blur @ alike @ seen.T
+            level = _BRIGHT**2 * (lit[i] * lit[j] + 0.15**2 * (i == j))
+            out[i, :, j] = lit[i] * lit[j] * strength**2 * blur @ alike @ seen.T
             out[i, :, j] += level * np.outer(steps[i], rises[j])
     return out.reshape(8 * _NUM, 8 * _NUM)
 
@@ -352,15 +375,19 @@ def _in_axes(ground: Ground, seen: np.ndarray, strength: float) -> tuple[np.ndar
     return weights, float((axes * weights).sum() + log_det)
 
 
+@pytest.mark.parametrize("lit", [None, np.linspace(1.0, 0.1, _NUM)], ids=["day", "twilight"])
 @pytest.mark.parametrize("doubt", _DOUBTS)
-def test_ground_along_its_axes_is_the_gaussian_field_written_out(doubt: np.ndarray) -> None:
-    ground = Ground(_INNER_PX, _PSF_PX, _PITCH, _STRETCH_PX, _KEEP, _BRIGHT, _VARIANCE, doubt)
+def test_ground_along_its_axes_is_the_gaussian_field_written_out(
+    doubt: np.ndarray, lit: np.ndarray | None
+) -> None:
+    of = (_INNER_PX, _PSF_PX, _PITCH, _STRETCH_PX, _KEEP, _BRIGHT, _VARIANCE, doubt)
+    ground = Ground(*of, lit)
     seen = np.random.default_rng(1).normal(size=(_NUM, 8))
     noise = np.diag(np.tile(_VARIANCE, _NUM) + doubt.ravel())
     flat, straight = seen.ravel(), np.zeros(_NUM)
 
     def cost(strength: float) -> float:
-        cov = _covariance(straight, _PSF_PX, strength) + noise
+        cov = _covariance(straight, _PSF_PX, strength, lit=lit) + noise
         return float(flat @ np.linalg.solve(cov, flat) + np.linalg.slogdet(cov)[1])
 
     # But for what is common to all strengths.
@@ -369,11 +396,11 @@ def test_ground_along_its_axes_is_the_gaussian_field_written_out(doubt: np.ndarr
     assert np.isclose(likelihood - weaker, cost(_STRENGTH) - cost(0.5 * _STRENGTH))
 
     small = 1e-3
-    cov = _covariance(straight, _PSF_PX, _STRENGTH) + noise
+    cov = _covariance(straight, _PSF_PX, _STRENGTH, lit=lit) + noise
     precise = np.linalg.solve(cov, flat) / (2.0 * small)
     by_limb, by_blur = ground.derivatives(weights, _STRENGTH)
     out, back, wider, narrower = (
-        _covariance(straight + edge, _PSF_PX + blur, _STRENGTH, straight) @ precise
+        _covariance(straight + edge, _PSF_PX + blur, _STRENGTH, straight, lit) @ precise
         for edge, blur in ((small, 0.0), (-small, 0.0), (0.0, small), (0.0, -small))
     )
     scale = np.abs(by_limb).max()
@@ -381,7 +408,7 @@ def test_ground_along_its_axes_is_the_gaussian_field_written_out(doubt: np.ndarr
     assert np.allclose(by_blur.ravel(), wider - narrower, atol=0.05 * scale)
 
     def half_volume(edges_px: np.ndarray, psf_px: float) -> float:
-        cov = _covariance(edges_px, psf_px, _STRENGTH) + noise
+        cov = _covariance(edges_px, psf_px, _STRENGTH, lit=lit) + noise
         return float(0.5 * np.linalg.slogdet(cov)[1] / (2.0 * small))
 
     edges, blur = ground.volume(ground.precision(np.array([_STRENGTH]))[0], _STRENGTH)
@@ -390,6 +417,10 @@ def test_ground_along_its_axes_is_the_gaussian_field_written_out(doubt: np.ndarr
         assert np.isclose(edge, numeric, atol=0.03)
     numeric = half_volume(straight, _PSF_PX + small) - half_volume(straight, _PSF_PX - small)
     assert np.isclose(blur, numeric, rtol=0.02)
+    # Stretch by stretch.
+    for i, (off, cost) in enumerate(zip(seen, ground.cost(seen, _STRENGTH), strict=True)):
+        of_one = slice(8 * i, 8 * (i + 1))
+        assert np.isclose(cost, off @ np.linalg.solve(cov[of_one, of_one], off))
 
 
 def test_a_blind_sample_costs_nothing_however_far_off() -> None:

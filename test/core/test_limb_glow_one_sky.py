@@ -69,6 +69,7 @@ def test_limbs_told_together_are_the_mean_over_laws_written_out() -> None:
         known = np.linalg.inv(np.linalg.inv(limb.cov) - np.diag(limb.beforehand))
         usual = np.zeros(7)
         usual[3] = limb.air.edge_psf_px
+        usual[6] = -0.5 * limb.air.log_glow[1] ** 2  # of the logarithm of an even change
         seen.append(known @ (np.linalg.solve(limb.cov, limb.value) - limb.beforehand * usual))
         noise[7 * i : 7 * i + 7, 7 * i : 7 * i + 7] = 2.5**2 * known
         base = view.camera.rays(limb.px) @ view.rot_base_from_cam.T
@@ -79,6 +80,7 @@ def test_limbs_told_together_are_the_mean_over_laws_written_out() -> None:
     focus = np.mean([limb.air.edge_psf_px for limb in limbs])
     off = np.concatenate(seen)
     off[[3, 10]] -= focus
+    off[[6, 13]] += [0.5 * limb.air.log_glow[1] ** 2 for limb in limbs]
     waves_to_log = np.concatenate(polynomials)
     share = np.repeat([0.75, 0.2, 0.05], 2)
     likely, means, covs = [], [], []
@@ -93,7 +95,8 @@ def test_limbs_told_together_are_the_mean_over_laws_written_out() -> None:
             gain = law @ np.linalg.inv(law + noise)
             means.append(gain @ off)
             covs.append(law - gain @ law)
-            likely.append(multivariate_normal(np.zeros(14), law + noise).logpdf(off))
+            seen_so = multivariate_normal(np.zeros(14), law + noise).logpdf(off)
+            likely.append(seen_so + 0.2 * np.log(amplitude))
     weight = np.exp(np.array(likely) - max(likely))
     weight /= weight.sum()
     mean = weight @ np.array(means)
@@ -166,14 +169,15 @@ def test_lenses_that_blur_unlike_each_other_claim_what_they_are_off_by() -> None
     assert np.mean(nees) < 3.0
 
 
-@pytest.mark.parametrize("kind", ["air", "daylight"])
+@pytest.mark.parametrize("kind", ["air", "daylight", "low_sun"])
 def test_two_cameras_claim_what_they_are_off_by_under_even_and_uneven_glow(kind: str) -> None:
     nees = []
     for scene in hard_scenes(16, 21, (kind,)):
         fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
         if fix.ok:
             nees.append(nadir_nees(fix.fit, scene.frames[0].truth.nadir_base))
-    assert len(nees) >= 14
+    # With the Sun below the horizon some show nothing.
+    assert len(nees) >= (11 if kind == "low_sun" else 14)
     assert 0.3 < np.mean(nees) < 3.0
     assert sorted(nees)[-2] < 12.0
 

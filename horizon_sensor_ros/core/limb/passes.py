@@ -212,8 +212,9 @@ def _separate_the_rest(
     # The blur is one in pixels of a frame's size.
     whole = [i for i, frame in enumerate(frames) if frame.factor == 1]
     known = next((held[i] for i in whole if seen[i].limb.glow_separated), ())
-    if not cone.ok or not known:
+    if not cone.ok or not known or known[0].air is None:
         return
+    known = (replace(known[0], air=known[0].air.elsewhere),)
     for i in whole:
         if seen[i].limb.status is Status.OK and not _of_ground(seen[i].limb, held[i]):
             about = cone.nadir_base, cone.rho_rad

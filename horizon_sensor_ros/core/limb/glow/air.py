@@ -1,7 +1,7 @@
 """The air that glows above a limb: its unknowns, and what is known of them beforehand.
 
 All stretches of a limb are seen through the same air. `glow.limb` has the model that the symbols
-are of. A fit's 13 unknowns are a vector, of which these are the places:
+are of. A fit's P unknowns, 13 by day, are a vector, of which these are the places:
 
 - 0 to 2, `LIMB`: nadir's two tangent components, and rho;
 - 3, `BACKGROUND`: gray level of the sky;
@@ -12,7 +12,8 @@ are of. A fit's 13 unknowns are a vector, of which these are the places:
 - 9, `SHARE`: brightness of the air in front of the ground, over that above the limb;
 - 10, `FADING`: logarithm of the light that the lens loses from its axis to the frame's corners;
 - 11, 12, `STRAY`: gray levels by which the background rises from the middle of the limb to its end,
-  and a pixel outwards.
+  and a pixel outwards;
+- from 13 on, only towards the terminator: further powers of the place along the limb in log A.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from horizon_sensor_ros.core.limb.glow.fading import FADING_SIGMA
+from horizon_sensor_ros.core.limb.glow.twilight import FURTHER
 
 LIMB, BACKGROUND, BLUR, LOG_GLOW, LOG_HEIGHT, SHARE, FADING = slice(3), 3, 4, slice(5, 8), 8, 9, 10
 STRAY = slice(11, 13)
@@ -44,13 +46,22 @@ _BEND_SIGMA = 0.02  # likewise
 _BEND_OF_SLOPE = 0.4  # a steeper slope bends more: one sigma besides, over the slope
 # Over A, of stray light along the limb, and outwards, where a layer of airglow shines above it.
 _STRAY_SIGMA = np.array([0.05, 0.001])
+# Of log A towards the terminator, by whatever law: slope and bend, and further powers.
+_TWILIT_SIGMA = np.array([1.0, 0.5])
+_FURTHER_SIGMA = np.array([0.2, 0.1, 0.05])
 BLURS_PX = 0.35, 1.7  # blurs that pixels can tell
 SHARES = 0.0, 1.2  # shares that air may have
-WHOLE = 0.0, 1.0  # limb, from one end in sight to the other
 _MOST_CHANGE = 0.3  # of logarithms, in a step
 # Largest changes of the last step.
 _NEAR = 0.15  # of logarithms and shares
 _NEAR_BLUR_PX = 0.02
+
+
+def usual_bend(log_glow: np.ndarray) -> float:
+    """Bend of log A where A itself changes evenly along the limb, as the sine of the Sun's height
+    does; log_glow : (3,) of which the slope counts.
+    """
+    return -0.5 * float(log_glow[1]) ** 2
 
 
 @dataclass(frozen=True)
@@ -59,8 +70,10 @@ class Air:
 
     height, log_glow (3,), share, psf_px, background, fading, stray (2,) : the unknowns of the air,
     see the top of this file; the height itself, not its logarithm.
-    edge_psf_px : blur of edges found one by one, pixels. part : of the limb in sight that the fit
-    is of, from 0 to 1 along it. faint : the glow is so weak that there may be none.
+    edge_psf_px : blur of edges found one by one, pixels. part : of the limb in sight that is lit
+    and fitted, from 0 to 1 along it, towards the terminator; None by day, of all of it. further :
+    (0,) by day, else (3,) of log A, see `twilight.further_powers`. faint : the glow is so weak
+    that there may be none.
     """
 
     height: float
@@ -69,13 +82,32 @@ class Air:
     psf_px: float
     background: float
     edge_psf_px: float
-    part: tuple[float, float] = WHOLE
+    part: tuple[float, float] | None = None
     fading: float = 0.0
     stray: np.ndarray = field(default_factory=lambda: np.zeros(2))
     faint: bool = False
+    further: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def twilit(self) -> bool:
+        """Whether the glow fades towards the terminator, and the fit is of the lit part."""
+        return self.part is not None
+
+    def lit_in(self, part: tuple[float, float] | None) -> Air:
+        """The same above a part of the limb towards the terminator, or above all of it by day."""
+        count = 0 if part is None else FURTHER
+        further = self.further if len(self.further) == count else np.zeros(count)
+        return replace(self, part=part, further=further)
+
+    @property
+    def elsewhere(self) -> Air:
+        """The same above another limb, of which it is not known how the Sun lights it."""
+        if not self.twilit:
+            return self
+        return replace(self.lit_in(None), log_glow=np.array([self.log_glow[0], 0.0, 0.0]))
 
     def changed(self, change: np.ndarray) -> Air:
-        """The same after a step (13,)."""
+        """The same after a step (P,)."""
         logs = np.clip(change[_LOGS], -_MOST_CHANGE, _MOST_CHANGE)
         return replace(
             self,
@@ -86,15 +118,16 @@ class Air:
             share=self.share + float(change[SHARE]),
             fading=self.fading + float(change[FADING]),
             stray=self.stray + change[STRAY],
+            further=self.further + np.clip(change[NUM:], -_MOST_CHANGE, _MOST_CHANGE),
         )
 
     def near(self, change: np.ndarray) -> bool:
-        """Whether a step (13,) changes so little that what it takes to be linear is."""
+        """Whether a step (P,) changes so little that what it takes to be linear is."""
         of_air = np.abs(change[_OF_AIR]).max()
         return bool(of_air <= _NEAR and abs(float(change[BLUR])) <= _NEAR_BLUR_PX)
 
     def beforehand(self) -> tuple[np.ndarray, np.ndarray]:
-        """Information (13,) of what is known beforehand, with a lens that fades, and its pull (13,)
+        """Information (P,) of what is known beforehand, with a lens that fades, and its pull (P,)
         from these values.
         """
         bend = math.hypot(_BEND_SIGMA, _BEND_OF_SLOPE * self.log_glow[1])
@@ -102,12 +135,18 @@ class Air:
         sigma[BLUR] = BLUR_SIGMA_PX
         sigma[6:11] = _SLOPE_SIGMA, bend, _HEIGHT_SIGMA, SHARE_SIGMA, FADING_SIGMA
         sigma[STRAY] = _STRAY_SIGMA * math.exp(self.log_glow[0])
+        if self.twilit:
+            sigma[6:8] = _TWILIT_SIGMA
         away = np.zeros(NUM)
         away[BLUR] = self.edge_psf_px - self.psf_px
-        away[6:8] = -self.log_glow[1:]
+        away[6] = -self.log_glow[1]
+        away[7] = usual_bend(self.log_glow) - self.log_glow[2]
         away[LOG_HEIGHT] = math.log(USUAL_HEIGHT / self.height)
         away[SHARE] = USUAL_SHARE - self.share
         away[FADING] = -self.fading
         away[STRAY] = -self.stray
+        if len(self.further) > 0:
+            sigma = np.concatenate([sigma, _FURTHER_SIGMA])
+            away = np.concatenate([away, -self.further])
         information = sigma**-2.0
         return information, information * away

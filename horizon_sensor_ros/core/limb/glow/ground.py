@@ -41,9 +41,11 @@ class Ground:
         bright: float,
         variance: np.ndarray,
         doubt: np.ndarray,
+        lit: np.ndarray | None = None,
     ) -> None:
         """Of the kept stretches (M,). variance (J,) : of the noise. doubt (K, J) : variance besides
-        it, where a sample is blind.
+        it, where a sample is blind. lit (K,) : how brightly each is lit, over the brightest; None
+        if evenly.
         """
         blurs = d_px / psf_px
         self.edge = normal_cdf(-blurs)
@@ -51,7 +53,13 @@ class Ground:
         self.widening = self.fall * blurs
         across, self._moved, self._widened = seen_across(d_px, psf_px, px_over_radius)
         ground = float(f"{stretch_px * px_over_radius:.3g}")
-        self._alike, self._along = _axes_along(keep.tobytes(), ground)
+        self._evenly = lit is None
+        if lit is None:
+            self._lit = np.ones(np.count_nonzero(keep))
+            self._alike, self._along = _axes_along(keep.tobytes(), ground)
+        else:
+            self._lit = lit
+            self._alike, self._along = _axes_of(keep, ground, lit)
         self._own, self._common = (_OWN_LEVEL * bright) ** 2, (_COMMON_LEVEL * bright) ** 2
         alone = self._own * np.outer(self.edge, self.edge)
         alone.flat[:: len(d_px) + 1] += variance
@@ -63,12 +71,16 @@ class Ground:
         self._doubt, self._doubted = doubt, len(rows) > 0
         count = 1 + len(rows)
         self.extra = np.empty((len(self._along), len(d_px), count))
-        self._sums = self._along.sum(axis=0)
+        self._sums = self._lit @ self._along
         self.extra[..., 0] = self._sums[:, None] * (self._to_axes @ self.edge)
         self.extra[..., 1:] = self._along[rows].T[:, None] * self._to_axes[:, columns]
         self.extra_prior = np.empty(count)
         self.extra_prior[0] = 1.0 / self._common
         self.extra_prior[1:] = 1.0 / doubt[rows, columns]
+
+    def evenly_lit(self, levels: np.ndarray) -> np.ndarray:
+        """Levels (K,) as they would be if all stretches were lit like the brightest."""
+        return levels / self._lit
 
     def in_axes(self, values: np.ndarray) -> np.ndarray:
         """Values (K, J, ...) along the axes."""
@@ -88,7 +100,7 @@ class Ground:
         both = np.stack([weights, (strength**2 * self._alike)[:, None] * weights])
         weights, textured = (self._along @ both) @ self._to_axes
         level = weights @ self.edge
-        level = (self._own * level + self._common * level.sum())[:, None]
+        level = (self._own * level + self._common * (self._lit @ level) * self._lit)[:, None]
         return (
             level * self.fall + textured @ self._moved.T,
             level * self.widening + textured @ self._widened.T,
@@ -108,7 +120,7 @@ class Ground:
         both = np.tensordot(self._along, both, axes=(1, 1))  # K, 2, J, E
         shared, textured = np.swapaxes(np.swapaxes(both, 2, 3) @ self._to_axes, 0, 1)
         level = shared @ self.edge
-        level = self._own * level + self._common * level.sum(axis=0)
+        level = self._own * level + self._common * self._lit[:, None] * (self._lit @ level)
         square = np.square(self._along)
         out = []
         for change, moved in ((self.fall, self._moved), (self.widening, self._widened)):
@@ -116,7 +128,7 @@ class Ground:
             texture = ((self._to_axes @ moved) * self._to_axes).sum(axis=1)
             leveled = precision @ steps
             grows = square @ (self._own * leveled + alike * (precision @ texture))
-            grows += self._common * (self._along @ (self._sums * leveled))
+            grows += self._common * self._lit * (self._along @ (self._sums * leveled))
             grows -= ((shared @ change) * level).sum(axis=1)
             grows -= ((shared @ moved) * textured).sum(axis=(1, 2))
             out.append(grows)
@@ -124,19 +136,26 @@ class Ground:
 
     def cost(self, left: np.ndarray, strength: float) -> np.ndarray:
         """Cost (K,) of what is left of each stretch (K, J), taken by itself."""
-        alone = self._alone + self._common * np.outer(self.edge, self.edge)
-        alone += strength**2 * self._across
-        if not self._doubted:
+        ground = self._common * np.outer(self.edge, self.edge) + strength**2 * self._across
+        if self._evenly and not self._doubted:
+            alone = self._alone + ground
             return np.asarray((left * np.linalg.solve(alone, left.T).T).sum(axis=1))
+        alone = self._alone + np.square(self._lit)[:, None, None] * ground
         doubted = alone + self._doubt[:, :, None] * np.eye(len(self.edge))
         return np.asarray((left * np.linalg.solve(doubted, left[..., None])[..., 0]).sum(axis=1))
 
 
 @lru_cache(maxsize=16)
 def _axes_along(keep: bytes, ground: float) -> tuple[np.ndarray, np.ndarray]:
-    """Axes (K, K) of texture along the limb, of kept stretches of a length of ground each, and how
-    much of it lies along them (K,).
+    """`_axes_of` evenly lit stretches."""
+    which = np.frombuffer(keep, dtype=bool)
+    return _axes_of(which, ground, np.ones(np.count_nonzero(which)))
+
+
+def _axes_of(keep: np.ndarray, ground: float, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How much of the texture lies along each of its axes along the limb (K,), and these (K, K), of
+    kept stretches of a length of ground each, with the share (K,) of light that they get.
     """
-    along = np.flatnonzero(np.frombuffer(keep, dtype=bool)) * ground
-    alike, axes = np.linalg.eigh(rough_correlation(along[:, None] - along))
-    return alike, axes
+    along = np.flatnonzero(keep) * ground
+    alike, axes = np.linalg.eigh(np.outer(lit, lit) * rough_correlation(along[:, None] - along))
+    return np.maximum(alike, 0.0), axes

@@ -35,12 +35,13 @@ from horizon_sensor_ros.core.limb.glow.air import (
     SHARES,
     USUAL_HEIGHT,
     USUAL_SHARE,
-    WHOLE,
     Air,
+    usual_bend,
 )
 from horizon_sensor_ros.core.limb.glow.glare import glare_lines, in_glare, reach_px
 from horizon_sensor_ros.core.limb.glow.model import GlowStep, powers, step_towards
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight, look_along
+from horizon_sensor_ros.core.limb.glow.twilight import lit_part
 from horizon_sensor_ros.core.limb_curve import LimbCurve
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.symmetric3 import is_positive
@@ -82,7 +83,6 @@ _MOST_MISFIT = 4.0  # of a stretch's glow, over the noise or the median stretch'
 _TWILIGHT = 1.0  # slope or bend, at first sight, that no daylight has
 _MOST_SLOPE = 0.3  # by daylight; more towards the terminator
 _MOST_BEND = 0.15  # likewise
-_MOST_FADING = 0.5  # by how much it falls along the brightest part of a limb, which is kept
 # Cost over the degrees of freedom.
 _OUTLIER = 5.0  # of a stretch, over the median one's: left out
 _MISFIT = 1.4  # of the median stretch, from which the model does not hold
@@ -126,7 +126,7 @@ class GlowLimb:
 
 
 class UnevenGlow:
-    """In place of a limb: glow changes too fast along it, and along its brightest part."""
+    """In place of a limb: glow changes too fast along it, and no fit of its lit part holds."""
 
 
 def usual_length_px(view: CameraView, rho_rad: float, factor: int = 1) -> float:
@@ -147,16 +147,16 @@ def fit_glow(
     """Fit the limb near a predicted one; None where the model does not hold, or too little shows.
 
     gray : (H, W), reduced by `factor`. look : of the edge, with its glow or air, to start from.
-    in_part : where glow changes too fast along the limb, as towards the terminator, its brightest
-    part is fitted by itself.
+    in_part : where glow changes too fast along the limb, as towards the terminator, the part of it
+    that is lit is fitted by itself.
     """
-    part = WHOLE if look.air is None else look.air.part
+    part = None if look.air is None else look.air.part
     found = None
     for rho in _starts(view, rho_rad, factor):
         found = _fitted(gray, view, nadir_base, rho, look, factor, part)
         if found is not None:
             break
-    uneven = part != WHOLE or isinstance(found, tuple)
+    uneven = part is not None or isinstance(found, tuple)
     if isinstance(found, tuple) and in_part:
         fresh = replace(look, air=None)
         found = _fitted(gray, view, nadir_base, rho_rad, fresh, factor, found)
@@ -183,10 +183,10 @@ def _fitted(
     rho_rad: float,
     look: EdgeLook,
     factor: int,
-    part: tuple[float, float],
+    part: tuple[float, float] | None,
 ) -> GlowLimb | tuple[float, float] | None:
-    """`fit_glow` of a part of what is seen of the limb, from 0 to 1 along it; where glow is too
-    uneven for it, a smaller part that may do.
+    """`fit_glow` by daylight, or towards the terminator of a part of what is seen of the limb, from
+    0 to 1 along it. Where glow is too uneven for daylight: the part that is lit.
     """
     length_px = usual_length_px(view, rho_rad, factor)
     glow_px = max(look.glow_px, _LEAST_LENGTH * length_px)
@@ -203,16 +203,16 @@ def _fitted(
             glaring = sight is not None and bool(sight.glare.any())
             sight = _look(gray, view, (nadir_base, rho_rad), outer_px, factor, glaring)
             since = 0.0
-            if sight is not None and part != WHOLE:
+            if sight is not None and part is not None:
                 sight = sight.part(*part)
             if sight is None or len(sight) < _LEAST_STRETCHES:
                 return None
         if air is None or len(keep) != len(sight):
-            air, keep = _first_guess(sight, look, air)
-            air = replace(air, part=part)
-            if np.abs(air.log_glow[1:]).max() > _TWILIGHT:
-                return _brightest(sight, air) if part == WHOLE else None
-        if np.count_nonzero(keep) < max(_LEAST_STRETCHES, _KEEP_SHARE * len(sight)):
+            air, keep, glow = _first_guess(sight, look, air)
+            air = air.lit_in(part)
+            if part is None and (_too_few(keep) or np.abs(air.log_glow[1:]).max() > _TWILIGHT):
+                return lit_part(glow)
+        if _too_few(keep):
             return None
         found = step_towards(sight, air, keep)
         known = np.isfinite(found.change).all() and np.isfinite(found.cov).all()
@@ -229,8 +229,8 @@ def _fitted(
             far = _MOST_STEP_PX
         outlying = keep & (found.cost > _OUTLIER * max(1.0, median(found.cost[keep])))
         if far <= _NEAR_PX and air.near(change) and not outlying.any():
-            if part == WHOLE and _uneven(air):
-                return _brightest(sight, air)
+            if part is None and _uneven(air):
+                return lit_part(glow)
             holds = median(found.cost[keep]) < _MISFIT and _plausible(air)
             return _limb(sight, found, keep, air, nadir_base) if holds else None
         settled = far <= _NEAR_PX and not outlying.any()
@@ -251,6 +251,11 @@ def _fitted(
     return None
 
 
+def _too_few(keep: np.ndarray) -> bool:
+    """Whether too few of the stretches (M,) are kept for a fit."""
+    return bool(np.count_nonzero(keep) < max(_LEAST_STRETCHES, _KEEP_SHARE * len(keep)))
+
+
 def _share(shift: np.ndarray, last: np.ndarray | None) -> float:
     """By which share of the last step (M,) one goes the same way, or back: as all that follow will,
     so that they have an end; 0 where that cannot be told.
@@ -263,24 +268,15 @@ def _share(shift: np.ndarray, last: np.ndarray | None) -> float:
 
 def _uneven(air: Air) -> bool:
     """Whether glow changes along the limb as it does not by daylight."""
-    slope, bend = np.abs(air.log_glow[1:])
-    return not (slope < _MOST_SLOPE and bend < _MOST_BEND)
-
-
-def _brightest(sight: GlowSight, air: Air) -> tuple[float, float]:
-    """Ends of the part around the brightest glow, along which that fades by no more than may be."""
-    log_glow = powers(sight.along) @ air.log_glow
-    top = int(np.argmax(log_glow))
-    dark = np.flatnonzero(log_glow < log_glow[top] - _MOST_FADING)
-    first = max(dark[dark < top] + 1, default=0)
-    last = min(dark[dark > top], default=len(sight))
-    return float(first) / len(sight), float(last) / len(sight)
+    slope, bend = air.log_glow[1:].tolist()
+    bend -= usual_bend(air.log_glow)
+    return not (abs(slope) < _MOST_SLOPE and abs(bend) < _MOST_BEND)
 
 
 def _plausible(air: Air) -> bool:
     """Whether it is daylight all along the limb, and the blur one that could be told."""
     return bool(
-        not _uneven(air)
+        (air.twilit or not _uneven(air))
         and BLURS_PX[0] < air.psf_px < BLURS_PX[1]
         and SHARES[0] < air.share < SHARES[1]
     )
@@ -314,17 +310,20 @@ def _look(
     return sight if lines is None else beyond.without_glare(lines, from_px, outer_px)
 
 
-def _first_guess(sight: GlowSight, look: EdgeLook, air: Air | None) -> tuple[Air, np.ndarray]:
-    """Air that fits the profiles beyond the edge, and which of them (M,) show it.
+def _first_guess(
+    sight: GlowSight, look: EdgeLook, air: Air | None
+) -> tuple[Air, np.ndarray, np.ndarray]:
+    """Air that fits the profiles beyond the edge, which of them (M,) show it, and how brightly each
+    does (M,).
 
     air : as found so far, which is kept.
     """
     background = median(sight.profiles[:, -2:].ravel())
     if air is None and median(USUAL_HEIGHT / sight.rise) < _THIN_PX:
-        level = _THIN_GLOW * (median(sight.profiles[:, 1]) - background)
-        log_glow = np.array([math.log(max(level, 1e-6)), 0.0, 0.0])
+        glow = _THIN_GLOW * (sight.profiles[:, 1] - background)
+        log_glow = np.array([math.log(max(median(glow), 1e-6)), 0.0, 0.0])
         thin = Air(USUAL_HEIGHT, log_glow, USUAL_SHARE, look.psf_px, background, look.psf_px)
-        return thin, np.ones(len(sight), dtype=bool)
+        return thin, np.ones(len(sight), dtype=bool), glow
     outer = sight.d_px >= _FROM_PX
     profiles, distance = sight.profiles[:, outer], sight.distance[:, outer]
     best = np.inf
@@ -345,7 +344,7 @@ def _first_guess(sight: GlowSight, look: EdgeLook, air: Air | None) -> tuple[Air
     if air is None and np.count_nonzero(keep) >= _LEAST_STRETCHES:
         log_glow = np.linalg.lstsq(powers(sight.along)[keep], np.log(glow[keep]), rcond=None)[0]
     psf_px = look.psf_px
-    return air or Air(height, log_glow, USUAL_SHARE, psf_px, background, psf_px), keep
+    return air or Air(height, log_glow, USUAL_SHARE, psf_px, background, psf_px), keep, glow
 
 
 def _faint(along: np.ndarray, cov: np.ndarray) -> bool:

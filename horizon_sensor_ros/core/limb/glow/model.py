@@ -29,6 +29,7 @@ from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outsi
 from horizon_sensor_ros.core.limb.glow.fading import with_either_lens
 from horizon_sensor_ros.core.limb.glow.ground import Ground
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight
+from horizon_sensor_ros.core.limb.glow.twilight import further_powers, lit_shares
 from horizon_sensor_ros.core.robust import median, quantile
 
 # Up to where, beyond the edge, there may be texture: pixels, and blurs.
@@ -53,7 +54,7 @@ def powers(along: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class GlowStep:
-    """Change (13,) of the unknowns and covariance (7, 7) of `KEPT` ones. cost : (M,) of the
+    """Change (P,) of the unknowns and covariance (7, 7) of `KEPT` ones. cost : (M,) of the
     stretches, over the degrees of freedom; infinite of those left out. ripple : how far the glow of
     neighbouring stretches is off the model alike; about 0, one sigma 1, where each is by itself.
     """
@@ -67,7 +68,7 @@ class GlowStep:
 class _Lit:
     """What the air makes of the profiles of kept stretches (K), and what is left of them.
 
-    glow (K, J) : of the air beyond the limb. rest (K, J) : without the air. design (K, J, 13) :
+    glow (K, J) : of the air beyond the limb. rest (K, J) : without the air. design (K, J, P) :
     derivatives by the unknowns. variance, doubt (K, J) : of noise and model, and of blind samples.
     """
 
@@ -75,7 +76,9 @@ class _Lit:
         d_px, psf_px = sight.d_px, air.psf_px
         length_px = air.height / sight.rise[keep]
         power = powers(sight.along)[keep]
-        glow = np.exp(power @ air.log_glow - air.fading * sight.cornered[keep])[:, None]
+        further = further_powers(sight.along, len(air.further))[keep]
+        log_glow = power @ air.log_glow + further @ air.further
+        glow = np.exp(log_glow - air.fading * sight.cornered[keep])[:, None]
         above = glow_outside(sight.distance[keep], psf_px, length_px)
         self.glow = bright = glow * above.bright
         inside = air_inside(d_px, psf_px, median(length_px))
@@ -90,7 +93,8 @@ class _Lit:
         self.rows = sight.rows[keep]
         self._moving = -glow * (above.by_place + air.share * inside.by_place)
         self._widening = glow * (above.by_blur + air.share * inside.by_blur)
-        self.design = np.empty((*self.rest.shape, NUM))
+        self.num = NUM + len(air.further)
+        self.design = np.empty((*self.rest.shape, self.num))
         self.design[..., LIMB] = self._moving[..., None] * self.rows[:, None]
         self.design[..., BACKGROUND] = 1.0
         self.design[..., BLUR] = self._widening
@@ -98,6 +102,7 @@ class _Lit:
         self.design[..., LOG_HEIGHT] = glow * (above.by_length + air.share * inside.by_length)
         self.design[..., SHARE] = glow * inside.bright
         self.design[..., STRAY] = stray
+        self.design[..., NUM:] = air_light[..., None] * further[:, None]
         self.design[..., FADING] = -air_light * sight.cornered[keep, None]
         self.variance = sight.noise**2 + np.square(_GLOW_ERROR * bright)
         self.variance += sight.glare_variance[keep]
@@ -118,17 +123,17 @@ class _Lit:
 
 
 class _Normal:
-    """Normal equations of the unknowns (13) and of what else is unknown of the ground (E).
+    """Normal equations of the unknowns (P) and of what else is unknown of the ground (E).
 
-    near : (K, J, 13 + E + 1) derivatives by all of them and residuals, along the ground's axes.
-    known : (13 + E, 13 + E) and pull : (13 + E,) what is known besides.
+    near : (K, J, P + E + 1) derivatives by all of them and residuals, along the ground's axes.
+    known : (P + E, P + E) and pull : (P + E,) what is known besides.
     """
 
     def __init__(self, near: np.ndarray, known: np.ndarray, pull: np.ndarray) -> None:
         self.near, self.known, self.pull = near, known, pull
 
     def solved(self, precision: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Solutions (S, 13 + E), their information, and what they leave of the cost (S,), for
+        """Solutions (S, P + E), their information, and what they leave of the cost (S,), for
         precisions (S, K, J).
         """
         flat = self.near.reshape(-1, self.near.shape[2])
@@ -169,13 +174,14 @@ def step_towards(sight: GlowSight, air: Air, keep: np.ndarray) -> GlowStep:
         lit.bright,
         lit.variance[:, :num].mean(axis=0),
         lit.doubt[:, :num],
+        lit_shares(sight.along[keep], level[:, 0]) if air.twilit else None,
     )
     moving, widening = level * ground.fall, level * ground.widening
     lit.derive(moving, widening)
     near = ground.in_axes(np.concatenate([lit.design[:, :num], lit.rest[:, :num, None]], axis=2))
     near = np.concatenate([near[..., :-1], ground.extra, near[..., -1:]], axis=2)
     normal = _Normal(near, *_known(lit, air, ground, num))
-    scatter = max(float(np.std(level)), _LEAST_SCATTER * lit.bright)
+    scatter = max(float(np.std(ground.evenly_lit(level[:, 0]))), _LEAST_SCATTER * lit.bright)
     tried = normal.likelihood(ground.precision(scatter * _STRENGTHS))
     strength = scatter * _STRENGTHS[0] * _STRENGTH_STEP ** _lowest(tried)
     precision = ground.precision(np.array([strength]))
@@ -188,7 +194,7 @@ def step_towards(sight: GlowSight, air: Air, keep: np.ndarray) -> GlowStep:
         normal.near[..., : BLUR + 1] = ground.in_axes(lit.design[:, :num, : BLUR + 1])
         found, information, _ = normal.solved(precision)
     step, cov = with_either_lens(found[0], np.linalg.inv(information[0]), FADING, air.fading)
-    change = step[:NUM]
+    change = step[: lit.num]
     left = lit.rest - lit.design @ change
     cost = np.full(len(sight), np.inf)
     cost[keep] = ground.cost(left[:, :num], strength)
@@ -215,13 +221,13 @@ def _known(lit: _Lit, air: Air, ground: Ground, num: int) -> tuple[np.ndarray, n
 
     num : of the samples that texture reaches.
     """
-    far = lit.design[:, num:].reshape(-1, NUM)
+    far = lit.design[:, num:].reshape(-1, lit.num)
     weighted = far / (lit.variance + lit.doubt)[:, num:].reshape(-1, 1)
     prior, towards = air.beforehand()
     known = np.diag(np.concatenate([prior, ground.extra_prior]))
-    known[:NUM, :NUM] += weighted.T @ far
+    known[: lit.num, : lit.num] += weighted.T @ far
     pull = np.zeros(len(known))
-    pull[:NUM] = towards + weighted.T @ lit.rest[:, num:].ravel()
+    pull[: lit.num] = towards + weighted.T @ lit.rest[:, num:].ravel()
     return known, pull
 
 

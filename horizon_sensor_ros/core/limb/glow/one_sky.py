@@ -30,7 +30,7 @@ from horizon_sensor_ros.core.limb.glow.air import (
     KEPT_BLUR,
     KEPT_LIMB,
     KEPT_LOG_GLOW,
-    WHOLE,
+    usual_bend,
 )
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb
 from horizon_sensor_ros.core.limb.glow.model import powers
@@ -41,6 +41,9 @@ _MISJUDGED = 2.5
 # Amplitudes of log A around nadir, and how its square is shared among the harmonics.
 _AMPLITUDES = 0.02 * 2.0 ** np.arange(7.0)
 _HARMONICS = (0.75, 0.2, 0.05)
+# How much likelier a larger one is beforehand, as a power: a limb that shows is rather one that
+# faces the Sun, along which glow changes little, whatever it does around nadir.
+_LIKELIER = 0.2
 _LEAST_IN_PART = 0.3  # amplitude where glow is too uneven for the whole of a limb
 _ANY_BRIGHTNESS = 5.0  # one sigma of log A itself
 # Blurs of two lenses differ by so much, one sigma: of one make, and of any.
@@ -74,7 +77,7 @@ def under_one_sky(views: Sequence[CameraView], limbs: Sequence[GlowLimb]) -> Tog
     for i, limb in enumerate(limbs):
         of_limb = slice(_NUM * i, _NUM * (i + 1))
         information[of_limb, of_limb], towards[of_limb] = _seen(limb, float(focus_px[i]))
-    in_part = any(limb.air.part != WHOLE for limb in limbs)
+    in_part = any(limb.air.twilit for limb in limbs)
     amplitudes = _AMPLITUDES[_AMPLITUDES > _LEAST_IN_PART] if in_part else _AMPLITUDES
     of_blur, of_glow = _blur_beforehand(alike), _glow_beforehand(views, limbs, amplitudes)
     known = np.broadcast_to(information, (len(of_blur), len(of_glow), *information.shape)).copy()
@@ -85,6 +88,7 @@ def under_one_sky(views: Sequence[CameraView], limbs: Sequence[GlowLimb]) -> Tog
     # By Bayes; what is common to all laws is left out.
     log_dets = [np.linalg.slogdet(each)[1] for each in (known, of_blur, of_glow)]
     likely = 0.5 * (found @ towards - log_dets[0] - log_dets[1][:, None] - log_dets[2])
+    likely += _LIKELIER * np.log(amplitudes)
     share = np.exp(likely - likely.max())
     share /= share.sum()
     # Each law's own spread, and that of their means.
@@ -101,20 +105,26 @@ def under_one_sky(views: Sequence[CameraView], limbs: Sequence[GlowLimb]) -> Tog
 
 def _seen(limb: GlowLimb, focus_px: float) -> tuple[np.ndarray, np.ndarray]:
     """Information (7, 7) and its pull (7,) that a frame alone gives, without what its fit took to
-    be known of slope, bend and blur; the blur about a usual one.
+    be known of slope, bend and blur; the blur about a usual one, the bend about that of an even
+    change.
+
+    Of a limb towards the terminator the glow is of another law, and tells nothing of the others'.
     """
     value = limb.value.copy()
     value[KEPT_BLUR] -= focus_px
+    value[KEPT_LOG_GLOW[2]] -= usual_bend(limb.air.log_glow)
     usual = np.zeros(_NUM)
     usual[KEPT_BLUR] = limb.air.edge_psf_px - focus_px
-    whole, known = np.linalg.inv(limb.cov), limb.beforehand
-    towards = whole @ value - known * usual
+    told_of = np.r_[KEPT_LIMB, KEPT_BLUR] if limb.air.twilit else np.arange(_NUM)
+    whole, known = np.linalg.inv(limb.cov[told_of[:, None], told_of]), limb.beforehand[told_of]
+    towards = whole @ value[told_of] - known * usual[told_of]
     # Where the lens is in doubt less may be left than nothing: there the frame tells nothing.
     scale = np.sqrt(np.diag(whole))
     told, axes = np.linalg.eigh((whole - np.diag(known)) / np.outer(scale, scale))
     axes = axes[:, told > _NOTHING]
     told = told[told > _NOTHING]
-    to_axes = scale[:, None] * axes
+    to_axes = np.zeros((_NUM, len(told)))
+    to_axes[told_of] = scale[:, None] * axes
     pull = to_axes @ (axes.T @ (towards / scale))
     return (to_axes * told) @ to_axes.T / _MISJUDGED**2, pull / _MISJUDGED**2
 

@@ -16,7 +16,6 @@ from horizon_sensor_ros.core.limb.glow.air import (
     LIMB,
     SHARE_SIGMA,
     USUAL_SHARE,
-    WHOLE,
 )
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb
 from horizon_sensor_ros.core.limb.glow.model import powers
@@ -134,9 +133,9 @@ def _misjudged(limb: GlowLimb, amplitude: float) -> np.ndarray:
     grown = np.array(
         [
             1.0,
-            min(max(amplitude, _EVEN), _UNEVEN) - _EVEN if air.part == WHOLE else 0.0,
+            min(max(amplitude, _EVEN), _UNEVEN) - _EVEN if not air.twilit else 0.0,
             air.fading,
-            float(air.part != WHOLE),
+            float(air.twilit),
             min(max(limb.ripple - _RIPPLE, 0.0), _MOST_RIPPLE),
             min(blur_off, _MOST_BLURRED),
             min(max((USUAL_SHARE - air.share) / SHARE_SIGMA, 0.0), _LEAST_SHARE),

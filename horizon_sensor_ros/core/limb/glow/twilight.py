@@ -1,0 +1,54 @@
+"""Towards the terminator: which part of a limb the Sun lights, and how brightly.
+
+By daylight a polynomial of second degree describes the logarithm of the glow's brightness along a
+limb. Towards the terminator that falls too fast, by a law that is not known: further powers of the
+place along the limb are unknown as well, and the ground darkens with the air.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+FURTHER = 3  # powers beyond the second
+# By how much the logarithm of glow falls along the part of a limb that is looked at: what is darker
+# tells hardly more, and less of it follows any law.
+_MOST_FADING = 2.0
+_AROUND = 2  # stretches to either side, of which the median counts
+_DARKEST = 0.05  # ground, over the brightest
+
+
+def lit_part(glow: np.ndarray) -> tuple[float, float] | None:
+    """Ends, 0 to 1 along the limb, of what is lit around the brightest glow of stretches (M,); None
+    if nothing glows.
+    """
+    beside = np.pad(glow, _AROUND, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(beside, 2 * _AROUND + 1)
+    smooth = np.median(windows, axis=1)
+    top = int(np.argmax(smooth))
+    if not smooth[top] > 0.0:
+        return None
+    dark = np.flatnonzero(smooth < math.exp(-_MOST_FADING) * smooth[top])
+    first = max(dark[dark < top] + 1, default=0)
+    last = min(dark[dark > top], default=len(glow))
+    return float(first) / len(glow), float(last) / len(glow)
+
+
+def further_powers(along: np.ndarray, count: int) -> np.ndarray:
+    """Rows (M, count) of the polynomial of log A beyond the second power: Legendre's, which hardly
+    move what the lower ones are.
+    """
+    return np.asarray(np.polynomial.legendre.legvander(along, 2 + count)[:, 3:])
+
+
+def lit_shares(along: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """How brightly ground with levels (K,) is lit at places along the limb, over where it is lit
+    most.
+    """
+    shape = np.stack([np.ones_like(along), along, along * along], axis=1)
+    smooth = shape @ np.linalg.lstsq(shape, level, rcond=None)[0]
+    brightest = float(smooth.max())
+    if not brightest > 0.0:
+        return np.ones(len(along))
+    return np.clip(smooth / brightest, _DARKEST, 1.0)
