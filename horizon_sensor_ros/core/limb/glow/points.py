@@ -34,7 +34,7 @@ _MISJUDGED = np.array(
         [0.7, 0.86, 0.5],  # even glow
         [8.0, 13.0, 8.0],  # amplitude of the logarithm of A around nadir, all along the limb
         [0.9, 0.5, 1.6],  # logarithm of what the lens fades
-        [0.2, 0.4, 1.1],  # a part of the limb only
+        [0.2, 0.4, 1.1],  # fading towards the terminator
         [0.8, 1.1, 1.3],  # ripple
         [2.4, 0.4, 0.4],  # blur off the edges' one, in sigmas of what is known of it
         [4.4, 1.0, 1.0],  # share of the air in front of the ground below the usual one, likewise
