@@ -11,7 +11,7 @@ import numpy as np
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.edge.clipping import place_clipped_edges
 from horizon_sensor_ros.core.limb.edge.looks import guess_looks
-from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.edge.model import PSF_LADDER_PX, EdgeLook
 from horizon_sensor_ros.core.limb.edge.places import place_edges
 from horizon_sensor_ros.core.limb.glow.contour import ContourLimb, contour_limb
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
@@ -62,6 +62,9 @@ _COHERENT_PX = {
     (True, True): 0.4,
 }
 _NOTHING_SHARED = SharedError(0.0, 0.0)
+# An edge as sharp as the sharpest modelled one may be sharper, and then lies beside where the model
+# has it: as measured of simulated lenses without blur, so much of pixels alone.
+_TOO_SHARP = SharedError(0.02, 0.05)
 # Longer glow goes with ground that is seen finer: length from where on that error grows with it,
 # and by how much at most, as measured in the same way.
 _FINE_PX, _FINEST = 2.0, 2.5
@@ -127,7 +130,12 @@ def modelled_edges(
         fits = believable(likely)
     if sharp and jumps_px < _STEADY_PX and _drift_px(likely, places, good & fits) > _DRIFT_PX:
         return None
-    return LimbEdges(likely, fits, False, shared)
+    return LimbEdges(likely, fits, False, _of_sharpness(shared, look))
+
+
+def _of_sharpness(shared: SharedError, look: EdgeLook) -> SharedError:
+    """Error that edges share, with that of a model which is not sharp enough for them."""
+    return shared.besides(_TOO_SHARP) if look.psf_px <= PSF_LADDER_PX[0] else shared
 
 
 def _drift_px(moved: EdgePlaces, places: EdgePlaces, good: np.ndarray) -> float:
@@ -283,6 +291,7 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
     if not _lit_there(profiles, places, sample.grid):
         return None
     steepness, blur_px = _steepness(falls, sample.grid), sample.factor * look.psf_px
+    shared = _of_sharpness(shared, look)
     return _points(sample, px, normal_px, places, shared, jumps_px, steepness, blur_px)
 
 
