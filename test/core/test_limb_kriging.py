@@ -30,7 +30,9 @@ def stretches_of(
 ) -> Stretches:
     along = np.linspace(-0.4, 0.4, len(profiles))
     base = np.column_stack([np.sin(along), np.cos(along), np.ones(len(profiles))])
-    return Stretches(profiles, GRID.d_px, noise, psf_px, LENGTH_PX, px_over_radius, base)
+    return Stretches(
+        profiles, GRID.d_px, noise, psf_px, LENGTH_PX, px_over_radius, base, np.zeros(len(base))
+    )
 
 
 def clean(offset_px: np.ndarray, step: np.ndarray, psf_px: float = PSF_PX) -> np.ndarray:

@@ -38,14 +38,14 @@ def test_blur_follows_the_direction_only_where_that_is_sure() -> None:
     noise = 0.01 * np.random.default_rng(1).standard_normal(50)
     known = np.full(50, 1e4)
     still = np.zeros(50)
-    found = blur_along(normal_px, still, truth + noise, known, 0.75)
+    found = blur_along(normal_px, still, still, truth + noise, known, 0.75)
     lacking = found.lacking_px
     assert np.ptp(lacking) == pytest.approx(np.ptp(truth), rel=0.1)
     np.testing.assert_allclose(lacking - lacking.mean(), truth - truth.mean(), atol=0.02)
     assert found.open_px < 0.02
     # What neighbours say alike, and others otherwise, is texture's.
     texture = 0.2 * np.sign(np.sin(15.0 * angle))
-    feigned = blur_along(normal_px, still, truth + texture, known, 0.75)
+    feigned = blur_along(normal_px, still, still, truth + texture, known, 0.75)
     assert np.ptp(feigned.lacking_px) == 0.0
 
 
@@ -56,11 +56,12 @@ def test_what_texture_hides_of_a_smear_stays_open_where_the_blur_is_large() -> N
     texture = 0.2 * np.sign(np.sin(15.0 * angle))
     still = np.zeros(50)
     small, large = (
-        blur_along(normal_px, still, texture, known, psf_px).open_px for psf_px in (0.75, 1.5)
+        blur_along(normal_px, still, still, texture, known, psf_px).open_px
+        for psf_px in (0.75, 1.5)
     )
     assert small == 0.0
     assert large > 0.05
-    assert blur_along(normal_px, still, 0.0 * texture, known, 1.5).open_px < 0.03
+    assert blur_along(normal_px, still, still, 0.0 * texture, known, 1.5).open_px < 0.03
 
 
 def test_what_the_raster_does_to_the_blur_is_no_smear() -> None:
@@ -70,11 +71,13 @@ def test_what_the_raster_does_to_the_blur_is_no_smear() -> None:
     raster = np.exp(-np.square(angle / 0.08)) * np.cos(9.0 * angle)
     noise = 0.007 * np.random.default_rng(2).standard_normal(40)
     known = np.full(40, 0.007**-2.0)
-    found = blur_along(normal_px, raster, 0.08 * raster + noise, known, 0.75).lacking_px
+    found = blur_along(
+        normal_px, raster, 0.0 * raster, 0.08 * raster + noise, known, 0.75
+    ).lacking_px
     np.testing.assert_allclose(found, 0.08 * raster, atol=0.012)
     smear = 0.1 * np.cos(2.0 * angle)
     lacking = 0.08 * raster + smear + noise
-    found = blur_along(normal_px, raster, lacking, known, 0.75).lacking_px
+    found = blur_along(normal_px, raster, 0.0 * raster, lacking, known, 0.75).lacking_px
     off = found - (0.08 * raster + smear)
     assert np.abs(off - off.mean()).max() < 0.012
 

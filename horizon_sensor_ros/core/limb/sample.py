@@ -84,8 +84,8 @@ class LimbSample:
 
     gray : the image, reduced by `factor`. bundles : of the curve's points, a stretch each.
     spacing_px : between those, and pitch_rad : of a pixel, in that image. noise : one sigma of
-    `profiles`, see `pixel_noise`. black : law of space where pixels are clipped at zero.
-    blur_open_px : as of `RefinePass`.
+    `profiles`, see `pixel_noise`. cornered : as of `Stretches`. black : law of space where pixels
+    are clipped at zero. blur_open_px : as of `RefinePass`.
     """
 
     gray: np.ndarray
@@ -97,6 +97,7 @@ class LimbSample:
     pitch_rad: float
     profiles: np.ndarray
     noise: float
+    cornered: np.ndarray
     black: Black | None = None
     blur_open_px: float = 0.0
 
@@ -129,6 +130,7 @@ class LimbSample:
             self.stretch_px,
             ground_across_px(self.pitch_rad, rho_rad),
             base,
+            self.cornered,
             self.blur_open_px,
         )
 
@@ -242,6 +244,7 @@ def sample_limb(
         pitch_rad,
         profiles,
         noise,
+        np.square(view.camera.off_axis(curve.px[bundles.middle])).sum(axis=1),
         black,
         step.blur_open_px,
     )

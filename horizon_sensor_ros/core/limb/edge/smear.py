@@ -11,9 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from horizon_sensor_ros.core.limb.edge.lens_blur import UNEVEN_PX, of_either_lens
 from horizon_sensor_ros.core.limb.edge.raster import BLUR_SIGMA_PX
+from horizon_sensor_ros.core.symmetric3 import inverse
 
 _BLUR_SIGMA_PX = 0.03  # how well a limb's blur is known beforehand
+# A slope or a bend along the limb is as large, over its root mean square, as one of a sixth of the
+# limb makes it: errors are claimed by sixths.
+_OF_SIXTHS = 2.4
 _SMEAR_SIGMA_PX = 0.3  # of what motion may add to it
 _LEAST_INFORMATION = 1e-3  # px^-2
 _PARTS = 12  # of a limb, in which edges may be wrong about their blur together
@@ -24,12 +29,17 @@ _STILL_PX, _SMEARED_SHARE = 0.85, 0.5
 _UNTOLD = 3.0  # times its sigma, what texture may hide of a smear
 
 
+# Information on what is the same for all edges, on the raster's and on the lens's part.
+_BEFOREHAND = np.diag([_BLUR_SIGMA_PX**-2.0, BLUR_SIGMA_PX**-2.0, _LEAST_INFORMATION])
+
+
 @dataclass(frozen=True)
 class Blur:
     """Correction of an assumed blur, pixels.
 
-    lacking_px : (N,) true blur less the assumed one at each edge. open_px : one sigma of a further
-    part that depends on the limb's direction and was not determined.
+    lacking_px : (N,) true blur less the assumed one at each edge. open_px : one sigma of further
+    parts that depend on the limb's direction, or grow away from the optical axis, and were not
+    determined.
     """
 
     lacking_px: np.ndarray
@@ -39,33 +49,85 @@ class Blur:
 def blur_along(
     normal_px: np.ndarray,
     raster: np.ndarray,
+    cornered: np.ndarray,
     lacking: np.ndarray,
     information: np.ndarray,
     assumed_px: float,
 ) -> Blur:
-    """What an assumed blur lacks at each edge: the same for all, what the raster makes of it, and
-    what goes with the direction.
+    """What an assumed blur lacks at each edge: the same for all, what the raster makes of it, what
+    the lens adds away from its axis, and what goes with the direction.
 
-    normal_px : (N, 2). raster : (N,), `Raster.blur`. lacking : (N,) what each edge says of it, and
-    information : (N,) how well, by itself.
+    normal_px : (N, 2). raster : (N,), `Raster.blur`. cornered : (N,), see `Stretches`. lacking :
+    (N,) what each edge says of it, and information : (N,) how well, by itself.
     """
+    lens, lens_px = _of_lens(raster, cornered, lacking, information)
+    found = _of_motion(normal_px, (raster, cornered), lacking - lens, information, assumed_px)
+    if found.sure:
+        # What motion explains is not the lens's, which goes with the direction as much.
+        found = _of_motion(normal_px, (raster,), lacking, information, assumed_px)
+        return Blur(found.lacking_px, found.open_px)
+    return Blur(found.lacking_px + lens, math.hypot(found.open_px, lens_px))
+
+
+def _of_lens(
+    raster: np.ndarray, cornered: np.ndarray, lacking: np.ndarray, information: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """What the lens adds to the blur of each edge (N,), on the mean over them nothing, and one
+    sigma of the error that this leaves in common to a sixth of the limb.
+    """
+    total = float(information.sum())
+    causes = np.empty((3, len(lacking)))
+    causes[0], causes[1] = 1.0, raster
+    causes[2] = cornered - cornered @ information / total
+    told = causes * information
+    cov = inverse(told @ causes.T + _BEFOREHAND)
+    unknowns = cov @ (told @ lacking)
+    repeated = _repetition(lacking - unknowns @ causes, information)
+    by_lens, variance = of_either_lens(float(unknowns[2]), repeated * float(cov[2, 2]))
+    spread2 = variance * float(causes[2] @ told[2]) / total
+    return by_lens * causes[2], _OF_SIXTHS * math.sqrt(spread2)
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """`Blur` but for the lens; sure : whether motion smears the limb for sure."""
+
+    lacking_px: np.ndarray
+    open_px: float
+    sure: bool
+
+
+def _of_motion(
+    normal_px: np.ndarray,
+    others: tuple[np.ndarray, ...],
+    lacking: np.ndarray,
+    information: np.ndarray,
+    assumed_px: float,
+) -> _Motion:
+    """What is the same for all edges, what the raster makes of it, and what goes with the
+    direction.
+
+    others : what besides changes the blur along the limb (N,), of which the first is the raster.
+    """
+    raster = others[0]
     weighted = information * raster
+    total = float(information.sum())
     common, pixels = _solved(
-        float(information.sum()) + _BLUR_SIGMA_PX**-2.0,
+        total + _BLUR_SIGMA_PX**-2.0,
         float(weighted.sum()),
         float(weighted @ raster) + BLUR_SIGMA_PX**-2.0,
         float(information @ lacking),
         float(weighted @ lacking),
     )
     known = common + pixels * raster
-    total = float(information.sum())
     design = _twice_the_angle(normal_px)
     design -= (design @ information / total)[:, None]
-    # What the raster may do is no smear.
-    aside = raster - raster @ information / total
-    told_aside = aside * information
-    aside_of = design @ told_aside / (told_aside @ aside + BLUR_SIGMA_PX**-2.0)
-    design -= aside_of[:, None] * aside
+    # What the raster or the lens may do is no smear.
+    for other, sigma_px in zip(others, (BLUR_SIGMA_PX, UNEVEN_PX), strict=False):
+        aside = other - other @ information / total
+        told_aside = aside * information
+        aside_of = design @ told_aside / (told_aside @ aside + sigma_px**-2.0)
+        design -= aside_of[:, None] * aside
     weighted = design * information
     rest = lacking - known
     told = weighted @ rest
@@ -77,15 +139,15 @@ def blur_along(
     sure = float(smear @ told) >= _SURE * repeated
     more = assumed_px + float(information @ known) / total - _STILL_PX
     if not sure and more <= 0.0:
-        return Blur(known, 0.0)
+        return _Motion(known, 0.0, False)
     # Root of the mean variance of what a smear adds.
     (a, b), (_, c) = normal.tolist()
     size = (a + before) * (c + before) - b * b
     spread = (c + before) * a - 2.0 * b * b + (a + before) * c
     open_px = math.sqrt(repeated * max(spread, 0.0) / (size * total))
     if sure:
-        return Blur(known + smear @ design, open_px)
-    return Blur(known, min(_SMEARED_SHARE * more, _UNTOLD * open_px))
+        return _Motion(known + smear @ design, open_px, True)
+    return _Motion(known, min(_SMEARED_SHARE * more, _UNTOLD * open_px), False)
 
 
 def _repetition(rest: np.ndarray, information: np.ndarray) -> float:

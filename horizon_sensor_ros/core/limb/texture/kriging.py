@@ -67,7 +67,8 @@ class Stretches:
     profiles : (N, J) gray levels at d_px (J,), whole pixels outwards. noise : one sigma of each.
     psf_px : the edge's blur. length_px : of limb. px_over_radius : ground across one pixel at the
     limb, along it, over the planet's radius. base : (N, 3) how the edge moves along the normals
-    with the limb's three unknowns. blur_open_px : one sigma of what the blur may differ by along
+    with the limb's three unknowns. cornered : (N,) squares of the distances to the optical axis,
+    over half the frame's diagonal. blur_open_px : one sigma of what the blur may differ by along
     the limb.
     """
 
@@ -78,6 +79,7 @@ class Stretches:
     length_px: float
     px_over_radius: float
     base: np.ndarray
+    cornered: np.ndarray
     blur_open_px: float = 0.0
 
 
@@ -253,6 +255,7 @@ def _on_one_limb(
     blur = blur_along(
         stretches.base[:, :2],
         raster.blur,
+        stretches.cornered,
         found.wider[:, texture],
         found.wider_information[:, texture],
         stretches.psf_px,
@@ -298,7 +301,9 @@ def _averaged(
     information = found.wider_information * share
     told = information.sum(axis=1)
     lacking = (information * found.wider).sum(axis=1) / np.maximum(told, 1e-30)
-    smeared = blur_along(stretches.base[:, :2], limb.raster.blur, lacking, told, stretches.psf_px)
+    smeared = blur_along(
+        stretches.base[:, :2], limb.raster.blur, stretches.cornered, lacking, told, stretches.psf_px
+    )
     blur = smeared.lacking_px
     places = found.places - tables.lean * blur[:, None]
     place = (share * places).sum(axis=1)
