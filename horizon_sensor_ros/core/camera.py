@@ -17,6 +17,7 @@ field back into the frame. Rays and pixels beyond that angle come back as NaN.
 
 from __future__ import annotations
 
+import math
 import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -227,8 +228,20 @@ class Camera:
 
     def off_axis(self, px: np.ndarray) -> np.ndarray:
         """Places (N, 2) of pixels from the optical axis, over half the frame's diagonal."""
-        half_diagonal = 0.5 * np.hypot(self.width, self.height)
-        return np.asarray((px - (self.cx, self.cy)) / half_diagonal)
+        return np.asarray((px - self._axis_px) * self._per_half_diagonal)
+
+    def cornered(self, px: np.ndarray) -> np.ndarray:
+        """Squares (N,) of their distances to it: one in the corners, as a rule."""
+        off = self.off_axis(px)
+        return np.asarray(np.einsum("ij,ij->i", off, off))
+
+    @cached_property
+    def _axis_px(self) -> np.ndarray:
+        return np.array([self.cx, self.cy])
+
+    @cached_property
+    def _per_half_diagonal(self) -> float:
+        return 2.0 / math.hypot(self.width, self.height)
 
     @property
     def max_angle_rad(self) -> float:

@@ -100,6 +100,7 @@ class Imaging:
     """The camera beyond its geometry: optics, exposure, noise, defects, coding."""
 
     psf_sigma_px: float = 0.7
+    corner_psf_px: float = 0.0  # the same in the corners, where a lens blurs more; 0: as much
     gain: float = 1.0  # exposure: scales everything but background and noise
     background_dn: float = 4.0
     noise_dn: float = 2.0  # read noise, sigma
@@ -120,6 +121,6 @@ class Imaging:
             raise ValueError(f"bits must be 8 to 16, got {self.bits}")
         if self.jpeg_quality is not None and self.bits != 8:
             raise ValueError(f"jpeg_quality needs 8 bits, got bits = {self.bits}")
-        for name in ("psf_sigma_px", "noise_dn", "shot_noise_dn", "gain"):
+        for name in ("psf_sigma_px", "corner_psf_px", "noise_dn", "shot_noise_dn", "gain"):
             if getattr(self, name) < 0.0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")

@@ -364,6 +364,13 @@ def _daylight(draft: _Draft, rng: np.random.Generator) -> _Draft:
     return replace(shown, sun_zenith_rad=float(rng.uniform(0.0, 1.2)))
 
 
+def _soft_corners(draft: _Draft, rng: np.random.Generator) -> _Draft:
+    """Clouds without air, and a lens that blurs more away from its axis, as most do."""
+    return draft.show(air_dn=0.0).record(
+        psf_sigma_px=float(rng.uniform(0.5, 0.7)), corner_psf_px=float(rng.uniform(0.7, 1.1))
+    )
+
+
 def _low_sun(draft: _Draft, rng: np.random.Generator) -> _Draft:
     """Air that the Sun, high above to below the horizon, lights as it does ground: unevenly."""
     shown = draft.show(air_dn=float(rng.uniform(60.0, 220.0)), air_light="sine")
@@ -413,4 +420,9 @@ KINDS: dict[str, Callable[[_Draft, np.random.Generator], _Draft]] = {
     "saturated": _saturated,
 }
 # Some are drawn only when they are named, and not in turn with the others.
-ALL_KINDS = KINDS | {"daylight": _daylight, "haze": _haze, "low_sun": _low_sun}
+ALL_KINDS = KINDS | {
+    "daylight": _daylight,
+    "haze": _haze,
+    "low_sun": _low_sun,
+    "soft_corners": _soft_corners,
+}

@@ -36,15 +36,15 @@ def expose(light: Image, imaging: Imaging, rng: np.random.Generator) -> Image:
     height, width = light.shape
     signal = light
     if imaging.vignetting > 0.0:
-        x = (np.arange(width, dtype=np.float32) - (width - 1) / 2.0) / (width / 2.0)
-        y = (np.arange(height, dtype=np.float32) - (height - 1) / 2.0) / (height / 2.0)
-        r2 = 0.5 * ((y * y)[:, None] + (x * x)[None, :])
-        signal = signal * (1.0 - np.float32(imaging.vignetting) * r2)
-    if imaging.psf_sigma_px > 0.0:
-        blurred = cv2.GaussianBlur(
-            signal, (0, 0), imaging.psf_sigma_px, borderType=cv2.BORDER_REPLICATE
+        signal = signal * (1.0 - np.float32(imaging.vignetting) * _cornered(height, width))
+    if imaging.corner_psf_px > 0.0:
+        share = _cornered(height, width)
+        middle, corner = (
+            _blurred(signal, psf) for psf in (imaging.psf_sigma_px, imaging.corner_psf_px)
         )
-        signal = np.asarray(blurred, np.float32)
+        signal = middle + share * (corner - middle)
+    else:
+        signal = _blurred(signal, imaging.psf_sigma_px)
     signal = signal * np.float32(imaging.gain)
     if imaging.banding > 0.0:
         phase = rng.uniform(0.0, 2.0 * np.pi)
@@ -54,6 +54,22 @@ def expose(light: Image, imaging: Imaging, rng: np.random.Generator) -> Image:
         ramp = _ramp(signal.shape, imaging.stray_angle_rad)
         signal = signal + np.float32(imaging.stray_dn) * ramp
     return signal + np.float32(imaging.background_dn)
+
+
+def _cornered(height: int, width: int) -> Image:
+    """From 0 in the middle of a frame (H, W) to 1 in its corners, as the square of the distance,
+    for which its sides are of one length.
+    """
+    x = (np.arange(width, dtype=np.float32) - (width - 1) / 2.0) / (width / 2.0)
+    y = (np.arange(height, dtype=np.float32) - (height - 1) / 2.0) / (height / 2.0)
+    return np.asarray(0.5 * ((y * y)[:, None] + (x * x)[None, :]), np.float32)
+
+
+def _blurred(signal: Image, psf_sigma_px: float) -> Image:
+    if psf_sigma_px == 0.0:
+        return signal
+    blurred = cv2.GaussianBlur(signal, (0, 0), psf_sigma_px, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(blurred, np.float32)
 
 
 def _ramp(shape: tuple[int, ...], angle_rad: float) -> Image:

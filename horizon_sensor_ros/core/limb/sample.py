@@ -244,7 +244,7 @@ def sample_limb(
         pitch_rad,
         profiles,
         noise,
-        np.square(view.camera.off_axis(curve.px[bundles.middle])).sum(axis=1),
+        view.camera.cornered(curve.px[bundles.middle]),
         black,
         step.blur_open_px,
     )

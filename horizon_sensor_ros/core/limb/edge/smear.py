@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.lens_blur import UNEVEN_PX, of_either_lens
 from horizon_sensor_ros.core.limb.edge.raster import BLUR_SIGMA_PX
-from horizon_sensor_ros.core.symmetric3 import inverse
 
 _BLUR_SIGMA_PX = 0.03  # how well a limb's blur is known beforehand
 # A slope or a bend along the limb is as large, over its root mean square, as one of a sixth of the
@@ -27,10 +27,6 @@ _SURE = 40.0  # times its variance, the square of a smear that chance does not m
 # a smear's, and may go with the direction by so large a share.
 _STILL_PX, _SMEARED_SHARE = 0.85, 0.5
 _UNTOLD = 3.0  # times its sigma, what texture may hide of a smear
-
-
-# Information on what is the same for all edges, on the raster's and on the lens's part.
-_BEFOREHAND = np.diag([_BLUR_SIGMA_PX**-2.0, BLUR_SIGMA_PX**-2.0, _LEAST_INFORMATION])
 
 
 @dataclass(frozen=True)
@@ -60,36 +56,55 @@ def blur_along(
     normal_px : (N, 2). raster : (N,), `Raster.blur`. cornered : (N,), see `Stretches`. lacking :
     (N,) what each edge says of it, and information : (N,) how well, by itself.
     """
-    lens, lens_px = _of_lens(raster, cornered, lacking, information)
-    found = _of_motion(normal_px, (raster, cornered), lacking - lens, information, assumed_px)
+    total = float(information.sum())
+    by_raster = _Cause.of(raster, information, total)
+    by_lens = _Cause.of(cornered, information, total)
+    lens, lens_px = _of_lens(by_raster, by_lens, lacking, information)
+    seen = normal_px, raster, information
+    found = _of_motion(seen, (by_raster, by_lens), lacking - lens, assumed_px)
     if found.sure:
         # What motion explains is not the lens's, which goes with the direction as much.
-        found = _of_motion(normal_px, (raster,), lacking, information, assumed_px)
+        found = _of_motion(seen, (by_raster,), lacking, assumed_px)
         return Blur(found.lacking_px, found.open_px)
     return Blur(found.lacking_px + lens, math.hypot(found.open_px, lens_px))
 
 
+class _Cause(NamedTuple):
+    """What changes the blur along a limb. off : (N,) by how much each edge has of it, off the mean;
+    told : (N,) that times the information; square : their product.
+    """
+
+    off: np.ndarray
+    told: np.ndarray
+    square: float
+
+    @classmethod
+    def of(cls, each: np.ndarray, information: np.ndarray, total: float) -> _Cause:
+        """Of a cause that edges have so much of (N,)."""
+        off = each - float(each @ information) / total
+        told = off * information
+        return cls(off, told, float(told @ off))
+
+
 def _of_lens(
-    raster: np.ndarray, cornered: np.ndarray, lacking: np.ndarray, information: np.ndarray
+    by_raster: _Cause, by_lens: _Cause, lacking: np.ndarray, information: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """What the lens adds to the blur of each edge (N,), on the mean over them nothing, and one
     sigma of the error that this leaves in common to a sixth of the limb.
     """
-    total = float(information.sum())
-    causes = np.empty((3, len(lacking)))
-    causes[0], causes[1] = 1.0, raster
-    causes[2] = cornered - cornered @ information / total
-    told = causes * information
-    cov = inverse(told @ causes.T + _BEFOREHAND)
-    unknowns = cov @ (told @ lacking)
-    repeated = _repetition(lacking - unknowns @ causes, information)
-    by_lens, variance = of_either_lens(float(unknowns[2]), repeated * float(cov[2, 2]))
-    spread2 = variance * float(causes[2] @ told[2]) / total
-    return by_lens * causes[2], _OF_SIXTHS * math.sqrt(spread2)
+    both = float(by_raster.told @ by_lens.off)
+    a, c = by_raster.square + BLUR_SIGMA_PX**-2.0, by_lens.square + _LEAST_INFORMATION
+    seen = float(by_raster.told @ lacking), float(by_lens.told @ lacking)
+    pixels, corners = _solved(a, both, c, *seen)
+    rest = lacking - pixels * by_raster.off - corners * by_lens.off
+    rest -= float(information @ rest) / float(information.sum())
+    variance = _repetition(rest, information) * a / (a * c - both * both)
+    corners, variance = of_either_lens(corners, variance)
+    spread2 = variance * by_lens.square / float(information.sum())
+    return corners * by_lens.off, _OF_SIXTHS * math.sqrt(spread2)
 
 
-@dataclass(frozen=True)
-class _Motion:
+class _Motion(NamedTuple):
     """`Blur` but for the lens; sure : whether motion smears the limb for sure."""
 
     lacking_px: np.ndarray
@@ -98,18 +113,18 @@ class _Motion:
 
 
 def _of_motion(
-    normal_px: np.ndarray,
-    others: tuple[np.ndarray, ...],
+    seen: tuple[np.ndarray, np.ndarray, np.ndarray],
+    others: tuple[_Cause, ...],
     lacking: np.ndarray,
-    information: np.ndarray,
     assumed_px: float,
 ) -> _Motion:
     """What is the same for all edges, what the raster makes of it, and what goes with the
     direction.
 
-    others : what besides changes the blur along the limb (N,), of which the first is the raster.
+    seen : normals, raster and information as of `blur_along`. others : what besides changes the
+    blur along the limb, raster first, then the lens.
     """
-    raster = others[0]
+    normal_px, raster, information = seen
     weighted = information * raster
     total = float(information.sum())
     common, pixels = _solved(
@@ -124,10 +139,8 @@ def _of_motion(
     design -= (design @ information / total)[:, None]
     # What the raster or the lens may do is no smear.
     for other, sigma_px in zip(others, (BLUR_SIGMA_PX, UNEVEN_PX), strict=False):
-        aside = other - other @ information / total
-        told_aside = aside * information
-        aside_of = design @ told_aside / (told_aside @ aside + sigma_px**-2.0)
-        design -= aside_of[:, None] * aside
+        aside_of = design @ other.told / (other.square + sigma_px**-2.0)
+        design -= aside_of[:, None] * other.off
     weighted = design * information
     rest = lacking - known
     told = weighted @ rest

@@ -175,7 +175,7 @@ def look_along(
         -limb.design(nadir_base, tangent_basis(nadir_base)) / growth[:, None],
         np.where(d_px > 0.0, height / rise[:, None], d_px),
         rise,
-        np.square(view.camera.off_axis(px)).sum(axis=1),
+        view.camera.cornered(px),
         ground_across_px(factor * view.camera.pixel_rad, rho_rad),
         spacing_px * size,
         np.zeros((len(px), 2)),
