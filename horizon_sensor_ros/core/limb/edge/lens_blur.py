@@ -14,7 +14,7 @@ import math
 # One sigma of the blur added in the corners, pixels: by lenses that blur evenly, and by the others;
 # and how many are of these.
 _EVEN_PX, UNEVEN_PX = 0.01, 0.3
-_UNEVEN_LENSES = 0.3
+_UNEVEN_LENSES = 0.2
 _MISJUDGED = 1.5  # how far off texture puts it, over what is claimed: it is no Gaussian process
 
 

@@ -16,9 +16,9 @@ from horizon_sensor_ros.core.limb.edge.lens_blur import UNEVEN_PX, of_either_len
 from horizon_sensor_ros.core.limb.edge.raster import BLUR_SIGMA_PX
 
 _BLUR_SIGMA_PX = 0.03  # how well a limb's blur is known beforehand
-# A slope or a bend along the limb is as large, over its root mean square, as one of a sixth of the
-# limb makes it: errors are claimed by sixths.
-_OF_SIXTHS = 2.4
+# Error in common to a sixth of the limb, over one sigma of the lens's part: 2.4 would allow for its
+# slope and bend whatever the lens; so much holds on average over even lenses and soft corners.
+_OF_SIXTHS = 1.5
 _SMEAR_SIGMA_PX = 0.3  # of what motion may add to it
 _LEAST_INFORMATION = 1e-3  # px^-2
 _PARTS = 12  # of a limb, in which edges may be wrong about their blur together
