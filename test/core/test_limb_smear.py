@@ -64,6 +64,13 @@ def test_what_texture_hides_of_a_smear_stays_open_where_the_blur_is_large() -> N
     assert blur_along(normal_px, still, still, 0.0 * texture, known, 1.5).open_px < 0.03
 
 
+def test_edges_that_tell_nothing_leave_the_blur_as_it_was_assumed() -> None:
+    normal_px, nothing = np.tile([0.0, 1.0], (9, 1)), np.zeros(9)
+    found = blur_along(normal_px, nothing, np.linspace(0.0, 1.0, 9), nothing + 0.3, nothing, 0.75)
+    assert (found.lacking_px == 0.0).all()
+    assert found.open_px == 0.0
+
+
 def test_what_the_raster_does_to_the_blur_is_no_smear() -> None:
     """A limb that turns away from the rows: only where it runs with them is its blur another."""
     angle = np.linspace(-0.3, 0.6, 40)

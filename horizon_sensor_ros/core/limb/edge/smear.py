@@ -57,6 +57,8 @@ def blur_along(
     (N,) what each edge says of it, and information : (N,) how well, by itself.
     """
     total = float(information.sum())
+    if not total > 0.0:
+        return Blur(np.zeros(len(lacking)), 0.0)
     by_raster = _Cause.of(raster, information, total)
     by_lens = _Cause.of(cornered, information, total)
     lens, lens_px = _of_lens(by_raster, by_lens, lacking, information)
