@@ -23,7 +23,7 @@ def test_a_limb_in_even_glow_is_not_held_to_edges_in_the_others_uneven_glow(
     fix = sensor.process(frames)
     assert fix.ok, fix.reason
     assert len(fix.cameras_used) == 1
-    assert error_deg(fix, scene.frames[0].truth.nadir_base) < 0.08
+    assert error_deg(fix, scene.frames[0].truth.nadir_base) < 0.06
     assert any("is not told from the glow" in limb.reason for limb in fix.limbs)
     # Followed it is the same limb.
     again = sensor.process(frames)
