@@ -5,12 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizon_sensor_ros.core.limb.glow.twilight import (
-    FURTHER,
-    further_powers,
-    lit_part,
-    lit_shares,
-)
+from horizon_sensor_ros.core.limb.glow.brightness import FURTHER, further_powers
+from horizon_sensor_ros.core.limb.glow.twilight import lit_part, lit_shares
 
 
 @pytest.mark.parametrize("turned", [False, True])

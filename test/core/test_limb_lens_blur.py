@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from horizon_sensor_ros.core.limb.edge.lens_blur import of_either_lens
-from horizon_sensor_ros.core.limb.edge.smear import blur_along
+from horizon_sensor_ros.core.limb.edge.smear import Causes, blur_along
 from horizon_sensor_ros.sim.hard_scenes import hard_scenes
 
 
@@ -40,14 +40,14 @@ def test_blur_grows_away_from_the_axis_only_where_that_is_sure() -> None:
     still, known = np.zeros(50), np.full(50, 1e4)
     noise = 0.01 * np.random.default_rng(1).standard_normal(50)
     lens = 0.3 * (cornered - cornered.mean())
-    found = blur_along(normal_px, still, cornered, lens + noise, known, 0.75)
+    found = blur_along(Causes.of(normal_px, still, cornered), lens + noise, known, 0.75)
     np.testing.assert_allclose(found.lacking_px, lens, atol=0.02)
     assert found.open_px < 0.02
-    even = blur_along(normal_px, still, cornered, noise, known, 0.75)
+    even = blur_along(Causes.of(normal_px, still, cornered), noise, known, 0.75)
     assert np.ptp(even.lacking_px) < 0.005
     # What neighbours say alike, and others otherwise, is texture's, and hides what a lens may do.
     texture = 0.2 * np.sign(np.sin(9.0 * place))
-    feigned = blur_along(normal_px, still, cornered, texture, known, 0.75)
+    feigned = blur_along(Causes.of(normal_px, still, cornered), texture, known, 0.75)
     assert np.ptp(feigned.lacking_px) < 0.1
     assert feigned.open_px > 0.015
 

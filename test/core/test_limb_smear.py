@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.horizon_fix import Frame
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
-from horizon_sensor_ros.core.limb.edge.smear import blur_along
+from horizon_sensor_ros.core.limb.edge.smear import Causes, blur_along
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 
@@ -38,14 +38,14 @@ def test_blur_follows_the_direction_only_where_that_is_sure() -> None:
     noise = 0.01 * np.random.default_rng(1).standard_normal(50)
     known = np.full(50, 1e4)
     still = np.zeros(50)
-    found = blur_along(normal_px, still, still, truth + noise, known, 0.75)
+    found = blur_along(Causes.of(normal_px, still, still), truth + noise, known, 0.75)
     lacking = found.lacking_px
     assert np.ptp(lacking) == pytest.approx(np.ptp(truth), rel=0.1)
     np.testing.assert_allclose(lacking - lacking.mean(), truth - truth.mean(), atol=0.02)
     assert found.open_px < 0.02
     # What neighbours say alike, and others otherwise, is texture's.
     texture = 0.2 * np.sign(np.sin(15.0 * angle))
-    feigned = blur_along(normal_px, still, still, truth + texture, known, 0.75)
+    feigned = blur_along(Causes.of(normal_px, still, still), truth + texture, known, 0.75)
     assert np.ptp(feigned.lacking_px) == 0.0
 
 
@@ -56,17 +56,19 @@ def test_what_texture_hides_of_a_smear_stays_open_where_the_blur_is_large() -> N
     texture = 0.2 * np.sign(np.sin(15.0 * angle))
     still = np.zeros(50)
     small, large = (
-        blur_along(normal_px, still, still, texture, known, psf_px).open_px
+        blur_along(Causes.of(normal_px, still, still), texture, known, psf_px).open_px
         for psf_px in (0.75, 1.5)
     )
     assert small == 0.0
     assert large > 0.05
-    assert blur_along(normal_px, still, still, 0.0 * texture, known, 1.5).open_px < 0.03
+    assert blur_along(Causes.of(normal_px, still, still), 0.0 * texture, known, 1.5).open_px < 0.03
 
 
 def test_edges_that_tell_nothing_leave_the_blur_as_it_was_assumed() -> None:
     normal_px, nothing = np.tile([0.0, 1.0], (9, 1)), np.zeros(9)
-    found = blur_along(normal_px, nothing, np.linspace(0.0, 1.0, 9), nothing + 0.3, nothing, 0.75)
+    found = blur_along(
+        Causes.of(normal_px, nothing, np.linspace(0.0, 1.0, 9)), nothing + 0.3, nothing, 0.75
+    )
     assert (found.lacking_px == 0.0).all()
     assert found.open_px == 0.0
 
@@ -79,12 +81,12 @@ def test_what_the_raster_does_to_the_blur_is_no_smear() -> None:
     noise = 0.007 * np.random.default_rng(2).standard_normal(40)
     known = np.full(40, 0.007**-2.0)
     found = blur_along(
-        normal_px, raster, 0.0 * raster, 0.08 * raster + noise, known, 0.75
+        Causes.of(normal_px, raster, 0.0 * raster), 0.08 * raster + noise, known, 0.75
     ).lacking_px
     np.testing.assert_allclose(found, 0.08 * raster, atol=0.012)
     smear = 0.1 * np.cos(2.0 * angle)
     lacking = 0.08 * raster + smear + noise
-    found = blur_along(normal_px, raster, 0.0 * raster, lacking, known, 0.75).lacking_px
+    found = blur_along(Causes.of(normal_px, raster, 0.0 * raster), lacking, known, 0.75).lacking_px
     off = found - (0.08 * raster + smear)
     assert np.abs(off - off.mean()).max() < 0.012
 

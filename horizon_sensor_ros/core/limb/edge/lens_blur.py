@@ -4,12 +4,14 @@ Most lenses blur more in the corners than in the middle. Taken for one blur ever
 a limb seem to lie farther out, beside clouds by up to a pixel, which bends the limb as another
 altitude does. Texture hides that blur: a lens that blurs evenly is told from one that does not by
 how well what is seen agrees with either.
-Source: derived here; Bayesian model averaging (Hoeting et al. 1999).
+Source: derived here.
 """
 
 from __future__ import annotations
 
 import math
+
+from horizon_sensor_ros.core.limb.lens_kinds import Known, of_either
 
 # One sigma of the blur added in the corners, pixels: by lenses that blur evenly, and by the others;
 # and how many are of these.
@@ -24,18 +26,5 @@ def of_either_lens(seen_px: float, variance: float) -> tuple[float, float]:
     seen_px, variance : of it by what a limb shows, without anything known beforehand.
     """
     variance *= _MISJUDGED**2
-    even, uneven = (_with_lens(seen_px, variance, sigma_px) for sigma_px in (_EVEN_PX, UNEVEN_PX))
-    log_odds = math.log(_UNEVEN_LENSES / (1.0 - _UNEVEN_LENSES)) + uneven[2] - even[2]
-    share = 0.5 + 0.5 * math.tanh(0.5 * log_odds)
-    off_px = uneven[0] - even[0]
-    spread = even[1] + share * (uneven[1] - even[1]) + share * (1.0 - share) * off_px**2
-    return even[0] + share * off_px, spread
-
-
-def _with_lens(seen_px: float, variance: float, sigma_px: float) -> tuple[float, float, float]:
-    """Mean and variance with lenses of one kind, and the logarithm of how likely what is seen is,
-    but for what is common to all kinds.
-    """
-    whole = variance + sigma_px**2
-    share = sigma_px**2 / whole
-    return share * seen_px, share * variance, -0.5 * (seen_px**2 / whole + math.log(whole))
+    even, uneven = (Known.of(seen_px, variance, sigma_px) for sigma_px in (_EVEN_PX, UNEVEN_PX))
+    return of_either(even, uneven, math.log(_UNEVEN_LENSES / (1.0 - _UNEVEN_LENSES)))

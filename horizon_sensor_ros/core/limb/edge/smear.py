@@ -42,137 +42,156 @@ class Blur:
     open_px: float
 
 
+@dataclass(frozen=True, eq=False)
+class Causes:
+    """What changes the blur along a limb, rows (5, N): by how much each edge has of what is the
+    same for all, of the raster's part, of the lens's, and of the two parts of a smear.
+    """
+
+    rows: np.ndarray
+
+    @classmethod
+    def of(cls, normal_px: np.ndarray, raster: np.ndarray, cornered: np.ndarray) -> Causes:
+        """By normals (N, 2), `Raster.blur` (N,), and how far off the axis edges lie (N,), see
+        `Stretches`.
+        """
+        x, y = normal_px.T
+        # Cosine and sine of twice the normals' angle.
+        return cls(np.array([np.ones(len(x)), raster, cornered, x * x - y * y, 2.0 * x * y]))
+
+
+# Rows of `Causes`, and what is seen after them.
+_COMMON, _RASTER, _LENS, _SMEAR, _SEEN = 0, 1, 2, slice(3, 5), 5
+# Information on some of them beforehand.
+_BEFOREHAND = {_RASTER: BLUR_SIGMA_PX**-2.0, _LENS: UNEVEN_PX**-2.0}
+
+
 def blur_along(
-    normal_px: np.ndarray,
-    raster: np.ndarray,
-    cornered: np.ndarray,
-    lacking: np.ndarray,
-    information: np.ndarray,
-    assumed_px: float,
+    causes: Causes, lacking: np.ndarray, information: np.ndarray, assumed_px: float
 ) -> Blur:
     """What an assumed blur lacks at each edge: the same for all, what the raster makes of it, what
     the lens adds away from its axis, and what goes with the direction.
 
-    normal_px : (N, 2). raster : (N,), `Raster.blur`. cornered : (N,), see `Stretches`. lacking :
-    (N,) what each edge says of it, and information : (N,) how well, by itself.
+    lacking : (N,) what each edge says of it, and information : (N,) how well, by itself.
     """
-    total = float(information.sum())
-    if not total > 0.0:
+    told = _Told(np.concatenate([causes.rows, lacking[None]]), information)
+    if not told.total > 0.0:
         return Blur(np.zeros(len(lacking)), 0.0)
-    by_raster = _Cause.of(raster, information, total)
-    by_lens = _Cause.of(cornered, information, total)
-    lens, lens_px = _of_lens(by_raster, by_lens, lacking, information)
-    seen = normal_px, raster, information
-    found = _of_motion(seen, (by_raster, by_lens), lacking - lens, assumed_px)
+    seen = np.zeros(6)
+    seen[_SEEN] = 1.0
+    corners, lens_px = _of_lens(told)
+    seen[_LENS] = -corners
+    found = _of_motion(told, seen, (_RASTER, _LENS), assumed_px)
     if found.sure:
         # What motion explains is not the lens's, which goes with the direction as much.
-        found = _of_motion(seen, (by_raster,), lacking, assumed_px)
-        return Blur(found.lacking_px, found.open_px)
-    return Blur(found.lacking_px + lens, math.hypot(found.open_px, lens_px))
+        seen[_LENS] = 0.0
+        found = _of_motion(told, seen, (_RASTER,), assumed_px)
+    else:
+        found.amounts[_LENS] += corners
+        found = found._replace(open_px=math.hypot(found.open_px, lens_px))
+    amounts = found.amounts
+    amounts[_COMMON] -= amounts @ told.mean
+    return Blur(amounts[:_SEEN] @ causes.rows, found.open_px)
 
 
-class _Cause(NamedTuple):
-    """What changes the blur along a limb. off : (N,) by how much each edge has of it, off the mean;
-    told : (N,) that times the information; square : their product.
+class _Told:
+    """What edges tell of the causes, and what they see after them.
+
+    total : of the information. mean (6,) : of what the edges have of each, but of what is the same
+    for all, which has none. square (6, 6) : inner products of what they have off the mean; parted
+    (6, 6) : of the sums of that over parts of the limb.
     """
 
-    off: np.ndarray
-    told: np.ndarray
-    square: float
+    def __init__(self, rows: np.ndarray, information: np.ndarray) -> None:
+        weighted = rows * information
+        square = weighted @ rows.T
+        self.total = float(square[_COMMON, _COMMON])
+        if not self.total > 0.0:
+            return
+        self.mean = square[_COMMON] / self.total
+        self.mean[_COMMON] = 0.0
+        self.square = square - np.multiply.outer(self.mean, square[_COMMON])
+        self.square[_COMMON, 1:] = 0.0
+        count = rows.shape[1]
+        self._num = min(_PARTS, count)
+        sums = np.add.reduceat(weighted, np.arange(self._num) * count // self._num, axis=1)
+        weight = np.maximum(sums[_COMMON], _LEAST_INFORMATION)
+        sums -= np.multiply.outer(self.mean, sums[_COMMON])
+        self.parted = (sums / weight) @ sums.T
 
-    @classmethod
-    def of(cls, each: np.ndarray, information: np.ndarray, total: float) -> _Cause:
-        """Of a cause that edges have so much of (N,)."""
-        off = each - float(each @ information) / total
-        told = off * information
-        return cls(off, told, float(told @ off))
+    def repetition(self, rest: np.ndarray) -> float:
+        """How often edges say the same: what parts of a limb leave (6,), over chance."""
+        return max(1.0, float(rest @ self.parted @ rest) / max(self._num - 3, 1))
 
 
-def _of_lens(
-    by_raster: _Cause, by_lens: _Cause, lacking: np.ndarray, information: np.ndarray
-) -> tuple[np.ndarray, float]:
-    """What the lens adds to the blur of each edge (N,), on the mean over them nothing, and one
-    sigma of the error that this leaves in common to a sixth of the limb.
+def _of_lens(told: _Told) -> tuple[float, float]:
+    """How much the lens adds to the blur in the corners, and one sigma of the error that this
+    leaves in common to a sixth of the limb.
     """
-    both = float(by_raster.told @ by_lens.off)
-    a, c = by_raster.square + BLUR_SIGMA_PX**-2.0, by_lens.square + _LEAST_INFORMATION
-    seen = float(by_raster.told @ lacking), float(by_lens.told @ lacking)
-    pixels, corners = _solved(a, both, c, *seen)
-    rest = lacking - pixels * by_raster.off - corners * by_lens.off
-    rest -= float(information @ rest) / float(information.sum())
-    variance = _repetition(rest, information) * a / (a * c - both * both)
+    (_, raster, lens, *_, raster_seen), (_, _, square, *_, lens_seen) = told.square[1:3].tolist()
+    a, c = raster + BLUR_SIGMA_PX**-2.0, square + _LEAST_INFORMATION
+    pixels, corners = _solved(a, lens, c, raster_seen, lens_seen)
+    rest = np.array([0.0, -pixels, -corners, 0.0, 0.0, 1.0])
+    variance = told.repetition(rest) * a / (a * c - lens * lens)
     corners, variance = of_either_lens(corners, variance)
-    spread2 = variance * by_lens.square / float(information.sum())
-    return corners * by_lens.off, _OF_SIXTHS * math.sqrt(spread2)
+    return corners, _OF_SIXTHS * math.sqrt(variance * square / told.total)
 
 
 class _Motion(NamedTuple):
-    """`Blur` but for the lens; sure : whether motion smears the limb for sure."""
+    """Blur by all but the lens. amounts (6,) : of each cause, off its mean. open_px : as of `Blur`.
+    sure : whether motion smears the limb for sure.
+    """
 
-    lacking_px: np.ndarray
+    amounts: np.ndarray
     open_px: float
     sure: bool
 
 
 def _of_motion(
-    seen: tuple[np.ndarray, np.ndarray, np.ndarray],
-    others: tuple[_Cause, ...],
-    lacking: np.ndarray,
-    assumed_px: float,
+    told: _Told, seen: np.ndarray, others: tuple[int, ...], assumed_px: float
 ) -> _Motion:
     """What is the same for all edges, what the raster makes of it, and what goes with the
     direction.
 
-    seen : normals, raster and information as of `blur_along`. others : what besides changes the
-    blur along the limb, raster first, then the lens.
+    seen (6,) : what is to be explained, off the mean. others : what besides changes the blur along
+    the limb.
     """
-    normal_px, raster, information = seen
-    weighted = information * raster
-    total = float(information.sum())
+    square, total = told.square, told.total
+    raster, lacking = float(told.mean[_RASTER]), float(told.mean[_SEEN])
     common, pixels = _solved(
         total + _BLUR_SIGMA_PX**-2.0,
-        float(weighted.sum()),
-        float(weighted @ raster) + BLUR_SIGMA_PX**-2.0,
-        float(information @ lacking),
-        float(weighted @ lacking),
+        total * raster,
+        float(square[_RASTER, _RASTER]) + total * raster**2 + BLUR_SIGMA_PX**-2.0,
+        total * lacking,
+        float(square[_RASTER] @ seen) + total * raster * lacking,
     )
-    known = common + pixels * raster
-    design = _twice_the_angle(normal_px)
-    design -= (design @ information / total)[:, None]
+    level = common + pixels * raster
+    smears = np.zeros((2, 6))
+    smears[:, _SMEAR] = np.eye(2)
     # What the raster or the lens may do is no smear.
-    for other, sigma_px in zip(others, (BLUR_SIGMA_PX, UNEVEN_PX), strict=False):
-        aside_of = design @ other.told / (other.square + sigma_px**-2.0)
-        design -= aside_of[:, None] * other.off
-    weighted = design * information
-    rest = lacking - known
-    told = weighted @ rest
-    normal = weighted @ design.T
-    smear = _solved_with(normal, _LEAST_INFORMATION, told)
-    repeated = _repetition(rest - smear @ design, information)
+    for other in others:
+        smears[:, other] -= smears @ square[other] / (square[other, other] + _BEFOREHAND[other])
+    rest = seen.copy()
+    rest[_COMMON], rest[_RASTER] = lacking - level, -pixels
+    told_each = smears @ square
+    normal, sees = told_each @ smears.T, told_each @ rest
+    smear = _solved_with(normal, _LEAST_INFORMATION, sees)
+    repeated = told.repetition(rest - smear @ smears)
     before = repeated * _SMEAR_SIGMA_PX**-2.0
-    smear = _solved_with(normal, before, told)
-    sure = float(smear @ told) >= _SURE * repeated
-    more = assumed_px + float(information @ known) / total - _STILL_PX
+    smear = _solved_with(normal, before, sees)
+    sure = float(smear @ sees) >= _SURE * repeated
+    more = assumed_px + level - _STILL_PX
+    amounts = np.array([level, pixels, 0.0, 0.0, 0.0, 0.0])
     if not sure and more <= 0.0:
-        return _Motion(known, 0.0, False)
+        return _Motion(amounts, 0.0, False)
     # Root of the mean variance of what a smear adds.
     (a, b), (_, c) = normal.tolist()
     size = (a + before) * (c + before) - b * b
     spread = (c + before) * a - 2.0 * b * b + (a + before) * c
     open_px = math.sqrt(repeated * max(spread, 0.0) / (size * total))
     if sure:
-        return _Motion(known + smear @ design, open_px, True)
-    return _Motion(known, min(_SMEARED_SHARE * more, _UNTOLD * open_px), False)
-
-
-def _repetition(rest: np.ndarray, information: np.ndarray) -> float:
-    """How often edges say the same: what parts of a limb leave of a smear, over chance."""
-    num = min(_PARTS, len(rest))
-    first = np.arange(num) * len(rest) // num
-    weight = np.add.reduceat(information, first)
-    sums = np.add.reduceat(information * rest, first)
-    chi2 = float(sums @ (sums / np.maximum(weight, _LEAST_INFORMATION)))
-    return max(1.0, chi2 / max(num - 3, 1))
+        return _Motion(amounts + smear @ smears, open_px, True)
+    return _Motion(amounts, min(_SMEARED_SHARE * more, _UNTOLD * open_px), False)
 
 
 def _solved_with(normal: np.ndarray, before: float, told: np.ndarray) -> np.ndarray:
@@ -185,9 +204,3 @@ def _solved(a: float, b: float, c: float, u: float, v: float) -> tuple[float, fl
     """Solution of ``a x + b y = u, b x + c y = v``."""
     size = a * c - b * b
     return (c * u - b * v) / size, (a * v - b * u) / size
-
-
-def _twice_the_angle(normal_px: np.ndarray) -> np.ndarray:
-    """Cosine and sine (2, N) of twice the angle of normals (N, 2)."""
-    x, y = normal_px.T
-    return np.array([x * x - y * y, 2.0 * x * y])

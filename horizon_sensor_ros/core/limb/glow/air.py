@@ -23,8 +23,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from horizon_sensor_ros.core.limb.glow.brightness import FURTHER
 from horizon_sensor_ros.core.limb.glow.fading import FADING_SIGMA
-from horizon_sensor_ros.core.limb.glow.twilight import FURTHER
 
 LIMB, BACKGROUND, BLUR, LOG_GLOW, LOG_HEIGHT, SHARE, FADING = slice(3), 3, 4, slice(5, 8), 8, 9, 10
 STRAY = slice(11, 13)
@@ -72,7 +72,7 @@ class Air:
     see the top of this file; the height itself, not its logarithm.
     edge_psf_px : blur of edges found one by one, pixels. part : of the limb in sight that is lit
     and fitted, from 0 to 1 along it, towards the terminator; None by day, of all of it. further :
-    (0,) by day, else (3,) of log A, see `twilight.further_powers`. faint : the glow is so weak
+    (0,) by day, else (3,) of log A, see `brightness.further_powers`. faint : the glow is so weak
     that there may be none.
     """
 

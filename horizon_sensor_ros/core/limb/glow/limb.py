@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,8 +39,9 @@ from horizon_sensor_ros.core.limb.glow.air import (
     Air,
     usual_bend,
 )
+from horizon_sensor_ros.core.limb.glow.brightness import powers
 from horizon_sensor_ros.core.limb.glow.glare import glare_lines, in_glare, reach_px
-from horizon_sensor_ros.core.limb.glow.model import GlowStep, powers, step_towards
+from horizon_sensor_ros.core.limb.glow.model import GlowStep, step_towards
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight, look_along
 from horizon_sensor_ros.core.limb.glow.twilight import lit_part
 from horizon_sensor_ros.core.limb_curve import LimbCurve
@@ -208,10 +210,10 @@ def _fitted(
             if sight is None or len(sight) < _LEAST_STRETCHES:
                 return None
         if air is None or len(keep) != len(sight):
-            air, keep, glow = _first_guess(sight, look, air)
-            air = air.lit_in(part)
+            guess = _first_guess(sight, look, air)
+            air, keep = guess.air.lit_in(part), guess.keep
             if part is None and (_too_few(keep) or np.abs(air.log_glow[1:]).max() > _TWILIGHT):
-                return lit_part(glow)
+                return lit_part(guess.glow)
         if _too_few(keep):
             return None
         found = step_towards(sight, air, keep)
@@ -230,7 +232,7 @@ def _fitted(
         outlying = keep & (found.cost > _OUTLIER * max(1.0, median(found.cost[keep])))
         if far <= _NEAR_PX and air.near(change) and not outlying.any():
             if part is None and _uneven(air):
-                return lit_part(glow)
+                return lit_part(guess.glow)
             holds = median(found.cost[keep]) < _MISFIT and _plausible(air)
             return _limb(sight, found, keep, air, nadir_base) if holds else None
         settled = far <= _NEAR_PX and not outlying.any()
@@ -274,7 +276,9 @@ def _uneven(air: Air) -> bool:
 
 
 def _plausible(air: Air) -> bool:
-    """Whether it is daylight all along the limb, and the blur one that could be told."""
+    """Whether what is seen of the limb is in daylight, or is taken to be in twilight, and blur and
+    share are such as could be told.
+    """
     return bool(
         (air.twilit or not _uneven(air))
         and BLURS_PX[0] < air.psf_px < BLURS_PX[1]
@@ -310,20 +314,24 @@ def _look(
     return sight if lines is None else beyond.without_glare(lines, from_px, outer_px)
 
 
-def _first_guess(
-    sight: GlowSight, look: EdgeLook, air: Air | None
-) -> tuple[Air, np.ndarray, np.ndarray]:
-    """Air that fits the profiles beyond the edge, which of them (M,) show it, and how brightly each
-    does (M,).
-
-    air : as found so far, which is kept.
+class _Guess(NamedTuple):
+    """Air that fits the profiles beyond the edge, which of them show it, keep (M,), and how
+    brightly each does, glow (M,).
     """
+
+    air: Air
+    keep: np.ndarray
+    glow: np.ndarray
+
+
+def _first_guess(sight: GlowSight, look: EdgeLook, air: Air | None) -> _Guess:
+    """What to begin the steps with. air : as found so far, which is kept."""
     background = median(sight.profiles[:, -2:].ravel())
     if air is None and median(USUAL_HEIGHT / sight.rise) < _THIN_PX:
         glow = _THIN_GLOW * (sight.profiles[:, 1] - background)
         log_glow = np.array([math.log(max(median(glow), 1e-6)), 0.0, 0.0])
         thin = Air(USUAL_HEIGHT, log_glow, USUAL_SHARE, look.psf_px, background, look.psf_px)
-        return thin, np.ones(len(sight), dtype=bool), glow
+        return _Guess(thin, np.ones(len(sight), dtype=bool), glow)
     outer = sight.d_px >= _FROM_PX
     profiles, distance = sight.profiles[:, outer], sight.distance[:, outer]
     best = np.inf
@@ -344,7 +352,8 @@ def _first_guess(
     if air is None and np.count_nonzero(keep) >= _LEAST_STRETCHES:
         log_glow = np.linalg.lstsq(powers(sight.along)[keep], np.log(glow[keep]), rcond=None)[0]
     psf_px = look.psf_px
-    return air or Air(height, log_glow, USUAL_SHARE, psf_px, background, psf_px), keep, glow
+    air = air or Air(height, log_glow, USUAL_SHARE, psf_px, background, psf_px)
+    return _Guess(air, keep, glow)
 
 
 def _faint(along: np.ndarray, cov: np.ndarray) -> bool:

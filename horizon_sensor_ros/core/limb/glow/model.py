@@ -26,10 +26,11 @@ from horizon_sensor_ros.core.limb.glow.air import (
     Air,
 )
 from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outside
+from horizon_sensor_ros.core.limb.glow.brightness import further_powers, powers
 from horizon_sensor_ros.core.limb.glow.fading import with_either_lens
 from horizon_sensor_ros.core.limb.glow.ground import Ground
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight
-from horizon_sensor_ros.core.limb.glow.twilight import further_powers, lit_shares
+from horizon_sensor_ros.core.limb.glow.twilight import lit_shares
 from horizon_sensor_ros.core.robust import median, quantile
 
 # Up to where, beyond the edge, there may be texture: pixels, and blurs.
@@ -45,11 +46,6 @@ _STRENGTH_STEP = 2.0
 _STRENGTHS = _STRENGTH_STEP ** np.arange(-2.0, 2.0)
 _LEAST_SCATTER = 0.02
 _AGAIN = 2  # derivatives by what the step before takes the ground to be
-
-
-def powers(along: np.ndarray) -> np.ndarray:
-    """Rows (M, 3) of the polynomial of log A at places along the limb."""
-    return np.stack([np.ones_like(along), along, along * along], axis=1)
 
 
 @dataclass(frozen=True)

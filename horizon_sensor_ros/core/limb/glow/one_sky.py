@@ -32,8 +32,8 @@ from horizon_sensor_ros.core.limb.glow.air import (
     KEPT_LOG_GLOW,
     usual_bend,
 )
+from horizon_sensor_ros.core.limb.glow.brightness import powers
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb
-from horizon_sensor_ros.core.limb.glow.model import powers
 
 # What a frame's fit says of itself holds to so many of its sigmas: clouds are no Gaussian process.
 # As measured beside the truth of simulated limbs.

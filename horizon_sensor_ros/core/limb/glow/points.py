@@ -17,8 +17,8 @@ from horizon_sensor_ros.core.limb.glow.air import (
     SHARE_SIGMA,
     USUAL_SHARE,
 )
+from horizon_sensor_ros.core.limb.glow.brightness import powers
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb
-from horizon_sensor_ros.core.limb.glow.model import powers
 from horizon_sensor_ros.core.limb.glow.one_sky import Together, under_one_sky
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status

@@ -1,8 +1,7 @@
 """Towards the terminator: which part of a limb the Sun lights, and how brightly.
 
-By daylight a polynomial of second degree describes the logarithm of the glow's brightness along a
-limb. Towards the terminator that falls too fast, by a law that is not known: further powers of the
-place along the limb are unknown as well, and the ground darkens with the air.
+The glow's brightness falls by a law that is not known (`brightness.further_powers`), and the ground
+darkens with the air.
 """
 
 from __future__ import annotations
@@ -11,7 +10,8 @@ import math
 
 import numpy as np
 
-FURTHER = 3  # powers beyond the second
+from horizon_sensor_ros.core.limb.glow.brightness import powers
+
 # By how much the logarithm of glow falls along the part of a limb that is looked at: what is darker
 # tells hardly more, and less of it follows any law.
 _MOST_FADING = 2.0
@@ -35,18 +35,11 @@ def lit_part(glow: np.ndarray) -> tuple[float, float] | None:
     return float(first) / len(glow), float(last) / len(glow)
 
 
-def further_powers(along: np.ndarray, count: int) -> np.ndarray:
-    """Rows (M, count) of the polynomial of log A beyond the second power: Legendre's, which hardly
-    move what the lower ones are.
-    """
-    return np.asarray(np.polynomial.legendre.legvander(along, 2 + count)[:, 3:])
-
-
 def lit_shares(along: np.ndarray, level: np.ndarray) -> np.ndarray:
     """How brightly ground with levels (K,) is lit at places along the limb, over where it is lit
     most.
     """
-    shape = np.stack([np.ones_like(along), along, along * along], axis=1)
+    shape = powers(along)
     smooth = shape @ np.linalg.lstsq(shape, level, rcond=None)[0]
     brightest = float(smooth.max())
     if not brightest > 0.0:

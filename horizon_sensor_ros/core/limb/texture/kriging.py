@@ -23,7 +23,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.model import MAX_LEVEL, normal_cdf
 from horizon_sensor_ros.core.limb.edge.raster import PLACE_SIGMA_PX, Raster
-from horizon_sensor_ros.core.limb.edge.smear import blur_along
+from horizon_sensor_ros.core.limb.edge.smear import Causes, blur_along
 from horizon_sensor_ros.core.limb.profiles import nearness
 from horizon_sensor_ros.core.limb.texture import ground_texture
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
@@ -174,13 +174,15 @@ def _tables_of(stretches: Stretches, used: slice) -> _Tables:
 
 
 class _Limb:
-    """Stretches along one limb: which of them are good (N,), and how they lie in the raster.
+    """Stretches along one limb: which of them are good (N,), how they lie in the raster, and what
+    changes their blur.
 
     ground : length of a stretch, over the planet's radius. count : of the good ones.
     """
 
     def __init__(self, stretches: Stretches, good: np.ndarray, raster: Raster) -> None:
         self.stretches, self.good, self.raster = stretches, good, raster
+        self.causes = Causes.of(stretches.base[:, :2], raster.blur, stretches.cornered)
         self.every = bool(good.all())
         self.ground = _rounded(stretches.px_over_radius * stretches.length_px)
         self.count = int(np.count_nonzero(good))
@@ -252,14 +254,8 @@ def _on_one_limb(
     and what their blur lacks (N,).
     """
     stretches, raster = limb.stretches, limb.raster
-    blur = blur_along(
-        stretches.base[:, :2],
-        raster.blur,
-        stretches.cornered,
-        found.wider[:, texture],
-        found.wider_information[:, texture],
-        stretches.psf_px,
-    ).lacking_px
+    wider, information = found.wider[:, texture], found.wider_information[:, texture]
+    blur = blur_along(limb.causes, wider, information, stretches.psf_px).lacking_px
     place = found.places[:, texture] - tables.lean[texture] * blur
     unknowns, error, _ = limb_in_raster(
         limb.sure(stretches.base),
@@ -297,13 +293,10 @@ def _averaged(
     """Places (N,) and variances (N,) averaged over the textures, as likely as each is (N, S); what
     the blur lacks (N,), and one sigma of what it may lack besides.
     """
-    stretches = limb.stretches
     information = found.wider_information * share
     told = information.sum(axis=1)
     lacking = (information * found.wider).sum(axis=1) / np.maximum(told, 1e-30)
-    smeared = blur_along(
-        stretches.base[:, :2], limb.raster.blur, stretches.cornered, lacking, told, stretches.psf_px
-    )
+    smeared = blur_along(limb.causes, lacking, told, limb.stretches.psf_px)
     blur = smeared.lacking_px
     places = found.places - tables.lean * blur[:, None]
     place = (share * places).sum(axis=1)
