@@ -1,4 +1,6 @@
-"""What is known from elsewhere when a set of frames is processed: position, altitude, rotation."""
+"""What is known from elsewhere when a set of frames is processed: position, altitude, rotation,
+rate, time.
+"""
 
 from __future__ import annotations
 
@@ -61,18 +63,29 @@ class Aiding:
 
     coarse_pose : of the base frame in ECEF. altitude : a measurement of it. rot_now_from_last :
     (3, 3) takes the components of a vector that does not turn from the base frame at the last
-    processed set to the base frame now (an integrated gyro).
-    Raises ValueError for a rot_now_from_last that is no rotation.
+    processed set to the base frame now (an integrated gyro). rate_base_rad_s : (3,) angular rate of
+    the base frame in its own axes (a gyro). since_last_s : time since the last processed set.
+    Raises ValueError for a rot_now_from_last that is no rotation, a rate that is not (3,) and
+    finite, or a time that is not positive.
     """
 
     coarse_pose: CoarsePose | None = None
     altitude: AltitudeMeasurement | None = None
     rot_now_from_last: np.ndarray | None = None
+    rate_base_rad_s: np.ndarray | None = None
+    since_last_s: float | None = None
 
     def __post_init__(self) -> None:
         if self.rot_now_from_last is not None:
             rot = require_rotation(self.rot_now_from_last, "rot_now_from_last")
             object.__setattr__(self, "rot_now_from_last", _read_only(rot))
+        if self.rate_base_rad_s is not None:
+            rate = np.array(self.rate_base_rad_s, dtype=float)
+            if rate.shape != (3,) or not np.all(np.isfinite(rate)):
+                raise ValueError(f"rate_base_rad_s must be three finite rad/s, got {rate.tolist()}")
+            object.__setattr__(self, "rate_base_rad_s", _read_only(rate))
+        if self.since_last_s is not None and not 0.0 < self.since_last_s < np.inf:
+            raise ValueError(f"since_last_s must be positive, got {self.since_last_s}")
 
 
 NOTHING_KNOWN = Aiding()

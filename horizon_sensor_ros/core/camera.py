@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 import reprlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -242,6 +242,10 @@ class Camera:
     @cached_property
     def _per_half_diagonal(self) -> float:
         return 2.0 / math.hypot(self.width, self.height)
+
+    def with_focal_scale(self, scale: float) -> Camera:
+        """Return the camera with its focal lengths multiplied."""
+        return replace(self, fx=self.fx * scale, fy=self.fy * scale)
 
     @property
     def max_angle_rad(self) -> float:

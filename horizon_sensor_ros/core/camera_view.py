@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,20 +17,27 @@ class CameraView:
     """A camera in its place: name, camera, and the rotation that takes optical-frame vectors to the
     base frame.
 
-    mask : what of its image may be used; None: all.
+    mask : what of its image may be used; None: all. readout_s : from the first row of an image to
+    the last, below zero where the last one is read first; the stamp is that of the row that is read
+    first; 0: all at once. turn_sigma_rad : one sigma of what it may turn by meanwhile, about every
+    axis, beside what is known and taken out (`readout.view_at_stamp`).
     Raises ValueError when rot_base_from_cam is not a rotation matrix (orthonormal to 1e-6,
-    determinant +1), or the mask has another size than the camera.
+    determinant +1), the mask has another size than the camera, or the readout is not finite.
     """
 
     name: str
     camera: Camera
     rot_base_from_cam: np.ndarray
     mask: Mask | None = None
+    readout_s: float = 0.0
+    turn_sigma_rad: float = 0.0
 
     def __post_init__(self) -> None:
         rot = require_rotation(self.rot_base_from_cam, f"rot_base_from_cam of {self.name!r}")
         rot.setflags(write=False)
         object.__setattr__(self, "rot_base_from_cam", rot)
+        if not math.isfinite(self.readout_s):
+            raise ValueError(f"readout_s of {self.name!r} must be finite, got {self.readout_s}")
         if self.mask is not None and self.mask.shape != (self.camera.height, self.camera.width):
             height, width = self.mask.shape
             raise ValueError(

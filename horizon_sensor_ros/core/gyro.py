@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 from collections import deque
 
 import numpy as np
@@ -69,6 +70,18 @@ class RateHistory:
         for step in rotation_from_vector(-turn):
             rotation = step @ rotation
         return rotation
+
+    def rate(self, stamp: int) -> np.ndarray | None:
+        """The rate (3,) last told up to a stamp; None where that is longer ago than the largest
+        gap.
+
+        Later ones do not count, though they may be known: whether they are depends on who is
+        faster.
+        """
+        at = bisect.bisect_right(self._stamps, stamp) - 1
+        if at < 0 or stamp - self._stamps[at] > self.max_gap_ns:
+            return None
+        return self._rates[at]
 
     def forget_before(self, stamp: int) -> None:
         """Drop what no rotation from `stamp` on needs."""

@@ -35,7 +35,8 @@ class HorizonFix:
     those whose limbs lie on the same cone, but without which the fix is surer. predicted : where
     the limb was expected, if it was followed and not searched for. airglow : the edge of the
     airglow above the limb, as a fit of its own, where nadir is by that too. airglow_alone : all is
-    by that edge, and limbs are points of it.
+    by that edge, and limbs are points of it. views : one per frame, as they see the horizon at its
+    stamp, where a camera is read out row by row; else empty.
     """
 
     status: Status
@@ -47,6 +48,7 @@ class HorizonFix:
     airglow: HorizonFit | None = None
     airglow_alone: bool = False
     cameras_spared: tuple[str, ...] = ()
+    views: tuple[CameraView, ...] = ()
 
     @property
     def ok(self) -> bool:

@@ -16,7 +16,14 @@ from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_search import HorizonSearch
 from horizon_sensor_ros.core.limb.detector import follow_limb
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.nadir_rate import NadirRate
 from horizon_sensor_ros.core.planet_figure import Disc
+from horizon_sensor_ros.core.readout import (
+    GYRO_SIGMA_RAD_S,
+    UNKNOWN_SIGMA_RAD_S,
+    TurnRate,
+    view_at_stamp,
+)
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.track import Track
 
@@ -35,10 +42,12 @@ class HorizonSensor:
         self._estimator = HorizonEstimator(self.config)
         self._search = HorizonSearch(self._estimator)
         self._track: Track | None = None
+        self._nadir_rate = NadirRate()
 
     def reset(self) -> None:
         """Forget where the limb was: the next frames are searched."""
         self._track = None
+        self._nadir_rate.reset()
 
     @property
     def following(self) -> bool:
@@ -54,8 +63,27 @@ class HorizonSensor:
         """
         if len(frames) == 0:
             raise ValueError("frames must hold at least one frame")
+        if not any(frame.view.readout_s for frame in frames):
+            return self._processed(frames, frames, aiding)
+        rate = self._turn_rate(aiding)
+        seen = [replace(frame, view=view_at_stamp(frame.view, rate)) for frame in frames]
+        fix = self._processed(frames, seen, aiding)
+        self._nadir_rate.add(fix.fit, aiding.since_last_s)
+        return replace(fix, views=tuple(frame.view for frame in seen))
+
+    def _turn_rate(self, aiding: Aiding) -> TurnRate:
+        """How fast the craft turns while frames are read out."""
+        if aiding.rate_base_rad_s is not None:
+            return TurnRate(aiding.rate_base_rad_s, GYRO_SIGMA_RAD_S)
+        return self._nadir_rate.now() or TurnRate(np.zeros(3), UNKNOWN_SIGMA_RAD_S)
+
+    def _processed(
+        self, given: Sequence[Frame], frames: Sequence[Frame], aiding: Aiding
+    ) -> HorizonFix:
+        """Fix of frames. given : the same, by the cameras as they are called from set to set."""
+        views = [frame.view for frame in given]
         unusable = [_unusable(frame) for frame in frames]
-        if self._track is not None and not any(unusable):
+        if self._track is not None and self._track.is_of(views) and not any(unusable):
             followed = self._follow(frames, self._track, aiding)
             if followed is not None:
                 return followed
@@ -68,7 +96,6 @@ class HorizonSensor:
             and detection.modelled
         ):
             shows = detection.layer_rad > 0.0 or fix.airglow is not None
-            views = [frame.view for frame in frames]
             self._track = Track.started(
                 views, replace(detection, airglow=shows), fix.fit, fix.cameras_on_cone(views)
             )
@@ -77,7 +104,7 @@ class HorizonSensor:
     def _follow(self, frames: Sequence[Frame], track: Track, aiding: Aiding) -> HorizonFix | None:
         """Fix from where the limb is expected; None where a search has to say what is there."""
         views = [frame.view for frame in frames]
-        if track.age >= _LONGEST_TRACK or not track.is_of(views):
+        if track.age >= _LONGEST_TRACK:
             return None
         nadir, rho = track.predicted_cone(aiding.rot_now_from_last)
         figure = self._estimator.figure(aiding).aligned(nadir)

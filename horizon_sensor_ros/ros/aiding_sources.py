@@ -100,8 +100,11 @@ class AidingSources:
     def of_set(self, stamp: int) -> Aiding:
         """Return what is known for the set of this stamp, which is the last one from now on."""
         pose = self._pose_at(stamp)
-        rotation = None
+        rotation, rate, since_last = None, None, None
+        if self._last_set is not None and stamp > self._last_set:
+            since_last = (stamp - self._last_set) / NANOSECONDS
         if len(self._rates):
+            rate = self._rates.rate(stamp)
             words = "no set before"
             if self._last_set is not None:
                 rotation = self._rates.rotation(self._last_set, stamp)
@@ -111,7 +114,7 @@ class AidingSources:
         else:
             self._say(IMU_TOPIC, "none")
         self._last_set = stamp
-        return Aiding(pose, self._altitude(pose), rotation)
+        return Aiding(pose, self._altitude(pose), rotation, rate, since_last)
 
     def _pose_at(self, stamp: int) -> CoarsePose | None:
         if self._pose is None:

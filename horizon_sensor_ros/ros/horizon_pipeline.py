@@ -63,10 +63,11 @@ class Step:
 
 @dataclass
 class _CameraState:
-    """A camera's mask and encoding, its latest calibration, and the view made from it."""
+    """A camera's mask, encoding and readout, its latest calibration, and the view made from it."""
 
     mask: Mask | None = None
     gamma: float = 1.0
+    readout_s: float = 0.0
     info_key: tuple[Any, ...] | None = None
     camera: Camera | Refusal | None = None
     view: CameraView | None = None
@@ -87,9 +88,13 @@ class HorizonPipeline:
         self._sensor = HorizonSensor(settings.sensor)
         self._pairing: Pairing[Frame] = self._new_pairing()
         self._cameras = {
-            name: _CameraState(None if path is None else read_mask(path), gamma)
-            for name, path, gamma in zip(
-                settings.cameras, settings.masks, settings.gammas, strict=True
+            name: _CameraState(None if path is None else read_mask(path), gamma, readout_s)
+            for name, path, gamma, readout_s in zip(
+                settings.cameras,
+                settings.masks,
+                settings.gammas,
+                settings.readouts_s,
+                strict=True,
             )
         }
         self.aiding = AidingSources(settings.aiding, settings.sensor.planet, settings.base_frame)
@@ -203,7 +208,9 @@ class HorizonPipeline:
             or view.camera is not camera
             or not np.array_equal(view.rot_base_from_cam, rot_base_from_cam)
         ):
-            view = state.view = CameraView(name, camera, rot_base_from_cam, state.mask)
+            view = state.view = CameraView(
+                name, camera, rot_base_from_cam, state.mask, state.readout_s
+            )
         return Frame(view, linear_light(gray, state.gamma))
 
     def _process(self, members: tuple[tuple[int, Frame], ...]) -> HorizonResult:
@@ -216,6 +223,9 @@ class HorizonPipeline:
             self.counts["fixes"] += 1
         else:
             self.rejected[str(fix.status)] += 1
+        if fix.views:
+            seen = zip(frames, fix.views, strict=True)
+            frames = tuple(Frame(view, frame.gray) for frame, view in seen)
         stamps = [stamp for stamp, frame in members if frame.view.name in fix.cameras_used]
         return HorizonResult(stamps[0] if stamps else members[0][0], fix, frames)
 

@@ -20,7 +20,7 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.air import airglow_layer, glow_above_limb, glow_inside_limb
 from horizon_sensor_ros.sim.cloud_texture import city_brightness, cloud_brightness
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
-from horizon_sensor_ros.sim.exposure import attitudes_during
+from horizon_sensor_ros.sim.exposure import ROWS_AROUND, attitudes_during, strips_read_out
 from horizon_sensor_ros.sim.frame_truth import (
     FrameTruth,
     LimbTruth,
@@ -283,6 +283,7 @@ def render(
     imaging: Imaging | None = None,
     rot_base_from_cam: FloatArray | None = None,
     turn_base_rad: FloatArray | None = None,
+    readout_turn_base_rad: FloatArray | None = None,
 ) -> SimFrame:
     """Draw one frame.
 
@@ -290,17 +291,27 @@ def render(
     outside the planet; rng : noise and defects only, the world itself is fixed by the scene;
     rot_base_from_cam : (3, 3), default identity (truth is then in the optical frame).
     turn_base_rad : (3,) by which the base turns during the exposure, in its own frame; the pose is
-    that of the exposure's middle. Default none.
+    that of the exposure's middle. readout_turn_base_rad : (3,) likewise, from the first row of a
+    rolling shutter to the last; the pose is that of the first row. Default none.
     Raises ValueError for a position inside the planet.
     """
     imaging = Imaging() if imaging is None else imaging
     rot = np.asarray(rot_world_from_cam, float)
     position = np.asarray(position_ecef_m, float)
     world = _World(scene, position)
-    turn = np.zeros(3) if turn_base_rad is None else np.asarray(turn_base_rad, float)
-    turn = turn if rot_base_from_cam is None else turn @ rot_base_from_cam
-    moments = attitudes_during(rot, turn, camera)
-    light: Image = np.mean([_light(world, camera, at) for at in moments], axis=0)
+    exposing, reading = (
+        np.zeros(3)
+        if turn is None
+        else np.asarray(turn, float)
+        @ (np.eye(3) if rot_base_from_cam is None else rot_base_from_cam)
+        for turn in (turn_base_rad, readout_turn_base_rad)
+    )
+    if reading.any():
+        light = np.empty((camera.height, camera.width), np.float32)
+        for rows, strip, at in strips_read_out(rot, reading, camera):
+            light[rows] = _exposed(world, strip, at, exposing)[ROWS_AROUND:-ROWS_AROUND]
+    else:
+        light = _exposed(world, camera, rot, exposing)
     hidden, parts = occlusion(imaging.occluders, (camera.height, camera.width))
     if imaging.occluders:
         light = light * (1.0 - hidden) + parts
@@ -311,6 +322,12 @@ def render(
     limb = _limb_truth(world, camera, rot, signal, hidden)
     truth = _truth(world, camera, rot, limb, rot_base_from_cam)
     return SimFrame(digitise(signal, imaging, rng), truth)
+
+
+def _exposed(world: _World, camera: Camera, rot: FloatArray, turn_cam_rad: FloatArray) -> Image:
+    """`_light` over an exposure during which the camera turns (3,), in its own frame."""
+    moments = attitudes_during(rot, turn_cam_rad, camera)
+    return np.mean([_light(world, camera, at) for at in moments], axis=0)
 
 
 def _light(world: _World, camera: Camera, rot: FloatArray) -> Image:
@@ -340,10 +357,11 @@ def render_views(
     *,
     imaging: Imaging | Sequence[Imaging] | None = None,
     turn_base_rad: FloatArray | None = None,
+    readout_turn_base_rad: FloatArray | None = None,
 ) -> tuple[SimFrame, ...]:
     """Draw the frames of several cameras of one craft at one moment, in the order of `views`.
 
-    imaging : one for all, or one a view. turn_base_rad : see `render`.
+    imaging : one for all, or one a view. turn_base_rad, readout_turn_base_rad : see `render`.
     """
     each = [imaging] * len(views) if imaging is None or isinstance(imaging, Imaging) else imaging
     if len(each) != len(views):
@@ -358,6 +376,7 @@ def render_views(
             imaging=how,
             rot_base_from_cam=view.rot_base_from_cam,
             turn_base_rad=turn_base_rad,
+            readout_turn_base_rad=readout_turn_base_rad,
         )
         for view, how in zip(views, each, strict=True)
     )

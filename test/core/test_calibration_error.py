@@ -16,6 +16,7 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.readout import TurnRate, view_at_stamp
 from horizon_sensor_ros.sim.poses import camera_from_fov
 
 CAMERA = camera_from_fov(640, 480, np.radians(60.0))
@@ -114,6 +115,27 @@ def test_nadir_and_altitude_scatter_as_said_where_lenses_are_others(
         ]
         drawn.append(others)
     said, scatter = said_and_scatter(observations, drawn, lens_sigma_px=sigma_px)
+    assert said[3, 3] == pytest.approx(scatter[3, 3], rel=0.25)
+
+
+@pytest.mark.parametrize("readout_s", [0.02, -0.02])
+@pytest.mark.parametrize("azimuths_deg", [(0.0,), (0.0, 90.0)])
+def test_nadir_and_altitude_scatter_as_said_where_the_craft_turns_otherwise(
+    azimuths_deg: tuple[float, ...], readout_s: float
+) -> None:
+    """Rows that are read as the craft turns at rates nobody knows; all cameras turn alike."""
+    sigma_rad_s = np.radians(2.0)
+    plain = exact_limbs(azimuths_deg)
+    views = [replace(seen.view, readout_s=readout_s) for seen in plain]
+
+    def read(rate: np.ndarray, sigma: float) -> list[LimbObservation]:
+        at_stamp = [view_at_stamp(view, TurnRate(rate, sigma)) for view in views]
+        limbs = [seen.limb for seen in plain]
+        return [LimbObservation(view, limb) for view, limb in zip(at_stamp, limbs, strict=True)]
+
+    rng = np.random.default_rng(6)
+    drawn = [read(rng.normal(0.0, sigma_rad_s, 3), 0.0) for _ in range(400)]
+    said, scatter = said_and_scatter(read(np.zeros(3), sigma_rad_s), drawn)
     assert said[3, 3] == pytest.approx(scatter[3, 3], rel=0.25)
 
 

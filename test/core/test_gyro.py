@@ -115,3 +115,17 @@ def test_what_is_old_is_forgotten_and_memory_is_bounded() -> None:
 def test_a_gap_must_be_positive() -> None:
     with pytest.raises(ValueError, match="max_gap_ns"):
         RateHistory(0)
+
+
+def test_the_rate_is_the_last_one_told_before_and_none_after_a_gap() -> None:
+    rates = np.array([[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [0.3, 0.0, 0.0]])
+    told = history([START, START + S // 10, START + S // 5], rates)
+    assert told.rate(START - 1) is None
+    for stamp, want in ((START, 0.1), (START + S // 10 - 1, 0.1), (START + S // 10, 0.2)):
+        rate = told.rate(stamp)
+        assert rate is not None
+        assert rate[0] == want
+    assert told.rate(START + S // 5 + GAP) is not None
+    assert told.rate(START + S // 5 + GAP + 1) is None
+    told.forget_before(START + S // 5)
+    assert told.rate(START + S // 5) is not None

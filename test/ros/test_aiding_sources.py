@@ -159,6 +159,19 @@ def test_the_rotation_is_that_since_the_last_set() -> None:
     assert aiding.words["imu"] == "a gap since the last set"
 
 
+def test_the_rate_and_the_time_since_the_last_set_go_along() -> None:
+    aiding = sources()
+    first = aiding.of_set(START_NS)
+    assert (first.rate_base_rad_s, first.since_last_s) == (None, None)
+    aiding.on_imu(imu_of(START_NS + S // 50, (0.1, 0.0, 0.0)))
+    # Told already, but of later: whether it has come is a matter of chance.
+    aiding.on_imu(imu_of(START_NS + S // 5, (0.3, 0.0, 0.0)))
+    second = aiding.of_set(START_NS + S // 10)
+    np.testing.assert_array_equal(second.rate_base_rad_s, [0.1, 0.0, 0.0])
+    assert second.since_last_s == pytest.approx(0.1)
+    assert aiding.of_set(START_NS + S).rate_base_rad_s is None
+
+
 def test_a_jump_back_is_one_with_other_settings_too() -> None:
     aiding = sources()
     aiding.on_coarse_pose(pose_of(START_NS + 2 * S))
@@ -436,6 +449,28 @@ def test_a_cameras_encoding_is_undone_before_anything_else() -> None:
         assert result.fix.ok, result.fix.reason
         altitude_m.append(result.fix.fit.altitude_m)
     assert altitude_m[0] == pytest.approx(altitude_m[1], rel=2e-3)
+
+
+def test_a_rolling_shutters_rows_are_brought_to_the_stamp() -> None:
+    """The very frame, by a craft that turns: another nadir, and a camera that says why."""
+    nadirs = []
+    gray = horizon_gray("camera_1", nadir_of(0, 0))
+    for readout_s in (0.0, 0.02, -0.02):
+        values = {**PARAMETERS, "cameras": ["camera_1"], "camera_1.readout": readout_s}
+        pipeline = HorizonPipeline(horizon_settings(values).pipeline)
+        pipeline.on_camera_info("camera_1", camera_info_of(0, "camera_1"))
+        pipeline.aiding.on_imu(imu_of(START_NS, (0.0, 0.2, 0.1)))
+        (result,) = pipeline.on_image("camera_1", image_of(gray, START_NS, "camera_1")).results
+        assert result.fix.ok, result.fix.reason
+        nadirs.append(result.fix.fit.nadir_base)
+        (frame,) = result.frames
+        assert result.fix.residual_px(frame.view, result.fix.limbs[0]) < 0.5
+    plain, forwards, backwards = nadirs
+    # A row is read after so much of the readout, or else before so much of it is left: both ways
+    # together nadir moves by the whole turn, but for its part about nadir itself.
+    moved = forwards - plain + backwards - plain
+    assert np.linalg.norm(moved) == pytest.approx(0.02 * 0.2, rel=0.05)
+    assert 1.0 < np.linalg.norm(backwards - plain) / np.linalg.norm(forwards - plain) < 20.0
 
 
 def test_a_mask_of_another_size_refuses_the_frames_by_name(mask_file: Path) -> None:

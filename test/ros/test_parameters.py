@@ -90,6 +90,7 @@ def test_defaults_are_the_contracts() -> None:
         ({"camera_1.mask": 7}, ["camera_1.mask must be a string"]),
         ({"camera_1.gamma": 0.0}, ["camera_1.gamma", "0.0"]),
         ({"camera_2.gamma": "sRGB"}, ["camera_2.gamma must be a double"]),
+        ({"camera_2.readout": 20.0}, ["camera_2.readout", "-1 to 1 s", "20.0"]),
         ({"coarse_pose_position_sigma": -1.0}, ["coarse_pose_position_sigma", "-1.0"]),
         ({"altitude_prior_sigma": float("nan")}, ["altitude_prior_sigma"]),
         ({"imu_max_gap": 0.0}, ["imu_max_gap", "0.0"]),
@@ -340,7 +341,13 @@ def test_the_shipped_file_holds_every_default() -> None:
 def test_the_reference_names_every_parameter() -> None:
     reference = parameter_reference()
     names = [parameter.name for parameter in ALL_PARAMETERS]
-    for name in (*names, "camera_N.rotation", "camera_N.mask", "camera_N.gamma"):
+    for name in (
+        *names,
+        "camera_N.rotation",
+        "camera_N.mask",
+        "camera_N.gamma",
+        "camera_N.readout",
+    ):
         assert f"| `{name}` |" in reference
     assert '| `camera_N.mask` | `""` |' in reference
 

@@ -58,3 +58,27 @@ def test_a_smeared_edge_is_a_ramp_as_long_as_the_motion() -> None:
     step = image[(np.abs(along) < 5.0) & (out < -10.0) & (out > -15.0)].mean() - 4.0
     np.testing.assert_allclose(-step / fitted[0], 12.0, rtol=0.05)
     np.testing.assert_allclose(fitted[1] - 4.0, 0.5 * step, rtol=0.04)
+
+
+def test_a_row_shows_what_a_still_camera_sees_when_it_is_read() -> None:
+    planet = EarthScene().planet
+    distance = planet.radius_m + 1000e3
+    rho = np.arcsin(planet.radius_m / distance)
+    rot = rot_from_axis(np.array([np.cos(rho), np.sin(rho), 0.0]), 0.4)
+    position = np.array([-distance, 0.0, 0.0])
+    turn = np.radians([2.0, -1.5, 3.0])
+    still = Imaging(noise_dn=0.0, psf_sigma_px=0.0)
+
+    def drawn(at: np.ndarray, reading: np.ndarray | None = None) -> np.ndarray:
+        frame = render(
+            CAMERA, at, position, EarthScene(), np.random.default_rng(0), imaging=still,
+            readout_turn_base_rad=reading,
+        )  # fmt: skip
+        return frame.image.astype(float)
+
+    rolling = drawn(rot, turn)
+    for row in (1, 61, 121, 198):
+        want = drawn(rot @ rotation_from_vector(row / 199.0 * turn))[row]
+        # Four rows are drawn at once; of a pixel that the limb crosses the share may differ.
+        assert np.abs(rolling[row] - want).sum() < 0.15 * want.max()
+    assert np.abs(rolling - drawn(rot)).max() > 50.0

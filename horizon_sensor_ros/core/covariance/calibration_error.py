@@ -35,15 +35,18 @@ def with_calibration_error(
     mounting_sigma_rad : of each camera's rotation, about every axis, independent of the others'.
     lens_sigma_px : of each camera's focal length and of its distortion, by what either moves the
     corners of its frame. limb_height_sigma_m : of the height of the visible limb. Zero: taken to be
-    exact.
+    exact. What cameras turn by while they are read out (`CameraView.turn_sigma_rad`) is the same
+    turn for all.
     A camera's turn turns the nadir that it would find by itself; of several cameras these are
     weighted by their information. First order; derived here, from the information form of least
     squares.
     """
-    if mounting_sigma_rad == 0.0 and lens_sigma_px == 0.0 and limb_height_sigma_m == 0.0:
+    turning = any(seen.view.turn_sigma_rad > 0.0 for seen in observations)
+    of_cameras = mounting_sigma_rad > 0.0 or lens_sigma_px > 0.0 or turning
+    if not of_cameras and limb_height_sigma_m == 0.0:
         return fit
     cov = fit.cov_nadir_altitude.copy()
-    if mounting_sigma_rad > 0.0 or lens_sigma_px > 0.0:
+    if of_cameras:
         basis = tangent_basis(fit.nadir_base)
         cameras = _Cameras(fit, observations, basis)
         tangent = np.zeros((3, 3))
@@ -51,6 +54,8 @@ def with_calibration_error(
             tangent += mounting_sigma_rad**2 * cameras.by_turns()
         if lens_sigma_px > 0.0:
             tangent += lens_sigma_px**2 * cameras.by_lens()
+        if turning:
+            tangent += cameras.by_readout()
         cov += covariance_nadir_altitude(tangent, basis, fit.rho_rad, sphere)
     # altitude = (radius + limb height) / sin(rho) - radius
     cov[3, 3] += (limb_height_sigma_m / math.sin(fit.rho_rad)) ** 2
@@ -103,3 +108,20 @@ class _Cameras:
                 off = gain @ (rows.T @ (shift_px / rays.sigma_px))
                 cov += np.outer(off, off)
         return cov
+
+    def by_readout(self) -> np.ndarray:
+        """The same where the craft turns otherwise while frames are read out, from one end to the
+        other by `turn_sigma_rad` of each camera.
+        """
+        off = np.zeros((3, 3))
+        for seen, rows, gain in zip(self._seen, self._rows, self._gains, strict=True):
+            rays, view = seen.rays, seen.view
+            px = view.camera.pixels(rays.rays_base @ view.rot_base_from_cam)
+            share = px[:, 1] / max(view.camera.height - 1, 1) - (view.readout_s < 0.0)
+            turn = math.copysign(view.turn_sigma_rad, view.readout_s) * np.nan_to_num(share)
+            # A ray's angle from nadir, by turns about the three axes.
+            axes = np.cross(rays.rays_base, self._nadir)
+            axes /= -np.linalg.norm(axes, axis=1)[:, None]
+            across = turn[:, None] * axes / (rays.growth(self._nadir) * rays.sigma_px)[:, None]
+            off += gain @ (rows.T @ across)
+        return np.asarray(off @ off.T)

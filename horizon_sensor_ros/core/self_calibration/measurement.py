@@ -8,7 +8,6 @@ import numpy as np
 
 from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
@@ -100,7 +99,8 @@ def camera_horizon(
     if focal:
         basis = tangent_basis(initial[0])
         for sign in (1.0, -1.0):
-            scaled = replace(optical, camera=with_focal_scale(view.camera, 1 + sign * _FOCAL_STEP))
+            camera = view.camera.with_focal_scale(1 + sign * _FOCAL_STEP)
+            scaled = replace(optical, camera=camera)
             moved = fit_maximum_likelihood([LimbObservation(scaled, limb)], sphere, initial)
             if not moved.ok:
                 return None
@@ -109,11 +109,6 @@ def camera_horizon(
     shared = _positive_part(cov - noise)
     steady = _MOST_STEADY * limb.coherent_px / (limb.coherent_px + _STEADY_FROM_PX)
     return CameraHorizon(view.name, initial[0], fix.fit.rho_rad, noise, shared, steady, slope)
-
-
-def with_focal_scale(camera: Camera, scale: float) -> Camera:
-    """Return the camera with its focal lengths multiplied."""
-    return replace(camera, fx=camera.fx * scale, fy=camera.fy * scale)
 
 
 def _cov_nadir_rho(

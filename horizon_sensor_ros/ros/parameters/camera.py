@@ -40,4 +40,19 @@ def gamma_parameter(camera: str) -> Parameter:
     )
 
 
-OF_A_CAMERA = (rotation_parameter, mask_parameter, gamma_parameter)
+def readout_parameter(camera: str) -> Parameter:
+    """Return the parameter that says how long a camera's rolling shutter takes."""
+    return Parameter(
+        f"{camera}.readout",
+        "double",
+        0.0,
+        "Rolling shutter: time from the first row of an image to the last, negative where the last "
+        "one is read first (a picture turned upside down). The stamp is that of the row that is "
+        "read first. 0: a global shutter.",
+        unit="s",
+        minimum=-1.0,
+        maximum=1.0,
+    )
+
+
+OF_A_CAMERA = (rotation_parameter, mask_parameter, gamma_parameter, readout_parameter)

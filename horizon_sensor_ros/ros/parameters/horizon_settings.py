@@ -16,6 +16,7 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.parameters.camera import (
     gamma_parameter,
     mask_parameter,
+    readout_parameter,
     rotation_parameter,
 )
 from horizon_sensor_ros.ros.parameters.common import COMMON_PARAMETERS
@@ -71,12 +72,14 @@ class PipelineSettings:
 
     rotations : a quaternion (x, y, z, w) a camera, optical to base frame; None: from TF. masks : a
     file a camera, None where it has no mask. gammas : the encoding of each camera's light.
+    readouts_s : of each one's rolling shutter, see `CameraView`.
     """
 
     cameras: tuple[str, ...]
     rotations: tuple[tuple[float, ...] | None, ...]
     masks: tuple[Path | None, ...]
     gammas: tuple[float, ...]
+    readouts_s: tuple[float, ...]
     aiding: AidingSettings
     base_frame: str
     sensor: HorizonConfig
@@ -104,6 +107,7 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
     rotations: list[tuple[float, ...] | None] = []
     masks: list[Path | None] = []
     gammas: list[float] = []
+    readouts: list[float] = []
     if not str(accepted.get("base_frame", "base_link")).strip():
         problems.append("base_frame is empty")
     cameras = accepted.get("cameras", [])
@@ -113,12 +117,15 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
             masks.append(_mask(camera, values))
         except ParameterError as error:
             problems.append(str(error))
-        gamma = gamma_parameter(camera)
-        try:
-            exponent = gamma.accept(values.get(gamma.name, gamma.default))
-            gammas.append(float(exponent))  # type: ignore[arg-type]
-        except ParameterError as error:
-            problems.append(str(error))
+        for parameter, numbers in (
+            (gamma_parameter(camera), gammas),
+            (readout_parameter(camera), readouts),
+        ):
+            try:
+                number = parameter.accept(values.get(parameter.name, parameter.default))
+                numbers.append(float(number))  # type: ignore[arg-type]
+            except ParameterError as error:
+                problems.append(str(error))
         if accepted.get("extrinsics_source") == "tf":
             rotations.append(None)
             continue
@@ -135,6 +142,7 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
             rotations=tuple(rotations),
             masks=tuple(masks),
             gammas=tuple(gammas),
+            readouts_s=tuple(readouts),
             aiding=AidingSettings(
                 max_age_ns=round(accepted["coarse_pose_max_age"] * 1e9),
                 position_sigma_m=accepted["coarse_pose_position_sigma"],

@@ -8,6 +8,7 @@ from horizon_sensor_ros.ros.parameters.camera import (
     OF_A_CAMERA,
     gamma_parameter,
     mask_parameter,
+    readout_parameter,
     rotation_parameter,
 )
 from horizon_sensor_ros.ros.parameters.common import NODES_PARAMETER
@@ -53,6 +54,8 @@ def parameter_file() -> str:
             ]
             lines += _comment(gamma_parameter("camera_N"))
             lines += ["    # camera_1:", "    #   gamma: 2.2"]
+            lines += _comment(readout_parameter("camera_N"))
+            lines += ["    # camera_1:", "    #   readout: 0.02"]
     return "\n".join(lines) + "\n"
 
 

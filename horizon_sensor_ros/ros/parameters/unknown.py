@@ -29,6 +29,6 @@ def unknown_parameters(values: Mapping[str, Any]) -> list[str]:
         name
         for name in values
         if name not in known
-        and not name.endswith((".rotation", ".mask", ".gamma"))
+        and not name.endswith((".rotation", ".mask", ".gamma", ".readout"))
         and not _OF_RCLPY.fullmatch(name)
     ]

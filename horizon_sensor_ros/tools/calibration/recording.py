@@ -84,11 +84,17 @@ class Horizons:
                     rotations=(rotation,),
                     masks=(mask,),
                     gammas=(gamma,),
+                    readouts_s=(readout_s,),
                     aiding=unaided,
                 )
             )
-            for camera, rotation, mask, gamma in zip(
-                settings.cameras, settings.rotations, settings.masks, settings.gammas, strict=True
+            for camera, rotation, mask, gamma, readout_s in zip(
+                settings.cameras,
+                settings.rotations,
+                settings.masks,
+                settings.gammas,
+                settings.readouts_s,
+                strict=True,
             )
         }
         self.sets: list[tuple[int, tuple[CameraHorizon, ...]]] = []

@@ -1,0 +1,133 @@
+"""Frames that are read out row by row, by a rolling shutter, while the craft turns.
+
+Each row sees the horizon as it lies when that row is exposed. A ray is turned back by as much as
+the craft has turned since the frame's stamp, so that all of them are those of one moment.
+Source: derived here.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
+
+# One sigma of a gyro's rate as that of the horizon, which itself turns by up to .07 deg/s along an
+# orbit; and of a craft's of which nothing is known.
+GYRO_SIGMA_RAD_S, UNKNOWN_SIGMA_RAD_S = math.radians(0.1), math.radians(3.0)
+# Steps towards the row in which a ray is seen: each leaves of its error what the limb moves by from
+# one row to the next, a few parts in a hundred.
+_STEPS = 5
+# Rows beyond the frame, over its height, up to which the turn goes on growing.
+_BEYOND = 1.0
+
+
+@dataclass(frozen=True)
+class TurnRate:
+    """Angular rate (3,) of the base frame in its own axes, rad/s, that moves the horizon in it, and
+    one sigma of each component.
+    """
+
+    rate_base_rad_s: np.ndarray
+    sigma_rad_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class TurningCamera(Camera):
+    """The same pixels, whose rays are those at the time of the stamp.
+
+    turn_rad : (3,) by which the camera turns from one end of the frame to the other, downwards, in
+    the optical frame. last_first : the last row of the image is read first.
+    """
+
+    original: Camera = field(kw_only=True)
+    turn_rad: np.ndarray = field(kw_only=True)
+    last_first: bool = field(kw_only=True)
+
+    # What is kept for one turn is not another one's, however alike the pixels.
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
+
+    def __post_init__(self) -> None:
+        """Nothing to check: the original is a camera."""
+
+    def rays(self, px: np.ndarray) -> np.ndarray:
+        """Unit rays (N, 3) at the time of the stamp; see `Camera.rays`."""
+        rays = self.original.rays(px)
+        return self._turned(rays, self._share(np.asarray(px, dtype=float)[:, 1]))
+
+    def pixels(self, rays: np.ndarray) -> np.ndarray:
+        """Raw pixels (N, 2) of rays at the time of the stamp; see `Camera.pixels`."""
+        return self.original.pixels(self._when_read(np.asarray(rays, dtype=float))[0])
+
+    def project(self, rays_unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels and their derivative by the rays; see `Camera.project`."""
+        read, share = self._when_read(np.asarray(rays_unit, dtype=float))
+        px, jacobian = self.original.project(read)
+        later = self._by_share(jacobian, read)
+        # Derivatives by the ray when it is read, turned to those by the ray at the stamp.
+        shape = jacobian.shape
+        at_stamp = self._turned(jacobian.reshape(-1, 3), np.repeat(share, 2)).reshape(shape)
+        by_row = at_stamp[:, 1] / (1.0 - later[:, 1])[:, None]
+        return px, at_stamp + later[:, :, None] * by_row[:, None]
+
+    def project_along(
+        self, rays_unit: np.ndarray, along: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels, and how they move with the rays; see `Camera.project_along`."""
+        px, jacobian = self.project(rays_unit)
+        return px, np.einsum("nij,nj->ni", jacobian, along)
+
+    def with_focal_scale(self, scale: float) -> TurningCamera:
+        """Return the camera with its focal lengths multiplied."""
+        original = self.original.with_focal_scale(scale)
+        return replace(self, fx=original.fx, fy=original.fy, original=original)
+
+    def _share(self, row: np.ndarray) -> np.ndarray:
+        """Share (N,) of the turn that is made when rows (N,) are read."""
+        share = np.clip(row * self._per_row, -_BEYOND, 1.0 + _BEYOND)
+        return share - 1.0 if self.last_first else share
+
+    @property
+    def _per_row(self) -> float:
+        return 1.0 / max(self.height - 1, 1)
+
+    def _turned(self, vectors: np.ndarray, share: np.ndarray) -> np.ndarray:
+        """Vectors (N, 3), turned by shares (N,) of the camera's turn."""
+        angle = float(np.linalg.norm(self.turn_rad))
+        if angle == 0.0:
+            return vectors
+        axis = self.turn_rad / angle
+        sine, cosine = np.sin(angle * share)[:, None], np.cos(angle * share)[:, None]
+        along = (1.0 - cosine) * (vectors @ axis)[:, None] * axis
+        return cosine * vectors + sine * np.cross(axis, vectors) + along
+
+    def _when_read(self, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rays (N, 3) as their row sees them, and the share (N,) of the turn at that time."""
+        read = rays
+        for _ in range(_STEPS):
+            share = self._share(self.original.pixels(read)[:, 1])
+            read = self._turned(rays, -share)
+        return read, share
+
+    def _by_share(self, jacobian: np.ndarray, read: np.ndarray) -> np.ndarray:
+        """How far the pixels (N, 2) of rays move while a row is read. jacobian : (N, 2, 3)."""
+        moving = np.cross(read, self.turn_rad) * self._per_row
+        return np.asarray(np.einsum("nij,nj->ni", jacobian, moving))
+
+
+def view_at_stamp(view: CameraView, rate: TurnRate) -> CameraView:
+    """The camera as it sees the horizon at the stamp; as it is where it has no readout."""
+    if view.readout_s == 0.0:
+        return view
+    values = {f.name: getattr(view.camera, f.name) for f in fields(Camera)}
+    camera = TurningCamera(
+        **values,
+        original=view.camera,
+        turn_rad=view.readout_s * (rate.rate_base_rad_s @ view.rot_base_from_cam),
+        last_first=view.readout_s < 0.0,
+    )
+    return replace(view, camera=camera, turn_sigma_rad=abs(view.readout_s) * rate.sigma_rad_s)

@@ -1,0 +1,222 @@
+"""Frames that are read out row by row: rays at the time of the stamp, and fixes of such frames."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from limb_frames import limb_views
+from limb_samples import CAMERAS, angle_between, nadir_nees
+from scipy.spatial.transform import Rotation
+
+from horizon_sensor_ros.core.aiding import Aiding
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.nadir_rate import NadirRate
+from horizon_sensor_ros.core.readout import UNKNOWN_SIGMA_RAD_S, TurnRate, view_at_stamp
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views
+from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
+
+READOUT_S, PERIOD_S = 0.02, 1.0 / 30.0
+ALTITUDE_M = 600e3
+ROT = Rotation.from_euler("xyz", [0.4, -1.1, 2.0]).as_matrix()
+rates = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
+
+
+def turning(camera: Camera, rate: np.ndarray, readout_s: float) -> Camera:
+    view = CameraView("camera_1", camera, ROT, readout_s=readout_s)
+    return view_at_stamp(view, TurnRate(rate, 0.0)).camera
+
+
+@given(rates, st.sampled_from(CAMERAS), st.sampled_from([READOUT_S, -READOUT_S]))
+def test_rays_are_turned_by_what_the_craft_turned_since_the_stamp(
+    rate: np.ndarray, camera: Camera, readout_s: float
+) -> None:
+    px = np.random.default_rng(0).uniform(0.2, 0.8, (50, 2)) * (camera.width, camera.height)
+    rows = px[:, 1] if readout_s > 0.0 else camera.height - 1.0 - px[:, 1]
+    time_s = READOUT_S * rows / (camera.height - 1.0)
+    seen = camera.rays(px) @ ROT.T
+    want = Rotation.from_rotvec(time_s[:, None] * rate).apply(seen)
+    np.testing.assert_allclose(turning(camera, rate, readout_s).rays(px) @ ROT.T, want, atol=1e-12)
+
+
+@given(rates, st.sampled_from(CAMERAS), st.sampled_from([READOUT_S, -READOUT_S]))
+def test_pixels_and_their_derivatives_are_those_of_the_rays(
+    rate: np.ndarray, camera: Camera, readout_s: float
+) -> None:
+    camera = turning(camera, rate, readout_s)
+    rng = np.random.default_rng(1)
+    px = rng.uniform(0.2, 0.8, (50, 2)) * (camera.width, camera.height)
+    rays = camera.rays(px)
+    np.testing.assert_allclose(camera.pixels(rays), px, atol=1e-5)
+    found, jacobian = camera.project(rays)
+    np.testing.assert_allclose(found, px, atol=1e-5)
+    along = 1e-5 * rng.standard_normal(rays.shape)
+    moved = 0.5 * (camera.pixels(rays + along) - camera.pixels(rays - along))
+    expected = np.einsum("nij,nj->ni", jacobian, along)
+    np.testing.assert_allclose(moved, expected, atol=1e-5)
+    np.testing.assert_allclose(camera.project_along(rays, along)[1], expected, atol=1e-12)
+
+
+def test_a_turning_cameras_focal_length_is_that_of_its_lens() -> None:
+    camera = turning(CAMERAS[0], np.array([0.1, 0.2, 0.3]), READOUT_S).with_focal_scale(1.1)
+    px = np.array([[10.0, 20.0], [500.0, 400.0]])
+    longer = turning(CAMERAS[0].with_focal_scale(1.1), np.array([0.1, 0.2, 0.3]), READOUT_S)
+    assert (camera.fx, camera.fy) == (longer.fx, longer.fy)
+    np.testing.assert_array_equal(camera.rays(px), longer.rays(px))
+
+
+def fit_at(nadir: np.ndarray, sigma_rad: float = 1e-4) -> HorizonFit:
+    across = np.eye(3) - np.outer(nadir, nadir)
+    cov = np.zeros((4, 4))
+    cov[:3, :3] = sigma_rad**2 * across
+    return HorizonFit(Status.OK, "", "", nadir, 1.0, ALTITUDE_M, cov)
+
+
+@given(rates)
+def test_a_steady_rate_is_found_but_for_its_part_about_nadir(rate: np.ndarray) -> None:
+    nadir = np.array([0.36, -0.48, 0.8])
+    found = NadirRate()
+    for step in range(20):
+        time_s = (step - 19) * PERIOD_S
+        # Vectors that stand still turn by -rate in the base frame.
+        still = Rotation.from_rotvec(-time_s * rate).apply(nadir)
+        found.add(fit_at(still), PERIOD_S if step else None)
+    now = found.now()
+    assert now is not None
+    across = rate - (rate @ nadir) * nadir
+    # A turn about nadir as well makes a cone of what nadir does.
+    assert np.linalg.norm(now.rate_base_rad_s - across) < 0.2 * rate @ rate + 1e-9
+    assert now.sigma_rad_s > 0.1 * np.linalg.norm(across)
+
+
+def test_no_rate_without_two_sure_fixes_in_succession() -> None:
+    nadir = np.array([0.0, 0.0, 1.0])
+    none = HorizonFit.none(Status.NO_LIMB, "dark", "")
+    found = NadirRate()
+    for fit, since_last_s, known in (
+        (fit_at(nadir), None, False),
+        (fit_at(nadir), PERIOD_S, True),
+        (none, PERIOD_S, False),
+        (fit_at(nadir), PERIOD_S, False),
+        (fit_at(nadir), PERIOD_S, True),
+        (fit_at(nadir), None, False),
+        (fit_at(nadir), 5.0, False),
+        (fit_at(nadir, 0.1), PERIOD_S, False),
+    ):
+        found.add(fit, since_last_s)
+        assert (found.now() is not None) == known
+    found.add(fit_at(nadir), PERIOD_S)
+    found.reset()
+    assert found.now() is None
+
+
+def flight(rate_deg_s: float, seed: int, count: int) -> tuple[np.ndarray, list[list[SimFrame]]]:
+    """Sets of frames of two cameras that are read out while the craft turns steadily."""
+    rng = np.random.default_rng(seed)
+    axis = rng.standard_normal(3)
+    rate = np.radians(rate_deg_s) * axis / np.linalg.norm(axis)
+    scene = EarthScene(texture="clouds", texture_seed=seed)
+    position = np.array([0.0, 0.0, -(scene.planet.radius_m + ALTITUDE_M)])
+    sets = [
+        render_views(
+            limb_views(ALTITUDE_M, azimuths_rad=(0.3, 1.8)),
+            Rotation.from_rotvec((step + 1 - count) * PERIOD_S * rate).as_matrix(),
+            position,
+            scene,
+            rng,
+            imaging=Imaging(noise_dn=2.0),
+            readout_turn_base_rad=READOUT_S * rate,
+        )
+        for step in range(count)
+    ]
+    return rate, [list(frames) for frames in sets]
+
+
+def fixes(
+    sets: list[list[SimFrame]], readout_s: float, rate: np.ndarray | None
+) -> list[HorizonFix]:
+    """Fixes of successive sets. rate : as a gyro tells it."""
+    views = [
+        replace(view, readout_s=readout_s)
+        for view in limb_views(ALTITUDE_M, azimuths_rad=(0.3, 1.8))
+    ]
+    sensor = HorizonSensor()
+    out = []
+    for frames in sets:
+        aiding = Aiding(rate_base_rad_s=rate, since_last_s=PERIOD_S if out else None)
+        shown = [Frame(view, frame.image) for view, frame in zip(views, frames, strict=True)]
+        out.append(sensor.process(shown, aiding))
+        assert out[-1].ok, out[-1].reason
+    return out
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_gyro_brings_the_rows_to_their_stamp(seed: int) -> None:
+    """Taken for frames of one moment they are off by .1 deg, and the cameras contradict each other
+    at best.
+    """
+    rate, sets = flight(10.0, seed, 1)
+    truth = sets[0][0].truth.nadir_base
+    (at_once,), (by_row,) = fixes(sets, 0.0, rate), fixes(sets, READOUT_S, rate)
+    assert angle_between(at_once.fit.nadir_base, truth) > np.radians(0.05)
+    assert nadir_nees(at_once.fit, truth) > 30.0 or "sigma apart" in at_once.reason
+    assert angle_between(by_row.fit.nadir_base, truth) < np.radians(0.02)
+    assert nadir_nees(by_row.fit, truth) < 11.8
+    assert abs(by_row.fit.altitude_m - ALTITUDE_M) < 1500.0
+    # The drawn limb lies where the rows show it.
+    view, limb = by_row.views[0], by_row.limbs[0]
+    assert by_row.residual_px(view, limb) < 0.5
+    assert at_once.views == ()
+
+
+def test_without_a_gyro_the_fixes_before_tell_the_rate() -> None:
+    _, sets = flight(5.0, 3, 4)
+    first, *_, last = fixes(sets, READOUT_S, None)
+    truth = sets[-1][0].truth.nadir_base
+    assert angle_between(last.fit.nadir_base, truth) < np.radians(0.02)
+    assert nadir_nees(last.fit, truth) < 11.8
+    # What nothing is known of is claimed.
+    assert nadir_nees(first.fit, sets[0][0].truth.nadir_base) < 11.8
+    assert np.trace(first.fit.cov_nadir_altitude[:3, :3]) > np.trace(
+        last.fit.cov_nadir_altitude[:3, :3]
+    )
+
+
+def test_a_still_craft_loses_nothing_by_its_rolling_shutter() -> None:
+    _, sets = flight(0.0, 4, 2)
+    still = np.zeros(3)
+    for at_once, by_row in zip(fixes(sets, 0.0, still), fixes(sets, READOUT_S, still), strict=True):
+        np.testing.assert_allclose(by_row.fit.nadir_base, at_once.fit.nadir_base, atol=1e-9)
+        sigma = np.sqrt(np.trace(by_row.fit.cov_nadir_altitude[:3, :3]))
+        assert sigma < 1.1 * np.sqrt(np.trace(at_once.fit.cov_nadir_altitude[:3, :3]))
+
+
+def test_unknown_turning_is_taken_for_some_degrees_a_second() -> None:
+    assert np.degrees(UNKNOWN_SIGMA_RAD_S) == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("rate_base_rad_s", np.array([0.0, np.nan, 0.0]), "finite rad/s"),
+        ("rate_base_rad_s", np.zeros(2), "three"),
+        ("since_last_s", 0.0, "positive, got 0.0"),
+        ("since_last_s", np.inf, "positive, got inf"),
+    ],
+)
+def test_what_is_no_rate_or_time_is_the_callers_bug(field: str, value: object, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Aiding(**{field: value})
+
+
+def test_a_readout_that_is_no_time_is_the_callers_bug() -> None:
+    with pytest.raises(ValueError, match="readout_s of 'camera_1' must be finite, got nan"):
+        CameraView("camera_1", CAMERAS[0], np.eye(3), readout_s=np.nan)
