@@ -29,6 +29,7 @@ PARTS = {
     "horizon_figure": "horizon_figure",
     "horizon_sun": "horizon_sun",
     "horizon_motion": "horizon_motion",
+    "horizon_readout": "horizon_readout",
     "horizon_timing": "horizon_timing",
     "self_calibration": "self_calibration",
     "target": "target_bench",

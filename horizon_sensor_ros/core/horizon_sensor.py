@@ -32,6 +32,7 @@ _MOST_LENGTHY = 100.0
 # Sets of frames followed before the whole frames are searched again: a track that had slipped off
 # the limb, or a camera that has come to see it, is noticed after so many at the latest.
 _LONGEST_TRACK = 50
+_NO_RATE = "rolling shutter: how fast the craft turns is not known"
 
 
 class HorizonSensor:
@@ -66,16 +67,20 @@ class HorizonSensor:
         if not any(frame.view.readout_s for frame in frames):
             return self._processed(frames, frames, aiding)
         rate = self._turn_rate(aiding)
-        seen = [replace(frame, view=view_at_stamp(frame.view, rate)) for frame in frames]
+        by_rate = rate or TurnRate(np.zeros(3), UNKNOWN_SIGMA_RAD_S)
+        seen = [replace(frame, view=view_at_stamp(frame.view, by_rate)) for frame in frames]
         fix = self._processed(frames, seen, aiding)
         self._nadir_rate.add(fix.fit, aiding.since_last_s)
-        return replace(fix, views=tuple(frame.view for frame in seen))
+        told = fix.reason
+        if fix.ok and rate is None:
+            told = "; ".join(filter(None, (told, _NO_RATE)))
+        return replace(fix, reason=told, views=tuple(frame.view for frame in seen))
 
-    def _turn_rate(self, aiding: Aiding) -> TurnRate:
-        """How fast the craft turns while frames are read out."""
+    def _turn_rate(self, aiding: Aiding) -> TurnRate | None:
+        """How fast the craft turns while frames are read out, if that is known."""
         if aiding.rate_base_rad_s is not None:
             return TurnRate(aiding.rate_base_rad_s, GYRO_SIGMA_RAD_S)
-        return self._nadir_rate.now() or TurnRate(np.zeros(3), UNKNOWN_SIGMA_RAD_S)
+        return self._nadir_rate.now()
 
     def _processed(
         self, given: Sequence[Frame], frames: Sequence[Frame], aiding: Aiding

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.rigid import vector_from_rotation
 from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.poses import ROT_BASE_FROM_BODY, rot_level_from_body, side_views
@@ -42,6 +43,7 @@ class Flight:
 
     The body (forward, right, down) swings about the level frame whose x points along the track.
     base_axes : "frd" or "flu", see `poses.side_views`; the two cameras are perpendicular.
+    readout_s : of their rolling shutters, from the first row to the last; 0: none.
     """
 
     altitude_m: float = 400e3
@@ -58,6 +60,7 @@ class Flight:
     )
     imaging: Imaging = field(default_factory=Imaging)
     seed: int = 0
+    readout_s: float = 0.0
 
     @property
     def views(self) -> tuple[CameraView, CameraView]:
@@ -79,7 +82,22 @@ class Flight:
         """Draw the frames of both cameras; the noise depends on the time and the seed only."""
         rng = np.random.default_rng([self.seed, round(time_s * 1e6)])
         rot, position = self.pose(time_s)
-        return render_views(self.views, rot, position, self.scene, rng, imaging=self.imaging)
+        return render_views(
+            self.views,
+            rot,
+            position,
+            self.scene,
+            rng,
+            imaging=self.imaging,
+            readout_turn_base_rad=self.turn(time_s, self.readout_s),
+        )
+
+    def turn(self, time_s: float, span_s: float) -> FloatArray:
+        """Rotation vector (3,) by which the base frame turns within a span, in its own axes."""
+        if span_s == 0.0:
+            return np.zeros(3)
+        (before, _), (after, _) = self.pose(time_s), self.pose(time_s + span_s)
+        return vector_from_rotation(before.T @ after)
 
     def _orbit(self, time_s: float) -> tuple[FloatArray, FloatArray]:
         """Position (m) and velocity (m/s) in the inertial frame that is the world's at time 0."""

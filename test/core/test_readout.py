@@ -183,7 +183,9 @@ def test_without_a_gyro_the_fixes_before_tell_the_rate() -> None:
     truth = sets[-1][0].truth.nadir_base
     assert angle_between(last.fit.nadir_base, truth) < np.radians(0.02)
     assert nadir_nees(last.fit, truth) < 11.8
-    # What nothing is known of is claimed.
+    # What nothing is known of is claimed, and said.
+    assert first.reason == "rolling shutter: how fast the craft turns is not known"
+    assert last.reason == ""
     assert nadir_nees(first.fit, sets[0][0].truth.nadir_base) < 11.8
     assert np.trace(first.fit.cov_nadir_altitude[:3, :3]) > np.trace(
         last.fit.cov_nadir_altitude[:3, :3]
