@@ -30,9 +30,9 @@ class HorizonConfig:
     see `SkyEvidence`.
     min_contrast : planet over space beside the limb, in sigmas of the reduced image's noise.
     max_space_level : gray level of empty space, over the largest gray level.
-    mounting_sigma_rad, lens_sigma_px, limb_height_sigma_m : errors of each camera's rotation, about
-    every axis, of its calibration in the corners of its frames, and of the planet's limb height,
-    for the covariance.
+    mounting_sigma_rad, lens_sigma_px, limb_height_sigma_m, limb_unevenness_m : errors of each
+    camera's rotation, about every axis, of its calibration in the corners of its frames, of the
+    planet's limb height, and of what that differs by along the limb, for the covariance.
     tracking : look for the limb where the last fix predicts it, and search the whole frames only
     where that does not do.
     """
@@ -53,6 +53,7 @@ class HorizonConfig:
     mounting_sigma_rad: float = 0.0
     lens_sigma_px: float = 0.0
     limb_height_sigma_m: float = 0.0
+    limb_unevenness_m: float = 0.0
     tracking: bool = True
 
     def __post_init__(self) -> None:
@@ -76,7 +77,12 @@ class HorizonConfig:
         for name in ("max_nadir_sigma_rad", "max_residual_px", "min_contrast"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-        for name in ("mounting_sigma_rad", "lens_sigma_px", "limb_height_sigma_m"):
+        for name in (
+            "mounting_sigma_rad",
+            "lens_sigma_px",
+            "limb_height_sigma_m",
+            "limb_unevenness_m",
+        ):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be zero or positive, got {getattr(self, name)}")
         for name in ("min_limb_share", "max_bright_sky", "min_clear_sky", "max_space_level"):

@@ -350,6 +350,7 @@ class HorizonEstimator:
             mounting_sigma_rad=self.config.mounting_sigma_rad,
             lens_sigma_px=self.config.lens_sigma_px,
             limb_height_sigma_m=math.hypot(self.config.limb_height_sigma_m, hidden_m),
+            limb_unevenness_m=self.config.limb_unevenness_m,
         )
 
     def _fit(self, observations: Sequence[LimbObservation], detection: Detection) -> HorizonFit:

@@ -38,6 +38,8 @@ _SUBPIXELS = 8
 # Half-widths of the terminator in the cosine of the Sun's zenith angle: on the ground, and in air.
 _TWILIGHT, _AIR_TWILIGHT = 0.02, 0.12
 _DARKEST_GROUND = 0.08  # of smooth ground, over its mean brightness
+# Waves of an uneven limb, in planet radii, and how high and low they go.
+_UNEVEN_WAVES, _UNEVEN_SIGMAS = (0.03, 1.0), 5.0
 _FAINTEST_AIR = 12.0  # scale heights up to which the air's glow is drawn
 _CLEAR_AIR = 0.1  # optical depth of air that hides nothing
 _STEP_INSIDE_PX, _STEP_OUTSIDE_PX = 2.5, 4.0  # where the brightness step at the limb is measured
@@ -90,7 +92,21 @@ class _World:
         rays = rays_world / self.axes
         rays /= np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]
         cos_nadir = rays @ self.nadir
-        return _Sight(rays, cos_nadir, cos_nadir - self.cos_rho)
+        sight = _Sight(rays, cos_nadir, cos_nadir - self.cos_rho)
+        if self.scene.limb_uneven_m > 0.0:
+            self._raise(sight)
+        return sight
+
+    def _raise(self, sight: _Sight) -> None:
+        """Make the limb uneven, where rays are near it."""
+        most = _UNEVEN_SIGMAS * self.scene.limb_uneven_m / self.radius_m
+        sine = self.distance * np.sqrt(np.maximum(1.0 - sight.cos_nadir**2, 0.0))
+        near = np.abs(sine - 1.0) < most
+        seed = self.scene.texture_seed
+        waves = smooth_field(self._lowest(sight.take(near)), seed, _UNEVEN_WAVES).astype(float)
+        limb = (1.0 + self.scene.limb_uneven_m / self.radius_m * waves) / self.distance
+        cos_limb = np.sqrt(np.maximum(1.0 - limb * limb, 0.0))
+        sight.excess[near] = sight.cos_nadir[near] - cos_limb
 
     def hits(self, rays_world: FloatArray) -> BoolArray:
         return self.sight(rays_world).excess > 0.0

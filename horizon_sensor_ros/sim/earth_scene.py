@@ -43,6 +43,10 @@ class EarthScene:
     cloud_contrast: float = 1.0  # of clouds and ground about uniform_dn; 0: a uniform planet
     smooth_contrast: float = 0.3  # of a "smooth" planet, one sigma over uniform_dn
 
+    # One sigma of what the height of the visible limb (cloud tops) differs by from place to place,
+    # in waves of some 200 to 6000 km.
+    limb_uneven_m: float = 0.0
+
     sun_direction: Vector3 | None = None  # None: the whole planet is evenly lit
     even_light: bool = False  # the Sun is in the sky, but the planet is lit evenly all the same
     night_light: float = 0.0  # brightness of the night side over the day side's (moonlight)

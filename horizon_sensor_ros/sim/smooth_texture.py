@@ -10,13 +10,16 @@ _WAVELENGTHS = (0.5, 2.0)  # planet radii
 _ROUGHNESS = 0.75  # amplitude of a wave goes with this power of its length
 
 
-def smooth_field(points: NDArray[np.float64], seed: int) -> NDArray[np.float32]:
+def smooth_field(
+    points: NDArray[np.float64], seed: int, wavelengths: tuple[float, float] = _WAVELENGTHS
+) -> NDArray[np.float32]:
     """Field (N,) of zero mean and unit variance at points (N, 3) of the unit sphere.
 
-    Plane waves through space, of random directions, phases and lengths (log-uniform).
+    Plane waves through space, of random directions, phases and lengths (log-uniform, between two
+    wavelengths in planet radii).
     """
     rng = np.random.default_rng([seed, 0x53])
-    shortest, longest = np.log(_WAVELENGTHS)
+    shortest, longest = np.log(wavelengths)
     length = np.exp(rng.uniform(shortest, longest, _WAVES))
     direction = rng.normal(size=(_WAVES, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)

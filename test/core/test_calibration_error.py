@@ -139,6 +139,39 @@ def test_nadir_and_altitude_scatter_as_said_where_the_craft_turns_otherwise(
     assert said[3, 3] == pytest.approx(scatter[3, 3], rel=0.25)
 
 
+@pytest.mark.parametrize("azimuths_deg", [(0.0,), (0.0, 90.0), (0.0, 10.0)])
+def test_nadir_and_altitude_scatter_as_said_where_the_limb_is_uneven(
+    azimuths_deg: tuple[float, ...],
+) -> None:
+    """Heights drawn along all of a limb; cameras that see the same of it see the same heights."""
+    sigma_m, azimuth = 3e3, np.linspace(0.0, 2.0 * np.pi, 721)[:-1]
+    radius_m, distance_m = PLANET.radius_m, PLANET.radius_m + ALTITUDE_M
+    # Distances along the ground between points of a circle of angular radius 90 deg - rho.
+    apart = np.sin(RHO) ** 2 + np.cos(RHO) ** 2 * np.cos(azimuth[:, None] - azimuth)
+    alike = np.exp(-radius_m * np.arccos(np.clip(apart, -1.0, 1.0)) / 500e3)
+    root = sigma_m * np.linalg.cholesky(alike + 1e-9 * np.eye(len(azimuth)))
+    observations = exact_limbs(azimuths_deg)
+    east, north = np.linalg.svd(NADIR[None])[2][1:]
+    rng = np.random.default_rng(7)
+    drawn = []
+    for _ in range(400):
+        heights = root @ rng.standard_normal(len(azimuth))
+        limbs = []
+        for seen in observations:
+            view, limb = seen.view, seen.limb
+            rays = view.camera.rays(limb.px) @ view.rot_base_from_cam.T
+            level = rays - (rays @ NADIR)[:, None] * NADIR
+            level /= np.linalg.norm(level, axis=1)[:, None]
+            at = np.arctan2(level @ north, level @ east)
+            height = np.interp(at, azimuth, heights, period=2.0 * np.pi)
+            rho = np.arcsin((radius_m + height) / distance_m)[:, None]
+            raised = (np.cos(rho) * NADIR + np.sin(rho) * level) @ view.rot_base_from_cam
+            limbs.append(LimbObservation(view, replace(limb, px=view.camera.pixels(raised))))
+        drawn.append(limbs)
+    said, scatter = said_and_scatter(observations, drawn, limb_unevenness_m=sigma_m)
+    assert said[3, 3] == pytest.approx(scatter[3, 3], rel=0.25)
+
+
 def test_a_limb_that_lies_higher_moves_the_altitude_alone() -> None:
     observations = exact_limbs((0.0, 90.0))
     higher = fitted(observations, Planet(PLANET.radius_m, 5e3))
@@ -156,7 +189,9 @@ def test_none_is_the_same_fit() -> None:
     assert same is fit
 
 
-@pytest.mark.parametrize("name", ["mounting_sigma_rad", "lens_sigma_px", "limb_height_sigma_m"])
+@pytest.mark.parametrize(
+    "name", ["mounting_sigma_rad", "lens_sigma_px", "limb_height_sigma_m", "limb_unevenness_m"]
+)
 @pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
 def test_sigmas_that_make_no_sense(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=name):

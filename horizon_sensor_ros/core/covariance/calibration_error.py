@@ -10,7 +10,9 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.covariance.common_cone import cone_shares
+from horizon_sensor_ros.core.covariance.uneven_limb import heights_alike
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
+from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
@@ -29,12 +31,14 @@ def with_calibration_error(
     mounting_sigma_rad: float = 0.0,
     lens_sigma_px: float = 0.0,
     limb_height_sigma_m: float = 0.0,
+    limb_unevenness_m: float = 0.0,
 ) -> HorizonFit:
     """Return the fit with these errors added to its covariance.
 
     mounting_sigma_rad : of each camera's rotation, about every axis, independent of the others'.
     lens_sigma_px : of each camera's focal length and of its distortion, by what either moves the
-    corners of its frame. limb_height_sigma_m : of the height of the visible limb. Zero: taken to be
+    corners of its frame. limb_height_sigma_m : of the height of the visible limb, the same all
+    along it; limb_unevenness_m : of what that differs by from place to place. Zero: taken to be
     exact. What cameras turn by while they are read out (`CameraView.turn_sigma_rad`) is the same
     turn for all.
     A camera's turn turns the nadir that it would find by itself; of several cameras these are
@@ -42,7 +46,7 @@ def with_calibration_error(
     squares.
     """
     turning = any(seen.view.turn_sigma_rad > 0.0 for seen in observations)
-    of_cameras = mounting_sigma_rad > 0.0 or lens_sigma_px > 0.0 or turning
+    of_cameras = mounting_sigma_rad + lens_sigma_px + limb_unevenness_m > 0.0 or turning
     if not of_cameras and limb_height_sigma_m == 0.0:
         return fit
     cov = fit.cov_nadir_altitude.copy()
@@ -56,6 +60,8 @@ def with_calibration_error(
             tangent += lens_sigma_px**2 * cameras.by_lens()
         if turning:
             tangent += cameras.by_readout()
+        if limb_unevenness_m > 0.0:
+            tangent += limb_unevenness_m**2 * cameras.by_heights(fit.rho_rad, sphere)
         cov += covariance_nadir_altitude(tangent, basis, fit.rho_rad, sphere)
     # altitude = (radius + limb height) / sin(rho) - radius
     cov[3, 3] += (limb_height_sigma_m / math.sin(fit.rho_rad)) ** 2
@@ -122,6 +128,22 @@ class _Cameras:
             # A ray's angle from nadir, by turns about the three axes.
             axes = np.cross(rays.rays_base, self._nadir)
             axes /= -np.linalg.norm(axes, axis=1)[:, None]
-            across = turn[:, None] * axes / (rays.growth(self._nadir) * rays.sigma_px)[:, None]
+            across = turn[:, None] * axes / self._sigmas_rad(rays)[:, None]
             off += gain @ (rows.T @ across)
         return np.asarray(off @ off.T)
+
+    def by_heights(self, rho_rad: float, sphere: Planet) -> np.ndarray:
+        """The same where the visible limb's height differs from place to place, one sigma 1 m."""
+        weights, places = [], []
+        for seen, rows, gain in zip(self._seen, self._rows, self._gains, strict=True):
+            rays = seen.rays
+            weights.append(gain @ (rows / self._sigmas_rad(rays)[:, None]).T)
+            places.append(rays.rays_base)
+        weight = np.concatenate(weights, axis=1)
+        alike = heights_alike(np.concatenate(places), self._nadir, rho_rad, sphere.radius_m)
+        slope = math.tan(rho_rad) / sphere.limb_radius_m
+        return np.asarray(slope**2 * (weight @ alike @ weight.T))
+
+    def _sigmas_rad(self, rays: LimbRays) -> np.ndarray:
+        """One sigma (N,) of the rays' angles from nadir."""
+        return rays.growth(self._nadir) * rays.sigma_px

@@ -74,6 +74,16 @@ HORIZON_PARAMETERS = (
         maximum=1e6,
     ),
     Parameter(
+        "limb_unevenness",
+        "double",
+        HorizonConfig.limb_unevenness_m,
+        "One sigma of what the visible limb's height differs by from place to place (cloud tops), "
+        "over some 500 km, for the covariance. 0: even, which the Earth's is not.",
+        unit="m",
+        minimum=0.0,
+        maximum=1e6,
+    ),
+    Parameter(
         "mounting_sigma",
         "double",
         HorizonConfig.mounting_sigma_rad,

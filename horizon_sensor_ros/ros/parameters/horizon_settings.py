@@ -49,6 +49,7 @@ _SENSOR_FIELDS = {
     "mounting_sigma": "mounting_sigma_rad",
     "lens_sigma": "lens_sigma_px",
     "limb_height_sigma": "limb_height_sigma_m",
+    "limb_unevenness": "limb_unevenness_m",
     "tracking": "tracking",
 }
 
