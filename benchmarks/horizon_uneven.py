@@ -12,7 +12,6 @@ from tqdm import tqdm
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_fix import Frame
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
-from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scene
 
 COLUMNS = (
@@ -63,15 +62,8 @@ class _Row:
 
 def uneven(scene: HardScene, uneven_m: float, seed: int) -> list[Frame]:
     """The frames of a scene, drawn with an uneven limb."""
-    truth = scene.frames[0].truth
-    drawn = render_views(
-        scene.views,
-        truth.rot_world_from_base,
-        truth.position_ecef_m,
-        replace(scene.scene, limb_uneven_m=uneven_m),
-        np.random.default_rng(seed),
-        imaging=scene.imaging,
-    )
+    world = replace(scene.scene, limb_uneven_m=uneven_m)
+    drawn = scene.redrawn(world, np.random.default_rng(seed))
     return [Frame(view, frame.image) for view, frame in zip(scene.views, drawn, strict=True)]
 
 

@@ -8,12 +8,12 @@ Source: derived here.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.derived_camera import DerivedCamera, intrinsics
 
 # One sigma of a gyro's rate as that of the horizon, which itself turns by up to .07 deg/s along an
 # orbit; and of a craft's of which nothing is known.
@@ -36,23 +36,15 @@ class TurnRate:
 
 
 @dataclass(frozen=True, eq=False)
-class TurningCamera(Camera):
+class TurningCamera(DerivedCamera):
     """The same pixels, whose rays are those at the time of the stamp.
 
     turn_rad : (3,) by which the camera turns from one end of the frame to the other, downwards, in
     the optical frame. last_first : the last row of the image is read first.
     """
 
-    original: Camera = field(kw_only=True)
     turn_rad: np.ndarray = field(kw_only=True)
     last_first: bool = field(kw_only=True)
-
-    # What is kept for one turn is not another one's, however alike the pixels.
-    __eq__ = object.__eq__
-    __hash__ = object.__hash__
-
-    def __post_init__(self) -> None:
-        """Nothing to check: the original is a camera."""
 
     def rays(self, px: np.ndarray) -> np.ndarray:
         """Unit rays (N, 3) at the time of the stamp; see `Camera.rays`."""
@@ -80,11 +72,6 @@ class TurningCamera(Camera):
         """Pixels, and how they move with the rays; see `Camera.project_along`."""
         px, jacobian = self.project(rays_unit)
         return px, np.einsum("nij,nj->ni", jacobian, along)
-
-    def with_focal_scale(self, scale: float) -> TurningCamera:
-        """Return the camera with its focal lengths multiplied."""
-        original = self.original.with_focal_scale(scale)
-        return replace(self, fx=original.fx, fy=original.fy, original=original)
 
     def _share(self, row: np.ndarray) -> np.ndarray:
         """Share (N,) of the turn that is made when rows (N,) are read."""
@@ -123,10 +110,8 @@ def view_at_stamp(view: CameraView, rate: TurnRate) -> CameraView:
     """The camera as it sees the horizon at the stamp; as it is where it has no readout."""
     if view.readout_s == 0.0:
         return view
-    values = {f.name: getattr(view.camera, f.name) for f in fields(Camera)}
     camera = TurningCamera(
-        **values,
-        original=view.camera,
+        **intrinsics(view.camera),
         turn_rad=view.readout_s * (rate.rate_base_rad_s @ view.rot_base_from_cam),
         last_first=view.readout_s < 0.0,
     )

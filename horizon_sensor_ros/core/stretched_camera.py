@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.derived_camera import DerivedCamera, intrinsics
 
 
 @dataclass(frozen=True, eq=False)
-class StretchedCamera(Camera):
+class StretchedCamera(DerivedCamera):
     """The same pixels, other rays: ``stretch @ u`` where the original has u, made unit vectors.
 
     stretch : (3, 3), symmetric, and its inverse, in the optical frame.
     """
 
-    original: Camera = field(kw_only=True)
     stretch: np.ndarray = field(kw_only=True)
     inverse: np.ndarray = field(kw_only=True)
-
-    # What is kept for one stretch is not another one's, however alike the pixels.
-    __eq__ = object.__eq__
-    __hash__ = object.__hash__
-
-    def __post_init__(self) -> None:
-        """Nothing to check: the original is a camera."""
 
     def rays(self, px: np.ndarray) -> np.ndarray:
         """Stretched unit rays (N, 3); see `Camera.rays`."""
@@ -54,10 +46,8 @@ def stretched_view(view: CameraView, axis_base: np.ndarray, ratio: float) -> Cam
     """Return a view whose rays are ``ratio`` times as long along an axis (3,), unit."""
     axis = axis_base @ view.rot_base_from_cam
     outer = np.outer(axis, axis)
-    values = {f.name: getattr(view.camera, f.name) for f in fields(Camera)}
     camera = StretchedCamera(
-        **values,
-        original=view.camera,
+        **intrinsics(view.camera),
         stretch=np.eye(3) + (ratio - 1.0) * outer,
         inverse=np.eye(3) + (1.0 / ratio - 1.0) * outer,
     )

@@ -53,6 +53,12 @@ class HardScene:
     limb_cameras: tuple[str, ...]
     blind_cameras: tuple[str, ...]
 
+    def redrawn(self, scene: EarthScene, rng: np.random.Generator) -> tuple[SimFrame, ...]:
+        """The frames of another world, by the same cameras at the same place."""
+        truth = self.frames[0].truth
+        rot, position = truth.rot_world_from_base, truth.position_ecef_m
+        return render_views(self.views, rot, position, scene, rng, imaging=self.imaging)
+
 
 @dataclass(frozen=True, eq=False)
 class _Draft:

@@ -10,7 +10,6 @@ from limb_samples import nadir_nees
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_fix import Frame
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
-from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.hard_scenes import hard_scene
 
 UNEVEN_M = 1000.0
@@ -22,14 +21,8 @@ def test_an_uneven_limb_is_as_far_off_as_claimed_where_it_is_told() -> None:
     for i in range(12):
         scene = hard_scene("clouds", i, 72)
         truth = scene.frames[0].truth
-        drawn = render_views(
-            scene.views,
-            truth.rot_world_from_base,
-            truth.position_ecef_m,
-            replace(scene.scene, limb_uneven_m=UNEVEN_M),
-            np.random.default_rng(i),
-            imaging=scene.imaging,
-        )
+        world = replace(scene.scene, limb_uneven_m=UNEVEN_M)
+        drawn = scene.redrawn(world, np.random.default_rng(i))
         for told_m, found in squares.items():
             sensor = HorizonSensor(HorizonConfig(limb_unevenness_m=told_m, tracking=False))
             for view, frame in zip(scene.views, drawn, strict=True):
