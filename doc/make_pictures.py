@@ -22,6 +22,7 @@ FIGURES = (
     "airglow",
     "haze",
     "one_sky",
+    "told",
     "watching",
 )
 

@@ -18,6 +18,8 @@ FloatArray = NDArray[np.float64]
 
 _GRAVITY_EARTH = 3.986004418e14  # m^3 / s^2
 _EARTH_RATE = 7.292115e-5  # rad / s
+_SWING_S = 8.0
+_PEAK = 0.75 + 0.25 * 2.7  # of a swing's rate, over its amplitude times its angular frequency
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,25 @@ class Flight:
         position = plane @ np.array([np.cos(angle), np.sin(angle)])
         velocity = plane @ np.array([-np.sin(angle), np.cos(angle)])
         return radius * position, radius * rate * velocity
+
+
+def swinging_flight(rate_rad_s: float, readout_s: float, rng: np.random.Generator) -> Flight:
+    """Low over clouds, a craft whose roll and pitch swing at rates up to this one, by cameras with
+    a rolling shutter.
+    """
+    amplitude = rate_rad_s * _SWING_S / (2.0 * np.pi * _PEAK)
+    roll, pitch, start, node = rng.uniform(0.0, 2.0 * np.pi, 4)
+    return Flight(
+        altitude_m=float(rng.uniform(300e3, 800e3)),
+        node_rad=float(node),
+        start_rad=float(start),
+        roll=Swing(0.12, amplitude, _SWING_S, float(roll)),
+        pitch=Swing(-0.12, amplitude, 0.9 * _SWING_S, float(pitch)),
+        scene=EarthScene(texture="clouds", texture_seed=int(rng.integers(2**31))),
+        imaging=Imaging(noise_dn=4.0),
+        seed=int(rng.integers(2**31)),
+        readout_s=readout_s,
+    )
 
 
 def _about_z(angle_rad: float) -> FloatArray:

@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from horizon_sensor_ros.sim.flight import Flight
+from horizon_sensor_ros.core.rigid import rotation_from_vector
+from horizon_sensor_ros.sim.flight import Flight, swinging_flight
 
 TIMES = np.linspace(0.0, 30.0, 16)
 
@@ -53,3 +54,26 @@ def test_limb_stays_in_both_frames() -> None:
     for time in TIMES[::3]:
         for frame in flight.frames(time):
             assert frame.truth.limb.visible_length_px(12.0) > 400.0
+
+
+def test_a_swinging_craft_turns_up_to_its_rate() -> None:
+    rate = np.radians(10.0)
+    flight = swinging_flight(float(rate), 0.02, np.random.default_rng(0))
+    turns = np.array([flight.turn(time, 1e-3) for time in np.linspace(0.0, 40.0, 2000)])
+    fastest = np.abs(turns).max(axis=0) / 1e-3
+    # Of roll and pitch; yaw goes on by half a degree a second, the orbit by less.
+    assert 0.8 * rate < fastest[:2].max() < 1.3 * rate
+    (before, _), (after, _) = flight.pose(3.0), flight.pose(3.5)
+    np.testing.assert_allclose(
+        before @ rotation_from_vector(flight.turn(3.0, 0.5)), after, atol=1e-12
+    )
+    assert not flight.turn(3.0, 0.0).any()
+
+
+def test_a_flights_rolling_shutter_shows_in_its_frames() -> None:
+    flight = swinging_flight(float(np.radians(10.0)), 0.02, np.random.default_rng(1))
+    at_once = replace(flight, readout_s=0.0)
+    rolling, still = flight.frames(2.0)[0].image, at_once.frames(2.0)[0].image
+    assert np.abs(rolling.astype(int) - still).max() > 50
+    # The first rows are read at the stamp.
+    assert np.abs(rolling[:2].astype(int) - still[:2]).mean() < 10.0

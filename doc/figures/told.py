@@ -1,0 +1,88 @@
+"""What a frame cannot tell: errors beside those claimed, where it is told and where it is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+
+from figures.drawing import BLUE, ORANGE, save
+from horizon_sensor_ros.core.aiding import Aiding
+from horizon_sensor_ros.core.horizon_config import HorizonConfig
+from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.sim.flight import swinging_flight
+from horizon_sensor_ros.sim.hard_scenes import hard_scene
+
+_FLIGHTS, _SETS, _PERIOD_S, _READOUT_S = 40, 6, 1.0 / 30.0, 0.02
+_SCENES, _SEED, _UNEVEN_M = 40, 9, 1000.0
+_Points = list[tuple[float, float]]
+
+
+def draw(folder: Path) -> None:
+    """Write told.png: rolling shutters above, uneven limbs below."""
+    figure, (shutters, limbs) = plt.subplots(2, 1, figsize=(6.5, 8.0), layout="constrained")
+    for told, points in _rolling().items():
+        _scatter(shutters, points, told, "readout told, no gyro" if told else "not told")
+    for told, points in _uneven().items():
+        _scatter(limbs, points, told, "unevenness told" if told else "not told")
+    for axes, title in (
+        (shutters, "Rolling shutters of 20 ms, the craft turns at 0.5 to 10 deg/s"),
+        (limbs, "Height of the limb uneven by 1 km, single cameras"),
+    ):
+        sigma = np.array([3e-3, 0.6])
+        axes.loglog(sigma, sigma, color="0.4", lw=1.0, label="as claimed")
+        axes.loglog(sigma, 3.0 * sigma, "--", color="0.4", lw=1.0, label="three times that")
+        axes.set_title(title, fontsize=11)
+        axes.set(xlabel="sigma claimed (deg)", ylabel="error of nadir (deg)", ylim=(1e-3, 1.0))
+        axes.grid(color="0.92")
+        axes.legend(fontsize=10)
+    save(figure, folder / "told.png")
+
+
+def _scatter(axes: Axes, points: _Points, told: bool, label: str) -> None:
+    sigma, error = np.array(points).T
+    axes.loglog(sigma, error, "o", ms=4, color=BLUE if told else ORANGE, alpha=0.75, label=label)
+
+
+def _rolling() -> dict[bool, _Points]:
+    """Sigmas and errors of the last sets of flights, degrees, told of the readout and not."""
+    found: dict[bool, _Points] = {False: [], True: []}
+    for i in range(_FLIGHTS):
+        rng = np.random.default_rng([_SEED, i])
+        rate = np.radians(np.exp(rng.uniform(np.log(0.5), np.log(10.0))))
+        flown = swinging_flight(float(rate), _READOUT_S, rng)
+        sets = [flown.frames(step * _PERIOD_S) for step in range(_SETS)]
+        for told, points in found.items():
+            views = [replace(view, readout_s=_READOUT_S * told) for view in flown.views]
+            sensor = HorizonSensor()
+            for step, drawn in enumerate(sets):
+                shown = [Frame(v, frame.image) for v, frame in zip(views, drawn, strict=True)]
+                fix = sensor.process(shown, Aiding(since_last_s=_PERIOD_S if step else None))
+            _add(points, fix, sets[-1][0].truth.nadir_base)
+    return found
+
+
+def _uneven() -> dict[bool, _Points]:
+    """The same of single cameras over clouds, told of an uneven limb and not."""
+    found: dict[bool, _Points] = {False: [], True: []}
+    for i in range(_SCENES):
+        scene = hard_scene("clouds", i, _SEED)
+        world = replace(scene.scene, limb_uneven_m=_UNEVEN_M)
+        drawn = scene.redrawn(world, np.random.default_rng(i))[0]
+        for told, points in found.items():
+            sensor = HorizonSensor(HorizonConfig(limb_unevenness_m=_UNEVEN_M * told))
+            fix = sensor.process([Frame(scene.views[0], drawn.image)])
+            _add(points, fix, drawn.truth.nadir_base)
+    return found
+
+
+def _add(points: _Points, fix: HorizonFix, nadir_base: np.ndarray) -> None:
+    """Add a fix's sigma in its least certain direction and its error, degrees."""
+    if fix.ok:
+        sigma = np.sqrt(np.linalg.eigvalsh(fix.fit.cov_nadir_altitude[:3, :3])[-1])
+        off = np.linalg.norm(fix.fit.nadir_base - nadir_base)
+        points.append((float(np.degrees(sigma)), float(np.degrees(off))))
