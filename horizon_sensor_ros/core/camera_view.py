@@ -18,9 +18,10 @@ class CameraView:
     base frame.
 
     mask : what of its image may be used; None: all. readout_s : from the first row of an image to
-    the last, below zero where the last one is read first; the stamp is that of the row that is read
-    first; 0: all at once. turn_sigma_rad : one sigma of what it may turn by meanwhile, about every
-    axis, beside what is known and taken out (`readout.view_at_stamp`).
+    the last, below zero where the last one is read first; the image's time is that of the row that
+    is read first; 0: all at once. after_s : time of its image after that of the set, and
+    rate_sigma_rad_s : one sigma of the rate at which it turns, about every axis, beside what is
+    known and taken out (`readout.view_at_stamp`).
     Raises ValueError when rot_base_from_cam is not a rotation matrix (orthonormal to 1e-6,
     determinant +1), the mask has another size than the camera, or the readout is not finite.
     """
@@ -30,7 +31,8 @@ class CameraView:
     rot_base_from_cam: np.ndarray
     mask: Mask | None = None
     readout_s: float = 0.0
-    turn_sigma_rad: float = 0.0
+    after_s: float = 0.0
+    rate_sigma_rad_s: float = 0.0
 
     def __post_init__(self) -> None:
         rot = require_rotation(self.rot_base_from_cam, f"rot_base_from_cam of {self.name!r}")

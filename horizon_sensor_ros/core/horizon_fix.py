@@ -19,10 +19,14 @@ _LESS_SURE = "the other camera is surer without it"
 
 @dataclass(frozen=True)
 class Frame:
-    """One image and the camera that took it. gray : (H, W) uint8 or uint16."""
+    """One image and the camera that took it.
+
+    gray : (H, W) uint8 or uint16. after_s : its time after that of the set of frames.
+    """
 
     view: CameraView
     gray: np.ndarray
+    after_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -35,8 +39,8 @@ class HorizonFix:
     those whose limbs lie on the same cone, but without which the fix is surer. predicted : where
     the limb was expected, if it was followed and not searched for. airglow : the edge of the
     airglow above the limb, as a fit of its own, where nadir is by that too. airglow_alone : all is
-    by that edge, and limbs are points of it. views : one per frame, as they see the horizon at its
-    stamp, where a camera is read out row by row; else empty.
+    by that edge, and limbs are points of it. views : one per frame, as they see the horizon at the
+    set's time, where frames are not of that moment; else empty.
     """
 
     status: Status

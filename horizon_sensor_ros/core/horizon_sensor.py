@@ -10,10 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Sighting
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_search import HorizonSearch
+from horizon_sensor_ros.core.judgement import nadir_sigma_rad
 from horizon_sensor_ros.core.limb.detector import follow_limb
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.nadir_rate import NadirRate
@@ -32,7 +34,9 @@ _MOST_LENGTHY = 100.0
 # Sets of frames followed before the whole frames are searched again: a track that had slipped off
 # the limb, or a camera that has come to see it, is noticed after so many at the latest.
 _LONGEST_TRACK = 50
-_NO_RATE = "rolling shutter: how fast the craft turns is not known"
+_UNKNOWN_RATE = TurnRate(np.zeros(3), UNKNOWN_SIGMA_RAD_S)
+_OF_SIGMA = 0.3  # of nadir: what an unknown rate makes that is told
+_NO_RATE = "frames are not of one moment, and how fast the craft turns is not known"
 
 
 class HorizonSensor:
@@ -44,11 +48,13 @@ class HorizonSensor:
         self._search = HorizonSearch(self._estimator)
         self._track: Track | None = None
         self._nadir_rate = NadirRate()
+        self._timed_by = ""
 
     def reset(self) -> None:
         """Forget where the limb was: the next frames are searched."""
         self._track = None
         self._nadir_rate.reset()
+        self._timed_by = ""
 
     @property
     def following(self) -> bool:
@@ -64,20 +70,48 @@ class HorizonSensor:
         """
         if len(frames) == 0:
             raise ValueError("frames must hold at least one frame")
-        if not any(frame.view.readout_s for frame in frames):
-            return self._processed(frames, frames, aiding)
-        rate = self._turn_rate(aiding)
-        by_rate = rate or TurnRate(np.zeros(3), UNKNOWN_SIGMA_RAD_S)
-        seen = [replace(frame, view=view_at_stamp(frame.view, by_rate)) for frame in frames]
-        fix = self._processed(frames, seen, aiding)
+        longest_s = max(abs(frame.view.readout_s) + abs(frame.after_s) for frame in frames)
+        if longest_s == 0.0:
+            fix = self._processed(frames, frames, aiding)
+        else:
+            fix = self._brought_together(frames, aiding, longest_s)
         self._nadir_rate.add(fix.fit, aiding.since_last_s)
-        told = fix.reason
-        if fix.ok and rate is None:
-            told = "; ".join(filter(None, (told, _NO_RATE)))
-        return replace(fix, reason=told, views=tuple(frame.view for frame in seen))
+        return fix
+
+    def _brought_together(
+        self, frames: Sequence[Frame], aiding: Aiding, longest_s: float
+    ) -> HorizonFix:
+        """Fix of frames that are not of one moment, at the time of the first camera that is in it.
+
+        longest_s : within which all of them are seen.
+        """
+        rate = self._turn_rate(aiding)
+        times = {frame.view.name: frame.after_s for frame in frames}
+        time_s, track = times.get(self._timed_by, 0.0), self._track
+        fix = self._at(time_s, frames, rate or _UNKNOWN_RATE, aiding)
+        if not fix.ok:
+            return fix
+        self._timed_by = fix.cameras_used[0]
+        if times[self._timed_by] != time_s:
+            self._track = track
+            fix = self._at(times[self._timed_by], frames, rate or _UNKNOWN_RATE, aiding)
+        if fix.ok and rate is None and _matters(longest_s, fix.fit):
+            return replace(fix, reason="; ".join(filter(None, (fix.reason, _NO_RATE))))
+        return fix
+
+    def _at(
+        self, time_s: float, frames: Sequence[Frame], rate: TurnRate, aiding: Aiding
+    ) -> HorizonFix:
+        """Fix of frames as they are seen at a time after that of the set."""
+        seen = [
+            replace(frame, view=view_at_stamp(frame.view, rate, frame.after_s - time_s))
+            for frame in frames
+        ]
+        fix = self._processed(frames, seen, aiding)
+        return replace(fix, views=tuple(frame.view for frame in seen))
 
     def _turn_rate(self, aiding: Aiding) -> TurnRate | None:
-        """How fast the craft turns while frames are read out, if that is known."""
+        """How fast the craft turns between frames and while they are read out, if that is known."""
         if aiding.rate_base_rad_s is not None:
             return TurnRate(aiding.rate_base_rad_s, GYRO_SIGMA_RAD_S)
         return self._nadir_rate.now()
@@ -137,6 +171,11 @@ class HorizonSensor:
             return None
         self._track = track.continued(detection, fix.fit)
         return replace(fix, predicted=Disc(figure, nadir, rho))
+
+
+def _matters(longest_s: float, fit: HorizonFit) -> bool:
+    """Whether an unknown rate makes a fit less certain, over so long a time."""
+    return longest_s * _UNKNOWN_RATE.sigma_rad_s > _OF_SIGMA * nadir_sigma_rad(fit)
 
 
 def _unusable(frame: Frame) -> LimbPoints | None:

@@ -23,11 +23,10 @@ _CHANGE, _LEAST_RAD_S = 0.2, math.radians(0.05)
 
 
 class _Fix(NamedTuple):
-    """Nadir (3,) so long ago, and one sigma of it."""
+    """What was found so long ago."""
 
     age_s: float
-    nadir_base: np.ndarray
-    sigma_rad: float
+    fit: HorizonFit
 
 
 class NadirRate:
@@ -51,7 +50,7 @@ class NadirRate:
             aged = [fix._replace(age_s=fix.age_s + since_last_s) for fix in self._fixes]
             self._fixes = [fix for fix in aged if fix.age_s <= oldest_s]
         if fit.ok:
-            self._fixes.append(_Fix(0.0, fit.nadir_base, nadir_sigma_rad(fit)))
+            self._fixes.append(_Fix(0.0, fit))
 
     def now(self) -> TurnRate | None:
         """The rate at the last fix; None where fewer than two are known, or tell next to nothing
@@ -60,18 +59,20 @@ class NadirRate:
         if len(self._fixes) < 2:
             return None
         *earlier, last = self._fixes
+        sigma_rad = nadir_sigma_rad(last.fit)
 
         # A fix of which no rate was known is far off, and says so.
         def noise(fix: _Fix) -> float:
-            return math.hypot(last.sigma_rad, fix.sigma_rad) / fix.age_s
+            return math.hypot(sigma_rad, nadir_sigma_rad(fix.fit)) / fix.age_s
 
         before = min(earlier, key=noise)
         if noise(before) >= UNKNOWN_SIGMA_RAD_S:
             return None
         # Nadir stands still outside, so that in the base frame it moves by -rate x nadir.
-        axis = np.cross(last.nadir_base, before.nadir_base)
+        now, then = last.fit.nadir_base, before.fit.nadir_base
+        axis = np.cross(now, then)
         sine = float(np.linalg.norm(axis))
-        angle = math.atan2(sine, float(last.nadir_base @ before.nadir_base))
+        angle = math.atan2(sine, float(now @ then))
         rate = axis * (angle / (before.age_s * sine)) if sine > 0.0 else axis
         change = _CHANGE * max(1.0, before.age_s / _WINDOW_S) * angle / before.age_s
         return TurnRate(rate, math.hypot(noise(before), change, _LEAST_RAD_S))

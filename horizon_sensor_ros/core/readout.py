@@ -1,7 +1,8 @@
-"""Frames that are read out row by row, by a rolling shutter, while the craft turns.
+"""Frames that are not of one moment, while the craft turns: by cameras that are not triggered
+together, and by rolling shutters, which read an image row by row.
 
 Each row sees the horizon as it lies when that row is exposed. A ray is turned back by as much as
-the craft has turned since the frame's stamp, so that all of them are those of one moment.
+the craft has turned since the time of the set of frames, so that all of them are of that moment.
 Source: derived here.
 """
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.derived_camera import DerivedCamera, intrinsics
+from horizon_sensor_ros.core.rigid import rotation_from_vector
 
 # One sigma of a gyro's rate as that of the horizon, which itself turns by up to .07 deg/s along an
 # orbit; and of a craft's of which nothing is known.
@@ -37,22 +39,22 @@ class TurnRate:
 
 @dataclass(frozen=True, eq=False)
 class TurningCamera(DerivedCamera):
-    """The same pixels, whose rays are those at the time of the stamp.
+    """The same pixels, whose rays are those at the time of the set.
 
     turn_rad : (3,) by which the camera turns from one end of the frame to the other, downwards, in
-    the optical frame. last_first : the last row of the image is read first.
+    the optical frame. begins : share of that which is made when the first row is read.
     """
 
     turn_rad: np.ndarray = field(kw_only=True)
-    last_first: bool = field(kw_only=True)
+    begins: float = field(kw_only=True)
 
     def rays(self, px: np.ndarray) -> np.ndarray:
-        """Unit rays (N, 3) at the time of the stamp; see `Camera.rays`."""
+        """Unit rays (N, 3) at the time of the set; see `Camera.rays`."""
         rays = self.original.rays(px)
         return self._turned(rays, self._share(np.asarray(px, dtype=float)[:, 1]))
 
     def pixels(self, rays: np.ndarray) -> np.ndarray:
-        """Raw pixels (N, 2) of rays at the time of the stamp; see `Camera.pixels`."""
+        """Raw pixels (N, 2) of rays at the time of the set; see `Camera.pixels`."""
         return self.original.pixels(self._when_read(np.asarray(rays, dtype=float))[0])
 
     def project(self, rays_unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -60,11 +62,11 @@ class TurningCamera(DerivedCamera):
         read, share = self._when_read(np.asarray(rays_unit, dtype=float))
         px, jacobian = self.original.project(read)
         later = self._by_share(jacobian, read)
-        # Derivatives by the ray when it is read, turned to those by the ray at the stamp.
+        # Derivatives by the ray when it is read, turned to those by the ray at the set's time.
         shape = jacobian.shape
-        at_stamp = self._turned(jacobian.reshape(-1, 3), np.repeat(share, 2)).reshape(shape)
-        by_row = at_stamp[:, 1] / (1.0 - later[:, 1])[:, None]
-        return px, at_stamp + later[:, :, None] * by_row[:, None]
+        at_set = self._turned(jacobian.reshape(-1, 3), np.repeat(share, 2)).reshape(shape)
+        by_row = at_set[:, 1] / (1.0 - later[:, 1])[:, None]
+        return px, at_set + later[:, :, None] * by_row[:, None]
 
     def project_along(
         self, rays_unit: np.ndarray, along: np.ndarray
@@ -75,8 +77,7 @@ class TurningCamera(DerivedCamera):
 
     def _share(self, row: np.ndarray) -> np.ndarray:
         """Share (N,) of the turn that is made when rows (N,) are read."""
-        share = np.clip(row * self._per_row, -_BEYOND, 1.0 + _BEYOND)
-        return share - 1.0 if self.last_first else share
+        return self.begins + np.clip(row * self._per_row, -_BEYOND, 1.0 + _BEYOND)
 
     @property
     def _per_row(self) -> float:
@@ -106,13 +107,26 @@ class TurningCamera(DerivedCamera):
         return np.asarray(np.einsum("nij,nj->ni", jacobian, moving))
 
 
-def view_at_stamp(view: CameraView, rate: TurnRate) -> CameraView:
-    """The camera as it sees the horizon at the stamp; as it is where it has no readout."""
-    if view.readout_s == 0.0:
+def view_at_stamp(view: CameraView, rate: TurnRate, after_s: float = 0.0) -> CameraView:
+    """The camera as it sees the horizon at the time of a set of frames.
+
+    after_s : time of its image after that. As it is where it is neither late nor read row by row.
+    """
+    if view.readout_s == 0.0 and after_s == 0.0:
         return view
+    timed = replace(view, after_s=after_s, rate_sigma_rad_s=rate.sigma_rad_s)
+    if view.readout_s == 0.0:
+        turned = rotation_from_vector(after_s * rate.rate_base_rad_s)
+        return replace(timed, rot_base_from_cam=turned @ view.rot_base_from_cam)
     camera = TurningCamera(
         **intrinsics(view.camera),
         turn_rad=view.readout_s * (rate.rate_base_rad_s @ view.rot_base_from_cam),
-        last_first=view.readout_s < 0.0,
+        begins=after_s / view.readout_s - (view.readout_s < 0.0),
     )
-    return replace(view, camera=camera, turn_sigma_rad=abs(view.readout_s) * rate.sigma_rad_s)
+    return replace(timed, camera=camera)
+
+
+def seen_after_s(view: CameraView, px: np.ndarray) -> np.ndarray:
+    """Times (N,) at which a camera sees its pixels (N, 2), after that of the set."""
+    share = px[:, 1] / max(view.camera.height - 1, 1) - (view.readout_s < 0.0)
+    return np.asarray(view.after_s + view.readout_s * share)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -25,6 +25,7 @@ from horizon_sensor_ros.core.mask import Mask
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.aiding_sources import AidingSources
 from horizon_sensor_ros.ros.messages import (
+    NANOSECONDS,
     Refusal,
     camera_from_info,
     camera_info_key,
@@ -215,8 +216,12 @@ class HorizonPipeline:
 
     def _process(self, members: tuple[tuple[int, Frame], ...]) -> HorizonResult:
         self.counts["sets"] += 1
-        frames = tuple(frame for _, frame in members)
-        fix = self._sensor.process(frames, self.aiding.of_set(members[0][0]))
+        first = members[0][0]
+        frames = tuple(
+            frame if stamp == first else replace(frame, after_s=(stamp - first) / NANOSECONDS)
+            for stamp, frame in members
+        )
+        fix = self._sensor.process(frames, self.aiding.of_set(first))
         if fix.status is Status.OK and not _finite(fix.fit):
             fix = HorizonFix(Status.UNCERTAIN, "the estimate is not finite", fix.fit, fix.limbs, ())
         if fix.status is Status.OK:
@@ -225,9 +230,9 @@ class HorizonPipeline:
             self.rejected[str(fix.status)] += 1
         if fix.views:
             seen = zip(frames, fix.views, strict=True)
-            frames = tuple(Frame(view, frame.gray) for frame, view in seen)
+            frames = tuple(replace(frame, view=view) for frame, view in seen)
         stamps = [stamp for stamp, frame in members if frame.view.name in fix.cameras_used]
-        return HorizonResult(stamps[0] if stamps else members[0][0], fix, frames)
+        return HorizonResult(stamps[0] if stamps else first, fix, frames)
 
 
 def _finite(fit: HorizonFit) -> bool:

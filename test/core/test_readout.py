@@ -184,12 +184,46 @@ def test_without_a_gyro_the_fixes_before_tell_the_rate() -> None:
     assert angle_between(last.fit.nadir_base, truth) < np.radians(0.02)
     assert nadir_nees(last.fit, truth) < 11.8
     # What nothing is known of is claimed, and said.
-    assert first.reason == "rolling shutter: how fast the craft turns is not known"
+    assert first.reason == "frames are not of one moment, and how fast the craft turns is not known"
     assert last.reason == ""
     assert nadir_nees(first.fit, sets[0][0].truth.nadir_base) < 11.8
     assert np.trace(first.fit.cov_nadir_altitude[:3, :3]) > np.trace(
         last.fit.cov_nadir_altitude[:3, :3]
     )
+
+
+@pytest.mark.parametrize("blind", [False, True])
+def test_cameras_that_are_not_triggered_together_are_brought_to_one_time(blind: bool) -> None:
+    """The second 15 ms later, at 5 deg/s. Its time is that of the fix where the first is blind."""
+    rng = np.random.default_rng(8)
+    axis, later_s = rng.standard_normal(3), 0.015
+    rate = np.radians(5.0) * axis / np.linalg.norm(axis)
+    scene = EarthScene()
+    position = np.array([0.0, 0.0, -(scene.planet.radius_m + ALTITUDE_M)])
+    views = limb_views(ALTITUDE_M, azimuths_rad=(0.3, 1.8))
+    frames, truths = [], []
+    for view, after_s in zip(views, (0.0, later_s), strict=True):
+        turned = Rotation.from_rotvec(after_s * rate).as_matrix()
+        (drawn,) = render_views((view,), turned, position, scene, rng)
+        frames.append(Frame(view, drawn.image, after_s))
+        truths.append(drawn.truth.nadir_base)
+    if blind:
+        frames[0] = replace(frames[0], gray=np.full_like(frames[0].gray, 4))
+    at_once = HorizonSensor().process([replace(frame, after_s=0.0) for frame in frames])
+    sensor = HorizonSensor()
+    aiding = Aiding(rate_base_rad_s=rate)
+    for _ in range(2):
+        fix = sensor.process(frames, aiding)
+        assert fix.ok, fix.reason
+        assert nadir_nees(fix.fit, truths[blind]) < 11.8
+        assert angle_between(fix.fit.nadir_base, truths[blind]) < np.radians(0.05)
+    assert angle_between(truths[0], truths[1]) > np.radians(0.03)
+    if not blind:
+        assert nadir_nees(at_once.fit, truths[0]) > 11.8 or "sigma apart" in at_once.reason
+    # Without a rate what that leaves open is claimed, and said.
+    unknown = HorizonSensor().process(frames)
+    assert blind or "not of one moment" in unknown.reason
+    assert nadir_nees(unknown.fit, truths[blind]) < 11.8
 
 
 def test_a_still_craft_loses_nothing_by_its_rolling_shutter() -> None:

@@ -473,6 +473,28 @@ def test_a_rolling_shutters_rows_are_brought_to_the_stamp() -> None:
     assert 1.0 < np.linalg.norm(backwards - plain) / np.linalg.norm(forwards - plain) < 20.0
 
 
+def test_cameras_with_other_stamps_are_brought_to_that_of_the_first() -> None:
+    """The second one 15 ms late, at .3 rad/s: by their stamps both see the nadir of the first."""
+    rate, late_s = np.array([0.1, 0.28, 0.0]), 0.015
+    nadir = nadir_of(0.05, -0.03)
+    later = Rotation.from_rotvec(-late_s * rate).apply(nadir)
+    off = {}
+    for told in (True, False):
+        pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
+        pipeline.aiding.on_imu(imu_of(START_NS, rate if told else np.zeros(3)))
+        for camera, seen, stamp in zip(
+            CAMERAS, (nadir, later), (START_NS, START_NS + round(late_s * S)), strict=True
+        ):
+            pipeline.on_camera_info(camera, camera_info_of(0, camera))
+            step = pipeline.on_image(camera, image_of(horizon_gray(camera, seen), stamp, camera))
+        (result,) = step.results
+        assert result.fix.ok, result.fix.reason
+        assert result.stamp == START_NS
+        off[told] = np.linalg.norm(result.fix.fit.nadir_base - nadir)
+    assert off[True] < 5e-4
+    assert off[False] > 2.0 * off[True]
+
+
 def test_a_mask_of_another_size_refuses_the_frames_by_name(mask_file: Path) -> None:
     cv2.imwrite(str(mask_file), np.full((20, 30), 255, np.uint8))
     values = {**PARAMETERS, "camera_1.mask": str(mask_file)}

@@ -16,6 +16,7 @@ from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.readout import seen_after_s
 from horizon_sensor_ros.core.symmetric3 import inverse
 
 # How errors of focal length and of distortion grow with the distance to the optical axis.
@@ -39,13 +40,13 @@ def with_calibration_error(
     lens_sigma_px : of each camera's focal length and of its distortion, by what either moves the
     corners of its frame. limb_height_sigma_m : of the height of the visible limb, the same all
     along it; limb_unevenness_m : of what that differs by from place to place. Zero: taken to be
-    exact. What cameras turn by while they are read out (`CameraView.turn_sigma_rad`) is the same
-    turn for all.
+    exact. The rate at which cameras turn between the time of the set and that at which they see
+    a point (`CameraView.rate_sigma_rad_s`) is the same for all.
     A camera's turn turns the nadir that it would find by itself; of several cameras these are
     weighted by their information. First order; derived here, from the information form of least
     squares.
     """
-    turning = any(seen.view.turn_sigma_rad > 0.0 for seen in observations)
+    turning = any(seen.view.rate_sigma_rad_s > 0.0 for seen in observations)
     of_cameras = mounting_sigma_rad + lens_sigma_px + limb_unevenness_m > 0.0 or turning
     if not of_cameras and limb_height_sigma_m == 0.0:
         return fit
@@ -59,7 +60,7 @@ def with_calibration_error(
         if lens_sigma_px > 0.0:
             tangent += lens_sigma_px**2 * cameras.by_lens()
         if turning:
-            tangent += cameras.by_readout()
+            tangent += cameras.by_rate()
         if limb_unevenness_m > 0.0:
             tangent += limb_unevenness_m**2 * cameras.by_heights(fit.rho_rad, sphere)
         cov += covariance_nadir_altitude(tangent, basis, fit.rho_rad, sphere)
@@ -115,16 +116,15 @@ class _Cameras:
                 cov += np.outer(off, off)
         return cov
 
-    def by_readout(self) -> np.ndarray:
-        """The same where the craft turns otherwise while frames are read out, from one end to the
-        other by `turn_sigma_rad` of each camera.
+    def by_rate(self) -> np.ndarray:
+        """The same where the craft turns otherwise, by its `rate_sigma_rad_s`, between the time of
+        the set and that at which points are seen.
         """
         off = np.zeros((3, 3))
         for seen, rows, gain in zip(self._seen, self._rows, self._gains, strict=True):
             rays, view = seen.rays, seen.view
             px = view.camera.pixels(rays.rays_base @ view.rot_base_from_cam)
-            share = px[:, 1] / max(view.camera.height - 1, 1) - (view.readout_s < 0.0)
-            turn = math.copysign(view.turn_sigma_rad, view.readout_s) * np.nan_to_num(share)
+            turn = view.rate_sigma_rad_s * np.nan_to_num(seen_after_s(view, px))
             # A ray's angle from nadir, by turns about the three axes.
             axes = np.cross(rays.rays_base, self._nadir)
             axes /= -np.linalg.norm(axes, axis=1)[:, None]
