@@ -15,11 +15,11 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.judgement import nadir_sigma_rad
 from horizon_sensor_ros.core.readout import UNKNOWN_SIGMA_RAD_S, TurnRate
 
-# Over how long the rate is taken, where sets come as fast: longer is more even, and older. Between
-# sets that are farther apart than the second a craft may do anything.
+# Over how long the rate is taken at most, where sets come as fast: longer is more even, and older.
+# Between sets that are farther apart than the second a craft may do anything.
 _WINDOW_S, _MOST_S = 0.3, 2.0
-# One sigma of what rates change by within that time, over the rate, and of the slowest ones.
-_CHANGE, _LEAST_RAD_S = 0.2, math.radians(0.05)
+# One sigma of what rates change by in a second, over the rate, and of the slowest ones.
+_CHANGE_PER_S, _LEAST_RAD_S = 0.7, math.radians(0.05)
 
 
 class _Fix(NamedTuple):
@@ -60,19 +60,19 @@ class NadirRate:
             return None
         *earlier, last = self._fixes
         sigma_rad = nadir_sigma_rad(last.fit)
+        rates = [_rate(fix, last, sigma_rad) for fix in earlier]
+        # Of a fast craft what is recent is surest, of a slow one what is even.
+        surest = min(rates, key=lambda rate: rate.sigma_rad_s)
+        return surest if surest.sigma_rad_s < UNKNOWN_SIGMA_RAD_S else None
 
-        # A fix of which no rate was known is far off, and says so.
-        def noise(fix: _Fix) -> float:
-            return math.hypot(sigma_rad, nadir_sigma_rad(fix.fit)) / fix.age_s
 
-        before = min(earlier, key=noise)
-        if noise(before) >= UNKNOWN_SIGMA_RAD_S:
-            return None
-        # Nadir stands still outside, so that in the base frame it moves by -rate x nadir.
-        now, then = last.fit.nadir_base, before.fit.nadir_base
-        axis = np.cross(now, then)
-        sine = float(np.linalg.norm(axis))
-        angle = math.atan2(sine, float(now @ then))
-        rate = axis * (angle / (before.age_s * sine)) if sine > 0.0 else axis
-        change = _CHANGE * max(1.0, before.age_s / _WINDOW_S) * angle / before.age_s
-        return TurnRate(rate, math.hypot(noise(before), change, _LEAST_RAD_S))
+def _rate(before: _Fix, last: _Fix, sigma_rad: float) -> TurnRate:
+    """The rate from one fix to the last, by that one's sigma."""
+    # Nadir stands still outside, so that in the base frame it moves by -rate x nadir.
+    axis = np.cross(last.fit.nadir_base, before.fit.nadir_base)
+    sine = float(np.linalg.norm(axis))
+    angle = math.atan2(sine, float(last.fit.nadir_base @ before.fit.nadir_base))
+    rate = axis * (angle / (before.age_s * sine)) if sine > 0.0 else axis
+    # A fix of which no rate was known is far off, and says so.
+    noise = math.hypot(sigma_rad, nadir_sigma_rad(before.fit)) / before.age_s
+    return TurnRate(rate, math.hypot(noise, _CHANGE_PER_S * angle, _LEAST_RAD_S))
