@@ -64,6 +64,8 @@ class HorizonSensor:
     def process(self, frames: Sequence[Frame], aiding: Aiding = NOTHING_KNOWN) -> HorizonFix:
         """Find the horizon in simultaneous frames, with what is known of them from elsewhere.
 
+        Frames that are not of one moment (`Frame.after_s`, `CameraView.readout_s`) are brought to
+        that of the first camera in the fix.
         A camera whose frame shows no trustworthy limb is left out and the others decide; its entry
         in `limbs` says why. Raises ValueError for no frames at all, or an image that is not (H, W)
         uint8 or uint16; a frame of another size than its camera's is refused with status BAD_IMAGE.
@@ -91,7 +93,7 @@ class HorizonSensor:
         fix = self._at(time_s, frames, rate or _UNKNOWN_RATE, aiding)
         if not fix.ok:
             return fix
-        self._timed_by = fix.cameras_used[0]
+        self._timed_by = next(name for name in times if name in fix.cameras_used)
         if times[self._timed_by] != time_s:
             self._track = track
             fix = self._at(times[self._timed_by], frames, rate or _UNKNOWN_RATE, aiding)

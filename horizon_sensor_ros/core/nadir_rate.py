@@ -7,6 +7,7 @@ turning, and all that matters to one that is read out row by row.
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -23,9 +24,9 @@ _CHANGE_PER_S, _LEAST_RAD_S = 0.7, math.radians(0.05)
 
 
 class _Fix(NamedTuple):
-    """What was found so long ago."""
+    """What was found at a time, counted from the first fix."""
 
-    age_s: float
+    time_s: float
     fit: HorizonFit
 
 
@@ -33,24 +34,26 @@ class NadirRate:
     """The rate by the fixes of successive sets of frames."""
 
     def __init__(self) -> None:
-        self._fixes: list[_Fix] = []
+        self._fixes: deque[_Fix] = deque()
 
     def reset(self) -> None:
         """Forget all fixes."""
-        self._fixes = []
+        self._fixes.clear()
 
     def add(self, fit: HorizonFit, since_last_s: float | None) -> None:
         """Take a fit, or one without an answer. since_last_s : since the set before; None: it is
         not known, and what was before does not count.
         """
         if since_last_s is None or since_last_s > _MOST_S or not fit.ok:
-            self._fixes = []
-        else:
-            oldest_s = max(_WINDOW_S, since_last_s)
-            aged = [fix._replace(age_s=fix.age_s + since_last_s) for fix in self._fixes]
-            self._fixes = [fix for fix in aged if fix.age_s <= oldest_s]
-        if fit.ok:
-            self._fixes.append(_Fix(0.0, fit))
+            self._fixes.clear()
+        if not fit.ok:
+            return
+        time_s = 0.0
+        if self._fixes and since_last_s is not None:
+            time_s = self._fixes[-1].time_s + since_last_s
+            while time_s - self._fixes[0].time_s > max(_WINDOW_S, since_last_s):
+                self._fixes.popleft()
+        self._fixes.append(_Fix(time_s, fit))
 
     def now(self) -> TurnRate | None:
         """The rate at the last fix; None where fewer than two are known, or tell next to nothing
@@ -68,11 +71,12 @@ class NadirRate:
 
 def _rate(before: _Fix, last: _Fix, sigma_rad: float) -> TurnRate:
     """The rate from one fix to the last, by that one's sigma."""
+    span_s = last.time_s - before.time_s
     # Nadir stands still outside, so that in the base frame it moves by -rate x nadir.
     axis = np.cross(last.fit.nadir_base, before.fit.nadir_base)
     sine = float(np.linalg.norm(axis))
     angle = math.atan2(sine, float(last.fit.nadir_base @ before.fit.nadir_base))
-    rate = axis * (angle / (before.age_s * sine)) if sine > 0.0 else axis
+    rate = axis * (angle / (span_s * sine)) if sine > 0.0 else axis
     # A fix of which no rate was known is far off, and says so.
-    noise = math.hypot(sigma_rad, nadir_sigma_rad(before.fit)) / before.age_s
+    noise = math.hypot(sigma_rad, nadir_sigma_rad(before.fit)) / span_s
     return TurnRate(rate, math.hypot(noise, _CHANGE_PER_S * angle, _LEAST_RAD_S))
