@@ -34,6 +34,7 @@ _MOST_LENGTHY = 100.0
 # Sets of frames followed before the whole frames are searched again: a track that had slipped off
 # the limb, or a camera that has come to see it, is noticed after so many at the latest.
 _LONGEST_TRACK = 50
+_MOST_TURN_RAD = 0.1  # within a set: farther, and rays have no one row in which they are seen
 _UNKNOWN_RATE = TurnRate(np.zeros(3), UNKNOWN_SIGMA_RAD_S)
 _OF_SIGMA = 0.3  # of nadir: what an unknown rate makes that is told
 _NO_RATE = "frames are not of one moment, and how fast the craft turns is not known"
@@ -88,6 +89,10 @@ class HorizonSensor:
         longest_s : within which all of them are seen.
         """
         rate = self._turn_rate(aiding)
+        turn_rad = longest_s * float(np.linalg.norm((rate or _UNKNOWN_RATE).rate_base_rad_s))
+        if turn_rad > _MOST_TURN_RAD:
+            self._track = None
+            return self._too_fast(frames, turn_rad)
         times = {frame.view.name: frame.after_s for frame in frames}
         time_s, track = times.get(self._timed_by, 0.0), self._track
         fix = self._at(time_s, frames, rate or _UNKNOWN_RATE, aiding)
@@ -100,6 +105,16 @@ class HorizonSensor:
         if fix.ok and rate is None and _matters(longest_s, fix.fit):
             return replace(fix, reason="; ".join(filter(None, (fix.reason, _NO_RATE))))
         return fix
+
+    def _too_fast(self, frames: Sequence[Frame], turn_rad: float) -> HorizonFix:
+        """No fix of frames between which, or while one of which is read, the craft turns far."""
+        most, turn = np.degrees((_MOST_TURN_RAD, turn_rad))
+        reason = (
+            f"the craft turns by {turn:.0f} deg within a set of frames, at most {most:.0f} will do"
+        )
+        limb = LimbPoints.none(Status.UNCERTAIN, reason)
+        fit = HorizonFit.none(limb.status, reason, self.config.method)
+        return HorizonFix(limb.status, reason, fit, (limb,) * len(frames), ())
 
     def _at(
         self, time_s: float, frames: Sequence[Frame], rate: TurnRate, aiding: Aiding

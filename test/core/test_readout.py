@@ -226,6 +226,29 @@ def test_cameras_that_are_not_triggered_together_are_brought_to_one_time(blind: 
     assert nadir_nees(unknown.fit, truths[blind]) < 11.8
 
 
+@pytest.mark.parametrize("readout_s", [0.0, READOUT_S, -1.0])
+@pytest.mark.parametrize("after_s", [0.0, 0.02, -5.0])
+@pytest.mark.parametrize("rate_rad_s", [0.0, 1.0, 100.0])
+def test_no_times_and_no_rates_break_it(
+    readout_s: float, after_s: float, rate_rad_s: float
+) -> None:
+    """Turns within a set that are too far for an answer are refused."""
+    _, ((first, second),) = flight(0.0, 5, 1)
+    views = [
+        replace(view, readout_s=readout_s)
+        for view in limb_views(ALTITUDE_M, azimuths_rad=(0.3, 1.8))
+    ]
+    rate = rate_rad_s * np.array([0.6, 0.48, 0.64])
+    shown = [Frame(views[0], first.image), Frame(views[1], second.image, after_s)]
+    fix = HorizonSensor().process(shown, Aiding(rate_base_rad_s=rate))
+    longest_s = abs(readout_s) + abs(after_s)
+    if rate_rad_s * longest_s > 0.1:
+        assert fix.status is Status.UNCERTAIN
+        assert "deg within a set of frames, at most 6 will do" in fix.reason
+    elif rate_rad_s == 0.0 and longest_s < 0.1:
+        assert fix.ok
+
+
 def test_a_still_craft_loses_nothing_by_its_rolling_shutter() -> None:
     _, sets = flight(0.0, 4, 2)
     still = np.zeros(3)
