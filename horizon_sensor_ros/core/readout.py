@@ -10,19 +10,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.derived_camera import DerivedCamera, intrinsics
-from horizon_sensor_ros.core.rigid import rotation_from_vector
+from horizon_sensor_ros.core.rigid import rotation_from_vector, skew
 
 # One sigma of a gyro's rate as that of the horizon, which itself turns by up to .07 deg/s along an
 # orbit; and of a craft's of which nothing is known.
 GYRO_SIGMA_RAD_S, UNKNOWN_SIGMA_RAD_S = math.radians(0.1), math.radians(3.0)
 # Steps towards the row in which a ray is seen: each leaves of its error what the limb moves by from
-# one row to the next, a few parts in a hundred.
-_STEPS = 5
+# one row to the next, some parts in a hundred at most. No more are made than is seen.
+_STEPS, _NEAR_RAD = 6, 1e-9
 # Rows beyond the frame, over its height, up to which the turn goes on growing.
 _BEYOND = 1.0
 
@@ -84,26 +85,34 @@ class TurningCamera(DerivedCamera):
         return 1.0 / max(self.height - 1, 1)
 
     def _turned(self, vectors: np.ndarray, share: np.ndarray) -> np.ndarray:
-        """Vectors (N, 3), turned by shares (N,) of the camera's turn."""
-        angle = float(np.linalg.norm(self.turn_rad))
-        if angle == 0.0:
-            return vectors
-        axis = self.turn_rad / angle
-        sine, cosine = np.sin(angle * share)[:, None], np.cos(angle * share)[:, None]
-        along = (1.0 - cosine) * (vectors @ axis)[:, None] * axis
-        return cosine * vectors + sine * np.cross(axis, vectors) + along
+        """Vectors (N, 3), turned by shares (N,) of the camera's turn (Rodrigues)."""
+        angle = self._angle_rad * share[:, None]
+        once = vectors @ self._across
+        return vectors + np.sin(angle) * once + (1.0 - np.cos(angle)) * (once @ self._across)
+
+    @cached_property
+    def _angle_rad(self) -> float:
+        return float(np.linalg.norm(self.turn_rad))
+
+    @cached_property
+    def _across(self) -> np.ndarray:
+        """What takes row vectors to the product of the turn's axis with them."""
+        return skew(self.turn_rad / max(self._angle_rad, np.finfo(float).tiny)).T
 
     def _when_read(self, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rays (N, 3) as their row sees them, and the share (N,) of the turn at that time."""
-        read = rays
+        share = self._share(self.original.pixels(rays)[:, 1])
         for _ in range(_STEPS):
+            read, before = self._turned(rays, -share), share
             share = self._share(self.original.pixels(read)[:, 1])
-            read = self._turned(rays, -share)
-        return read, share
+            # Of rays that no pixel sees it is not a number.
+            if not (np.abs(share - before) * self._angle_rad > _NEAR_RAD).any():
+                break
+        return read, before
 
     def _by_share(self, jacobian: np.ndarray, read: np.ndarray) -> np.ndarray:
         """How far the pixels (N, 2) of rays move while a row is read. jacobian : (N, 2, 3)."""
-        moving = np.cross(read, self.turn_rad) * self._per_row
+        moving = read @ skew(self._per_row * self.turn_rad)
         return np.asarray(np.einsum("nij,nj->ni", jacobian, moving))
 
 

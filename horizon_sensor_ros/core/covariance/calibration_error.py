@@ -17,6 +17,7 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.readout import seen_after_s
+from horizon_sensor_ros.core.rigid import skew
 from horizon_sensor_ros.core.symmetric3 import inverse
 
 # How errors of focal length and of distortion grow with the distance to the optical axis.
@@ -126,7 +127,7 @@ class _Cameras:
             px = view.camera.pixels(rays.rays_base @ view.rot_base_from_cam)
             turn = view.rate_sigma_rad_s * np.nan_to_num(seen_after_s(view, px))
             # A ray's angle from nadir, by turns about the three axes.
-            axes = np.cross(rays.rays_base, self._nadir)
+            axes = rays.rays_base @ skew(self._nadir)
             axes /= -np.linalg.norm(axes, axis=1)[:, None]
             across = turn[:, None] * axes / self._sigmas_rad(rays)[:, None]
             off += gain @ (rows.T @ across)
