@@ -33,6 +33,8 @@ class HorizonConfig:
     mounting_sigma_rad, lens_sigma_px, limb_height_sigma_m, limb_unevenness_m : errors of each
     camera's rotation, about every axis, of its calibration in the corners of its frames, of the
     planet's limb height, and of what that differs by along the limb, for the covariance.
+    rate_sigma_rad_s : of the craft's angular rate, about every axis, where neither a gyro nor the
+    fixes before tell it: for the covariance of frames that are not of one moment.
     tracking : look for the limb where the last fix predicts it, and search the whole frames only
     where that does not do.
     """
@@ -54,6 +56,7 @@ class HorizonConfig:
     lens_sigma_px: float = 0.0
     limb_height_sigma_m: float = 0.0
     limb_unevenness_m: float = 0.0
+    rate_sigma_rad_s: float = 0.05
     tracking: bool = True
 
     def __post_init__(self) -> None:
@@ -82,6 +85,7 @@ class HorizonConfig:
             "lens_sigma_px",
             "limb_height_sigma_m",
             "limb_unevenness_m",
+            "rate_sigma_rad_s",
         ):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be zero or positive, got {getattr(self, name)}")

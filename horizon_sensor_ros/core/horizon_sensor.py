@@ -22,7 +22,6 @@ from horizon_sensor_ros.core.nadir_rate import NadirRate
 from horizon_sensor_ros.core.planet_figure import Disc
 from horizon_sensor_ros.core.readout import (
     GYRO_SIGMA_RAD_S,
-    UNKNOWN_SIGMA_RAD_S,
     TurnRate,
     view_at_stamp,
 )
@@ -35,7 +34,6 @@ _MOST_LENGTHY = 100.0
 # the limb, or a camera that has come to see it, is noticed after so many at the latest.
 _LONGEST_TRACK = 50
 _MOST_TURN_RAD = 0.1  # within a set: farther, and rays have no one row in which they are seen
-_UNKNOWN_RATE = TurnRate(np.zeros(3), UNKNOWN_SIGMA_RAD_S)
 _OF_SIGMA = 0.3  # of nadir: what an unknown rate makes that is told
 _NO_RATE = "frames are not of one moment, and how fast the craft turns is not known"
 
@@ -88,21 +86,23 @@ class HorizonSensor:
 
         longest_s : within which all of them are seen.
         """
-        rate = self._turn_rate(aiding)
-        turn_rad = longest_s * float(np.linalg.norm((rate or _UNKNOWN_RATE).rate_base_rad_s))
+        told = self._turn_rate(aiding)
+        rate = told or TurnRate(np.zeros(3), self.config.rate_sigma_rad_s)
+        turn_rad = longest_s * float(np.linalg.norm(rate.rate_base_rad_s))
         if turn_rad > _MOST_TURN_RAD:
             self._track = None
             return self._too_fast(frames, turn_rad)
         times = {frame.view.name: frame.after_s for frame in frames}
         time_s, track = times.get(self._timed_by, 0.0), self._track
-        fix = self._at(time_s, frames, rate or _UNKNOWN_RATE, aiding)
+        fix = self._at(time_s, frames, rate, aiding)
         if not fix.ok:
             return fix
         self._timed_by = next(name for name in times if name in fix.cameras_used)
         if times[self._timed_by] != time_s:
             self._track = track
-            fix = self._at(times[self._timed_by], frames, rate or _UNKNOWN_RATE, aiding)
-        if fix.ok and rate is None and _matters(longest_s, fix.fit):
+            fix = self._at(times[self._timed_by], frames, rate, aiding)
+        open_rad = longest_s * rate.sigma_rad_s
+        if fix.ok and told is None and open_rad > _OF_SIGMA * nadir_sigma_rad(fix.fit):
             return replace(fix, reason="; ".join(filter(None, (fix.reason, _NO_RATE))))
         return fix
 
@@ -131,7 +131,7 @@ class HorizonSensor:
         """How fast the craft turns between frames and while they are read out, if that is known."""
         if aiding.rate_base_rad_s is not None:
             return TurnRate(aiding.rate_base_rad_s, GYRO_SIGMA_RAD_S)
-        return self._nadir_rate.now()
+        return self._nadir_rate.now(self.config.rate_sigma_rad_s)
 
     def _processed(
         self, given: Sequence[Frame], frames: Sequence[Frame], aiding: Aiding
@@ -188,11 +188,6 @@ class HorizonSensor:
             return None
         self._track = track.continued(detection, fix.fit)
         return replace(fix, predicted=Disc(figure, nadir, rho))
-
-
-def _matters(longest_s: float, fit: HorizonFit) -> bool:
-    """Whether an unknown rate makes a fit less certain, over so long a time."""
-    return longest_s * _UNKNOWN_RATE.sigma_rad_s > _OF_SIGMA * nadir_sigma_rad(fit)
 
 
 def _unusable(frame: Frame) -> LimbPoints | None:

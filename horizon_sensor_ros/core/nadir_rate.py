@@ -14,7 +14,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.judgement import nadir_sigma_rad
-from horizon_sensor_ros.core.readout import UNKNOWN_SIGMA_RAD_S, TurnRate
+from horizon_sensor_ros.core.readout import TurnRate
 
 # Over how long the rate is taken at most, where sets come as fast: longer is more even, and older.
 # Between sets that are farther apart than the second a craft may do anything.
@@ -55,9 +55,9 @@ class NadirRate:
                 self._fixes.popleft()
         self._fixes.append(_Fix(time_s, fit))
 
-    def now(self) -> TurnRate | None:
-        """The rate at the last fix; None where fewer than two are known, or tell next to nothing
-        of it.
+    def now(self, known_rad_s: float) -> TurnRate | None:
+        """The rate at the last fix; None where fewer than two are known, or tell no more of it than
+        what is known without them, one sigma.
         """
         if len(self._fixes) < 2:
             return None
@@ -66,7 +66,7 @@ class NadirRate:
         rates = [_rate(fix, last, sigma_rad) for fix in earlier]
         # Of a fast craft what is recent is surest, of a slow one what is even.
         surest = min(rates, key=lambda rate: rate.sigma_rad_s)
-        return surest if surest.sigma_rad_s < UNKNOWN_SIGMA_RAD_S else None
+        return surest if surest.sigma_rad_s < known_rad_s else None
 
 
 def _rate(before: _Fix, last: _Fix, sigma_rad: float) -> TurnRate:

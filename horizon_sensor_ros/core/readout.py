@@ -19,8 +19,8 @@ from horizon_sensor_ros.core.derived_camera import DerivedCamera, intrinsics
 from horizon_sensor_ros.core.rigid import rotation_from_vector, skew
 
 # One sigma of a gyro's rate as that of the horizon, which itself turns by up to .07 deg/s along an
-# orbit; and of a craft's of which nothing is known.
-GYRO_SIGMA_RAD_S, UNKNOWN_SIGMA_RAD_S = math.radians(0.1), math.radians(3.0)
+# orbit.
+GYRO_SIGMA_RAD_S = math.radians(0.1)
 # Steps towards the row in which a ray is seen: each leaves of its error what the limb moves by from
 # one row to the next, some parts in a hundred at most. No more are made than is seen.
 _STEPS, _NEAR_RAD = 6, 1e-9

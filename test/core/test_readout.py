@@ -16,16 +16,18 @@ from horizon_sensor_ros.core.aiding import Aiding
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.nadir_rate import NadirRate
-from horizon_sensor_ros.core.readout import UNKNOWN_SIGMA_RAD_S, TurnRate, view_at_stamp
+from horizon_sensor_ros.core.readout import TurnRate, view_at_stamp
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 
 READOUT_S, PERIOD_S = 0.02, 1.0 / 30.0
 ALTITUDE_M = 600e3
+USUAL_RAD_S = HorizonConfig().rate_sigma_rad_s
 ROT = Rotation.from_euler("xyz", [0.4, -1.1, 2.0]).as_matrix()
 rates = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
 
@@ -89,7 +91,7 @@ def test_a_steady_rate_is_found_but_for_its_part_about_nadir(rate: np.ndarray) -
         # Vectors that stand still turn by -rate in the base frame.
         still = Rotation.from_rotvec(-time_s * rate).apply(nadir)
         found.add(fit_at(still), PERIOD_S if step else None)
-    now = found.now()
+    now = found.now(USUAL_RAD_S)
     assert now is not None
     across = rate - (rate @ nadir) * nadir
     # A turn about nadir as well makes a cone of what nadir does.
@@ -112,10 +114,10 @@ def test_no_rate_without_two_sure_fixes_in_succession() -> None:
         (fit_at(nadir, 0.1), PERIOD_S, False),
     ):
         found.add(fit, since_last_s)
-        assert (found.now() is not None) == known
+        assert (found.now(USUAL_RAD_S) is not None) == known
     found.add(fit_at(nadir), PERIOD_S)
     found.reset()
-    assert found.now() is None
+    assert found.now(USUAL_RAD_S) is None
 
 
 def flight(rate_deg_s: float, seed: int, count: int) -> tuple[np.ndarray, list[list[SimFrame]]]:
@@ -258,8 +260,19 @@ def test_a_still_craft_loses_nothing_by_its_rolling_shutter() -> None:
         assert sigma < 1.1 * np.sqrt(np.trace(at_once.fit.cov_nadir_altitude[:3, :3]))
 
 
-def test_unknown_turning_is_taken_for_some_degrees_a_second() -> None:
-    assert np.degrees(UNKNOWN_SIGMA_RAD_S) == pytest.approx(3.0)
+def test_what_is_known_of_the_rate_beforehand_is_claimed() -> None:
+    (first, second) = flight(0.0, 6, 1)[1][0]
+    views = limb_views(ALTITUDE_M, azimuths_rad=(0.3, 1.8))
+    shown = [Frame(views[0], first.image), Frame(views[1], second.image, 0.015)]
+    slow, usual = (
+        HorizonSensor(HorizonConfig(rate_sigma_rad_s=float(np.radians(rate)))).process(shown)
+        for rate in (0.05, 3.0)
+    )
+    assert slow.reason == ""
+    assert "not of one moment" in usual.reason
+    assert np.trace(usual.fit.cov_nadir_altitude[:3, :3]) > 2.0 * np.trace(
+        slow.fit.cov_nadir_altitude[:3, :3]
+    )
 
 
 @pytest.mark.parametrize(

@@ -175,6 +175,16 @@ HORIZON_PARAMETERS = (
         maximum=10.0,
     ),
     Parameter(
+        "rate_sigma",
+        "double",
+        HorizonConfig.rate_sigma_rad_s,
+        "One sigma of the craft's angular rate, about every axis, where neither imu nor the fixes "
+        "before tell it: for the covariance of frames that are not of one moment.",
+        unit="rad/s",
+        minimum=0.0,
+        maximum=10.0,
+    ),
+    Parameter(
         "method",
         "string",
         HorizonConfig.method,

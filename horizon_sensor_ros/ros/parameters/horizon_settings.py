@@ -50,6 +50,7 @@ _SENSOR_FIELDS = {
     "lens_sigma": "lens_sigma_px",
     "limb_height_sigma": "limb_height_sigma_m",
     "limb_unevenness": "limb_unevenness_m",
+    "rate_sigma": "rate_sigma_rad_s",
     "tracking": "tracking",
 }
 
