@@ -30,7 +30,7 @@ PARTS = {
     "horizon_sun": "horizon_sun",
     "horizon_motion": "horizon_motion",
     "horizon_readout": "horizon_readout",
-    "horizon_uneven": "horizon_uneven",
+    "horizon_told": "horizon_told",
     "horizon_timing": "horizon_timing",
     "self_calibration": "self_calibration",
     "target": "target_bench",

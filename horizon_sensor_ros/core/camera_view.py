@@ -21,7 +21,8 @@ class CameraView:
     the last, below zero where the last one is read first; the image's time is that of the row that
     is read first; 0: all at once. after_s : time of its image after that of the set, and
     rate_sigma_rad_s : one sigma of the rate at which it turns, about every axis, beside what is
-    known and taken out (`readout.view_at_stamp`).
+    known and taken out (`readout.view_at_stamp`). corner_blur_px : one sigma of an edge's blur in
+    the corners of its images, less that in the middle; None: not known.
     Raises ValueError when rot_base_from_cam is not a rotation matrix (orthonormal to 1e-6,
     determinant +1), the mask has another size than the camera, or the readout is not finite.
     """
@@ -33,6 +34,7 @@ class CameraView:
     readout_s: float = 0.0
     after_s: float = 0.0
     rate_sigma_rad_s: float = 0.0
+    corner_blur_px: float | None = None
 
     def __post_init__(self) -> None:
         rot = require_rotation(self.rot_base_from_cam, f"rot_base_from_cam of {self.name!r}")
@@ -40,6 +42,9 @@ class CameraView:
         object.__setattr__(self, "rot_base_from_cam", rot)
         if not math.isfinite(self.readout_s):
             raise ValueError(f"readout_s of {self.name!r} must be finite, got {self.readout_s}")
+        if self.corner_blur_px is not None and not math.isfinite(self.corner_blur_px):
+            got = self.corner_blur_px
+            raise ValueError(f"corner_blur_px of {self.name!r} must be finite, got {got}")
         if self.mask is not None and self.mask.shape != (self.camera.height, self.camera.width):
             height, width = self.mask.shape
             raise ValueError(

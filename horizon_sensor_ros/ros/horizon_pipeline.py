@@ -33,7 +33,7 @@ from horizon_sensor_ros.ros.messages import (
     stamp_ns,
 )
 from horizon_sensor_ros.ros.pairing import Pairing
-from horizon_sensor_ros.ros.parameters.horizon_settings import PipelineSettings
+from horizon_sensor_ros.ros.parameters.horizon_settings import CameraSettings, PipelineSettings
 from horizon_sensor_ros.ros.resources import read_mask
 
 # Rotation (3, 3), optical to base frame, of a camera: its name and its images' frame_id.
@@ -64,14 +64,18 @@ class Step:
 
 @dataclass
 class _CameraState:
-    """A camera's mask, encoding and readout, its latest calibration, and the view made from it."""
+    """What is told of a camera, its latest calibration, and the view made from both."""
 
-    mask: Mask | None = None
-    gamma: float = 1.0
-    readout_s: float = 0.0
+    told: CameraSettings
+    mask: Mask | None
     info_key: tuple[Any, ...] | None = None
     camera: Camera | Refusal | None = None
     view: CameraView | None = None
+
+    @classmethod
+    def of(cls, told: CameraSettings) -> _CameraState:
+        """Of a camera without a calibration."""
+        return cls(told, None if told.mask is None else read_mask(told.mask))
 
 
 class HorizonPipeline:
@@ -88,16 +92,7 @@ class HorizonPipeline:
         self._extrinsics = extrinsics or _fixed_extrinsics(settings)
         self._sensor = HorizonSensor(settings.sensor)
         self._pairing: Pairing[Frame] = self._new_pairing()
-        self._cameras = {
-            name: _CameraState(None if path is None else read_mask(path), gamma, readout_s)
-            for name, path, gamma, readout_s in zip(
-                settings.cameras,
-                settings.masks,
-                settings.gammas,
-                settings.readouts_s,
-                strict=True,
-            )
-        }
+        self._cameras = {told.name: _CameraState.of(told) for told in settings.each}
         self.aiding = AidingSources(settings.aiding, settings.sensor.planet, settings.base_frame)
 
     def with_settings(self, settings: PipelineSettings) -> HorizonPipeline:
@@ -210,9 +205,14 @@ class HorizonPipeline:
             or not np.array_equal(view.rot_base_from_cam, rot_base_from_cam)
         ):
             view = state.view = CameraView(
-                name, camera, rot_base_from_cam, state.mask, state.readout_s
+                name,
+                camera,
+                rot_base_from_cam,
+                state.mask,
+                state.told.readout_s,
+                corner_blur_px=state.told.corner_blur_px,
             )
-        return Frame(view, linear_light(gray, state.gamma))
+        return Frame(view, linear_light(gray, state.told.gamma))
 
     def _process(self, members: tuple[tuple[int, Frame], ...]) -> HorizonResult:
         self.counts["sets"] += 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +11,9 @@ from horizon_fixes import fix_of_one, nees
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from horizon_sensor_ros.core.limb.edge.lens_blur import of_either_lens
+from horizon_sensor_ros.core.horizon_fix import Frame
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.limb.edge.lens_blur import of_either_lens, of_measured_lens
 from horizon_sensor_ros.core.limb.edge.smear import Causes, blur_along
 from horizon_sensor_ros.sim.hard_scenes import hard_scenes
 
@@ -64,3 +67,30 @@ def test_one_camera_with_soft_corners_is_as_far_off_as_it_claims() -> None:
     assert len(squares) >= 30
     assert np.mean(squares) < 8.0
     assert np.mean(np.array(squares) > 11.83) < 0.25
+
+
+@pytest.mark.parametrize(("seen_px", "sigma_px"), [(0.0, 0.05), (0.25, 0.02)])
+def test_a_measured_lens_is_what_is_told_of_it_and_seen(seen_px: float, sigma_px: float) -> None:
+    """The product of two normal laws; texture misjudges what is seen by half as much again."""
+    mean, variance = of_measured_lens(seen_px, sigma_px**2, 0.3)
+    seen, told = (1.5 * sigma_px) ** -2.0, 0.03**-2.0
+    assert variance == pytest.approx(1.0 / (seen + told))
+    assert mean == pytest.approx((seen_px * seen + 0.3 * told) / (seen + told))
+
+
+def test_one_camera_with_soft_corners_that_are_told_holds() -> None:
+    """Its errors are half of those of a lens of which nothing is known."""
+    squares, errors = [], []
+    for scene in hard_scenes(20, 7, ("soft_corners",)):
+        for view, frame, imaging in zip(scene.views, scene.frames, scene.imaging, strict=True):
+            # With a pixel's own blur, as an edge shows it.
+            corner, middle = np.hypot([imaging.corner_psf_px, imaging.psf_sigma_px], 0.29)
+            told = replace(view, corner_blur_px=float(corner - middle))
+            fix = HorizonSensor().process([Frame(told, frame.image)])
+            if fix.ok:
+                squares.append(nees(fix, frame.truth.nadir_base))
+                errors.append(np.linalg.norm(fix.fit.nadir_base - frame.truth.nadir_base))
+    assert len(squares) >= 30
+    assert np.mean(squares) < 3.0
+    assert np.max(squares) < 25.0
+    assert np.median(errors) < np.radians(0.1)

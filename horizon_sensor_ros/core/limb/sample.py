@@ -84,8 +84,8 @@ class LimbSample:
 
     gray : the image, reduced by `factor`. bundles : of the curve's points, a stretch each.
     spacing_px : between those, and pitch_rad : of a pixel, in that image. noise : one sigma of
-    `profiles`, see `pixel_noise`. cornered : as of `Stretches`. black : law of space where pixels
-    are clipped at zero. blur_open_px : as of `RefinePass`.
+    `profiles`, see `pixel_noise`. cornered, corner_px : as of `Stretches`. black : law of space
+    where pixels are clipped at zero. blur_open_px : as of `RefinePass`.
     """
 
     gray: np.ndarray
@@ -100,6 +100,7 @@ class LimbSample:
     cornered: np.ndarray
     black: Black | None = None
     blur_open_px: float = 0.0
+    corner_px: float | None = None
 
     @property
     def px(self) -> np.ndarray:
@@ -132,6 +133,7 @@ class LimbSample:
             base,
             self.cornered,
             self.blur_open_px,
+            self.corner_px,
         )
 
     def steps(self) -> tuple[np.ndarray, np.ndarray]:
@@ -247,4 +249,5 @@ def sample_limb(
         view.camera.cornered(curve.px[bundles.middle]),
         black,
         step.blur_open_px,
+        None if view.corner_blur_px is None else view.corner_blur_px / step.factor,
     )

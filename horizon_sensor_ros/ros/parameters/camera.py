@@ -55,4 +55,24 @@ def readout_parameter(camera: str) -> Parameter:
     )
 
 
-OF_A_CAMERA = (rotation_parameter, mask_parameter, gamma_parameter, readout_parameter)
+def corner_blur_parameter(camera: str) -> Parameter:
+    """Return the parameter that says how much more a camera's lens blurs in the corners."""
+    return Parameter(
+        f"{camera}.corner_blur",
+        "double",
+        -1.0,
+        "One sigma of an edge's blur in the corners of the camera's images, less that in the "
+        "middle, as slanted edges show it. Below 0: not known.",
+        unit="px",
+        minimum=-1.0,
+        maximum=5.0,
+    )
+
+
+OF_A_CAMERA = (
+    rotation_parameter,
+    mask_parameter,
+    gamma_parameter,
+    readout_parameter,
+    corner_blur_parameter,
+)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.parameters.camera import (
+    corner_blur_parameter,
     gamma_parameter,
     mask_parameter,
     readout_parameter,
@@ -22,6 +24,7 @@ from horizon_sensor_ros.ros.parameters.camera import (
 from horizon_sensor_ros.ros.parameters.common import COMMON_PARAMETERS
 from horizon_sensor_ros.ros.parameters.horizon import CAMERAS, HORIZON_PARAMETERS
 from horizon_sensor_ros.ros.parameters.parameter import (
+    Parameter,
     ParameterError,
     accept_all,
     with_parameter_names,
@@ -69,25 +72,42 @@ class AidingSettings:
 
 
 @dataclass(frozen=True)
-class PipelineSettings:
-    """Everything that the estimates of the horizon depend on.
+class CameraSettings:
+    """What is told of a camera.
 
-    rotations : a quaternion (x, y, z, w) a camera, optical to base frame; None: from TF. masks : a
-    file a camera, None where it has no mask. gammas : the encoding of each camera's light.
-    readouts_s : of each one's rolling shutter, see `CameraView`.
+    rotation : quaternion (x, y, z, w), optical to base frame; None: from TF. mask : its file; None:
+    it has no mask. gamma : the encoding of its light. readout_s, corner_blur_px : see `CameraView`.
     """
 
-    cameras: tuple[str, ...]
-    rotations: tuple[tuple[float, ...] | None, ...]
-    masks: tuple[Path | None, ...]
-    gammas: tuple[float, ...]
-    readouts_s: tuple[float, ...]
+    name: str
+    rotation: tuple[float, ...] | None
+    mask: Path | None
+    gamma: float
+    readout_s: float
+    corner_blur_px: float | None
+
+
+@dataclass(frozen=True)
+class PipelineSettings:
+    """Everything that the estimates of the horizon depend on. each : of the cameras in use."""
+
+    each: tuple[CameraSettings, ...]
     aiding: AidingSettings
     base_frame: str
     sensor: HorizonConfig
     slop_ns: int
     camera_timeout_ns: int
     queue_size: int
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the cameras."""
+        return tuple(camera.name for camera in self.each)
+
+    @property
+    def rotations(self) -> tuple[tuple[float, ...] | None, ...]:
+        """Their rotations."""
+        return tuple(camera.rotation for camera in self.each)
 
 
 @dataclass(frozen=True)
@@ -106,33 +126,14 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
     Raises ParameterError with everything that is wrong, in one line.
     """
     accepted, problems = accept_all((*HORIZON_PARAMETERS, *COMMON_PARAMETERS), values)
-    rotations: list[tuple[float, ...] | None] = []
-    masks: list[Path | None] = []
-    gammas: list[float] = []
-    readouts: list[float] = []
+    each: list[CameraSettings] = []
     if not str(accepted.get("base_frame", "base_link")).strip():
         problems.append("base_frame is empty")
     cameras = accepted.get("cameras", [])
     problems += _camera_name_problems(cameras) if "cameras" in accepted else []
     for camera in filter(_CAMERA_NAME.fullmatch, dict.fromkeys(cameras)):
         try:
-            masks.append(_mask(camera, values))
-        except ParameterError as error:
-            problems.append(str(error))
-        for parameter, numbers in (
-            (gamma_parameter(camera), gammas),
-            (readout_parameter(camera), readouts),
-        ):
-            try:
-                number = parameter.accept(values.get(parameter.name, parameter.default))
-                numbers.append(float(number))  # type: ignore[arg-type]
-            except ParameterError as error:
-                problems.append(str(error))
-        if accepted.get("extrinsics_source") == "tf":
-            rotations.append(None)
-            continue
-        try:
-            rotations.append(_rotation(camera, values))
+            each.append(_camera_settings(camera, values, accepted.get("extrinsics_source") == "tf"))
         except ParameterError as error:
             problems.append(str(error))
     if problems:
@@ -140,11 +141,7 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
     sensor = _sensor_config(accepted)
     return HorizonSettings(
         pipeline=PipelineSettings(
-            cameras=tuple(cameras),
-            rotations=tuple(rotations),
-            masks=tuple(masks),
-            gammas=tuple(gammas),
-            readouts_s=tuple(readouts),
+            each=tuple(each),
             aiding=AidingSettings(
                 max_age_ns=round(accepted["coarse_pose_max_age"] * 1e9),
                 position_sigma_m=accepted["coarse_pose_position_sigma"],
@@ -203,6 +200,40 @@ def _camera_name_problems(cameras: Sequence[str]) -> list[str]:
         if not _CAMERA_NAME.fullmatch(name)
     ]
     return problems
+
+
+def _camera_settings(camera: str, values: Mapping[str, Any], from_tf: bool) -> CameraSettings:
+    """Raises ParameterError with all that is wrong with a camera's parameters."""
+    accepted: dict[str, Any] = {}
+    problems = []
+    plain = (gamma_parameter, readout_parameter, corner_blur_parameter)
+    ways: dict[str, Callable[[], Any]] = {
+        "mask": partial(_mask, camera, values),
+        **{of(camera).name: partial(_number, of(camera), values) for of in plain},
+        "rotation": partial(_rotation, camera, values),
+    }
+    if from_tf:
+        ways["rotation"] = lambda: None
+    for name, way in ways.items():
+        try:
+            accepted[name.rpartition(".")[2]] = way()
+        except ParameterError as error:
+            problems.append(str(error))
+    if problems:
+        raise ParameterError("; ".join(problems))
+    blur_px = accepted["corner_blur"]
+    return CameraSettings(
+        camera,
+        accepted["rotation"],
+        accepted["mask"],
+        accepted["gamma"],
+        accepted["readout"],
+        blur_px if blur_px >= 0.0 else None,
+    )
+
+
+def _number(parameter: Parameter, values: Mapping[str, Any]) -> float:
+    return float(parameter.accept(values.get(parameter.name, parameter.default)))  # type: ignore[arg-type]
 
 
 def _rotation(camera: str, values: Mapping[str, Any]) -> tuple[float, ...]:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from horizon_sensor_ros.ros.parameters.camera import OF_A_CAMERA
 from horizon_sensor_ros.ros.parameters.common import NODES_PARAMETER
 from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
 from horizon_sensor_ros.ros.parameters.target import TARGET_PARAMETERS
@@ -15,6 +16,9 @@ _OF_RCLPY = re.compile(
     r"use_sim_time|start_type_description_service"
     r"|qos_overrides\..+\.(publisher|subscription)\.(history|depth|reliability)"
 )
+
+
+_OF_SOME_CAMERA = tuple(of("").name for of in OF_A_CAMERA)
 
 
 def unknown_parameters(values: Mapping[str, Any]) -> list[str]:
@@ -29,6 +33,6 @@ def unknown_parameters(values: Mapping[str, Any]) -> list[str]:
         name
         for name in values
         if name not in known
-        and not name.endswith((".rotation", ".mask", ".gamma", ".readout"))
+        and not name.endswith(_OF_SOME_CAMERA)
         and not _OF_RCLPY.fullmatch(name)
     ]

@@ -77,25 +77,8 @@ class Horizons:
             settings.cameras, settings.slop_ns, settings.queue_size
         )
         self._alone = {
-            camera: HorizonPipeline(
-                replace(
-                    settings,
-                    cameras=(camera,),
-                    rotations=(rotation,),
-                    masks=(mask,),
-                    gammas=(gamma,),
-                    readouts_s=(readout_s,),
-                    aiding=unaided,
-                )
-            )
-            for camera, rotation, mask, gamma, readout_s in zip(
-                settings.cameras,
-                settings.rotations,
-                settings.masks,
-                settings.gammas,
-                settings.readouts_s,
-                strict=True,
-            )
+            camera.name: HorizonPipeline(replace(settings, each=(camera,), aiding=unaided))
+            for camera in settings.each
         }
         self.sets: list[tuple[int, tuple[CameraHorizon, ...]]] = []
 

@@ -3,7 +3,7 @@
 Most lenses blur more in the corners than in the middle. Taken for one blur everywhere, the ends of
 a limb seem to lie farther out, beside clouds by up to a pixel, which bends the limb as another
 altitude does. Texture hides that blur: a lens that blurs evenly is told from one that does not by
-how well what is seen agrees with either.
+how well what is seen agrees with either. Of a lens that was measured it is known.
 Source: derived here.
 """
 
@@ -17,6 +17,7 @@ from horizon_sensor_ros.core.limb.lens_kinds import Known, of_either
 # and how many are of these.
 _EVEN_PX, UNEVEN_PX = 0.01, 0.3
 _UNEVEN_LENSES = 0.2
+_MEASURED_PX = 0.03  # error of what is told of a lens
 _MISJUDGED = 1.5  # how far off texture puts it, over what is claimed: it is no Gaussian process
 
 
@@ -28,3 +29,9 @@ def of_either_lens(seen_px: float, variance: float) -> tuple[float, float]:
     variance *= _MISJUDGED**2
     even, uneven = (Known.of(seen_px, variance, sigma_px) for sigma_px in (_EVEN_PX, UNEVEN_PX))
     return of_either(even, uneven, math.log(_UNEVEN_LENSES / (1.0 - _UNEVEN_LENSES)))
+
+
+def of_measured_lens(seen_px: float, variance: float, told_px: float) -> tuple[float, float]:
+    """The same of a lens of which it is told."""
+    known = Known.of(seen_px - told_px, variance * _MISJUDGED**2, _MEASURED_PX)
+    return told_px + known.mean, known.variance

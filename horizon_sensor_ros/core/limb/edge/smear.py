@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.lens_blur import UNEVEN_PX, of_either_lens
+from horizon_sensor_ros.core.limb.edge.lens_blur import UNEVEN_PX, of_either_lens, of_measured_lens
 from horizon_sensor_ros.core.limb.edge.raster import BLUR_SIGMA_PX
 
 _BLUR_SIGMA_PX = 0.03  # how well a limb's blur is known beforehand
@@ -45,19 +45,28 @@ class Blur:
 @dataclass(frozen=True, eq=False)
 class Causes:
     """What changes the blur along a limb, rows (5, N): by how much each edge has of what is the
-    same for all, of the raster's part, of the lens's, and of the two parts of a smear.
+    same for all, of the raster's part, of the lens's, and of the two parts of a smear. corner_px :
+    what the lens adds in the corners, if that is known.
     """
 
     rows: np.ndarray
+    corner_px: float | None = None
 
     @classmethod
-    def of(cls, normal_px: np.ndarray, raster: np.ndarray, cornered: np.ndarray) -> Causes:
+    def of(
+        cls,
+        normal_px: np.ndarray,
+        raster: np.ndarray,
+        cornered: np.ndarray,
+        corner_px: float | None = None,
+    ) -> Causes:
         """By normals (N, 2), `Raster.blur` (N,), and how far off the axis edges lie (N,), see
         `Stretches`.
         """
         x, y = normal_px.T
         # Cosine and sine of twice the normals' angle.
-        return cls(np.array([np.ones(len(x)), raster, cornered, x * x - y * y, 2.0 * x * y]))
+        rows = np.array([np.ones(len(x)), raster, cornered, x * x - y * y, 2.0 * x * y])
+        return cls(rows, corner_px)
 
 
 # Rows of `Causes`, and what is seen after them.
@@ -79,7 +88,7 @@ def blur_along(
         return Blur(np.zeros(len(lacking)), 0.0)
     seen = np.zeros(6)
     seen[_SEEN] = 1.0
-    corners, lens_px = _of_lens(told)
+    corners, lens_px = _of_lens(told, causes.corner_px)
     seen[_LENS] = -corners
     found = _of_motion(told, seen, (_RASTER, _LENS), assumed_px)
     if found.sure:
@@ -124,16 +133,19 @@ class _Told:
         return max(1.0, float(rest @ self.parted @ rest) / max(self._num - 3, 1))
 
 
-def _of_lens(told: _Told) -> tuple[float, float]:
+def _of_lens(told: _Told, corner_px: float | None) -> tuple[float, float]:
     """How much the lens adds to the blur in the corners, and one sigma of the error that this
-    leaves in common to a sixth of the limb.
+    leaves in common to a sixth of the limb. corner_px : as of `Causes`.
     """
     (_, raster, lens, *_, raster_seen), (_, _, square, *_, lens_seen) = told.square[1:3].tolist()
     a, c = raster + BLUR_SIGMA_PX**-2.0, square + _LEAST_INFORMATION
     pixels, corners = _solved(a, lens, c, raster_seen, lens_seen)
     rest = np.array([0.0, -pixels, -corners, 0.0, 0.0, 1.0])
     variance = told.repetition(rest) * a / (a * c - lens * lens)
-    corners, variance = of_either_lens(corners, variance)
+    if corner_px is None:
+        corners, variance = of_either_lens(corners, variance)
+    else:
+        corners, variance = of_measured_lens(corners, variance, corner_px)
     return corners, _OF_SIXTHS * math.sqrt(variance * square / told.total)
 
 

@@ -69,7 +69,7 @@ class Stretches:
     limb, along it, over the planet's radius. base : (N, 3) how the edge moves along the normals
     with the limb's three unknowns. cornered : (N,) squares of the distances to the optical axis,
     over half the frame's diagonal. blur_open_px : one sigma of what the blur may differ by along
-    the limb.
+    the limb. corner_px : as of `Causes`.
     """
 
     profiles: np.ndarray
@@ -81,6 +81,7 @@ class Stretches:
     base: np.ndarray
     cornered: np.ndarray
     blur_open_px: float = 0.0
+    corner_px: float | None = None
 
 
 @dataclass(frozen=True)
@@ -182,7 +183,9 @@ class _Limb:
 
     def __init__(self, stretches: Stretches, good: np.ndarray, raster: Raster) -> None:
         self.stretches, self.good, self.raster = stretches, good, raster
-        self.causes = Causes.of(stretches.base[:, :2], raster.blur, stretches.cornered)
+        self.causes = Causes.of(
+            stretches.base[:, :2], raster.blur, stretches.cornered, stretches.corner_px
+        )
         self.every = bool(good.all())
         self.ground = _rounded(stretches.px_over_radius * stretches.length_px)
         self.count = int(np.count_nonzero(good))
