@@ -19,19 +19,24 @@ from horizon_sensor_ros.sim.hard_scenes import hard_scene
 
 _FLIGHTS, _SETS, _PERIOD_S, _READOUT_S = 40, 6, 1.0 / 30.0, 0.02
 _SCENES, _SEED, _UNEVEN_M = 40, 9, 1000.0
+_PIXEL_PX = 0.29  # one sigma of a pixel's own blur
 _Points = list[tuple[float, float]]
 
 
 def draw(folder: Path) -> None:
-    """Write told.png: rolling shutters above, uneven limbs below."""
-    figure, (shutters, limbs) = plt.subplots(2, 1, figsize=(6.5, 8.0), layout="constrained")
+    """Write told.png: rolling shutters, uneven limbs, and lenses that blur more in the corners."""
+    panels = plt.subplots(3, 1, figsize=(6.5, 11.5), layout="constrained")
+    figure, (shutters, limbs, lenses) = panels
     for told, points in _rolling().items():
         _scatter(shutters, points, told, "readout told, no gyro" if told else "not told")
     for told, points in _uneven().items():
         _scatter(limbs, points, told, "unevenness told" if told else "not told")
+    for told, points in _soft_corners().items():
+        _scatter(lenses, points, told, "blur in the corners told" if told else "not told")
     for axes, title in (
         (shutters, "Rolling shutters of 20 ms, the craft turns at 0.5 to 10 deg/s"),
         (limbs, "Height of the limb uneven by 1 km, single cameras"),
+        (lenses, "Lenses that blur more in the corners, single cameras"),
     ):
         sigma = np.array([3e-3, 0.6])
         axes.loglog(sigma, sigma, color="0.4", lw=1.0, label="as claimed")
@@ -77,6 +82,20 @@ def _uneven() -> dict[bool, _Points]:
             sensor = HorizonSensor(HorizonConfig(limb_unevenness_m=_UNEVEN_M * told))
             fix = sensor.process([Frame(scene.views[0], drawn.image)])
             _add(points, fix, drawn.truth.nadir_base)
+    return found
+
+
+def _soft_corners() -> dict[bool, _Points]:
+    """The same of lenses that blur more in the corners, told and not."""
+    found: dict[bool, _Points] = {False: [], True: []}
+    for i in range(_SCENES):
+        scene = hard_scene("soft_corners", i, _SEED)
+        view, frame, imaging = scene.views[0], scene.frames[0], scene.imaging[0]
+        corner, middle = np.hypot([imaging.corner_psf_px, imaging.psf_sigma_px], _PIXEL_PX)
+        for told, points in found.items():
+            seen_by = replace(view, corner_blur_px=float(corner - middle)) if told else view
+            fix = HorizonSensor().process([Frame(seen_by, frame.image)])
+            _add(points, fix, frame.truth.nadir_base)
     return found
 
 
