@@ -64,7 +64,8 @@ class Aiding:
     coarse_pose : of the base frame in ECEF. altitude : a measurement of it. rot_now_from_last :
     (3, 3) takes the components of a vector that does not turn from the base frame at the last
     processed set to the base frame now (an integrated gyro). rate_base_rad_s : (3,) angular rate of
-    the base frame in its own axes (a gyro). since_last_s : time since the last processed set.
+    the base frame in its own axes (a gyro), and rate_spread_rad_s, one sigma of it beside a gyro's
+    own. since_last_s : time since the last processed set.
     Raises ValueError for a rot_now_from_last that is no rotation, a rate that is not (3,) and
     finite, or a time that is not positive.
     """
@@ -73,6 +74,7 @@ class Aiding:
     altitude: AltitudeMeasurement | None = None
     rot_now_from_last: np.ndarray | None = None
     rate_base_rad_s: np.ndarray | None = None
+    rate_spread_rad_s: float = 0.0
     since_last_s: float | None = None
 
     def __post_init__(self) -> None:

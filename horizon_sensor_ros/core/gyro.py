@@ -11,6 +11,7 @@ from horizon_sensor_ros.core.rigid import rotation_from_vector
 
 _MOST_SAMPLES = 5000
 _NANOSECOND = 1e-9
+_FOR_A_RATE = 3  # samples
 
 
 class RateHistory:
@@ -71,20 +72,24 @@ class RateHistory:
             rotation = step @ rotation
         return rotation
 
-    def rate(self, stamp: int) -> np.ndarray | None:
-        """The rate (3,) last told up to a stamp; None where that is longer ago than the largest
-        gap.
+    def rate(self, stamp: int) -> tuple[np.ndarray, float] | None:
+        """The rate (3,) last told up to a stamp, and half of what the last ones differ by; None
+        where there are too few of them, or the last is longer ago than the largest gap.
 
-        Later ones do not count, though they may be known: whether they are depends on who is
-        faster.
+        It is their median: a single one may be a glitch. Later ones do not count, though they may
+        be known: whether they are depends on who is faster.
         """
-        at = bisect.bisect_right(self._stamps, stamp) - 1
-        if at < 0 or stamp - self._stamps[at] > self.max_gap_ns:
+        end = bisect.bisect_right(self._stamps, stamp)
+        first = end - _FOR_A_RATE
+        if first < 0 or stamp - self._stamps[end - 1] > self.max_gap_ns:
             return None
-        return self._rates[at]
+        if stamp - self._stamps[first] > _FOR_A_RATE * self.max_gap_ns:
+            return None
+        last = np.array([self._rates[i] for i in range(first, end)])
+        return np.median(last, axis=0), 0.5 * float(np.ptp(last, axis=0).max())
 
     def forget_before(self, stamp: int) -> None:
-        """Drop what no rotation from `stamp` on needs."""
-        while len(self._stamps) > 1 and self._stamps[1] <= stamp:
+        """Drop what no rotation from `stamp` on, and no rate at it, needs."""
+        while len(self._stamps) > _FOR_A_RATE and self._stamps[_FOR_A_RATE] <= stamp:
             self._stamps.popleft()
             self._rates.popleft()

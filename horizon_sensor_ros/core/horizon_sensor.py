@@ -4,6 +4,7 @@ reason why not. Where the last fix predicts the limb it is followed, else search
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -18,7 +19,7 @@ from horizon_sensor_ros.core.horizon_search import HorizonSearch
 from horizon_sensor_ros.core.judgement import nadir_sigma_rad
 from horizon_sensor_ros.core.limb.detector import follow_limb
 from horizon_sensor_ros.core.limb_points import LimbPoints
-from horizon_sensor_ros.core.nadir_rate import NadirRate
+from horizon_sensor_ros.core.nadir_rate import NadirRate, contradicted
 from horizon_sensor_ros.core.planet_figure import Disc
 from horizon_sensor_ros.core.readout import (
     GYRO_SIGMA_RAD_S,
@@ -129,9 +130,12 @@ class HorizonSensor:
 
     def _turn_rate(self, aiding: Aiding) -> TurnRate | None:
         """How fast the craft turns between frames and while they are read out, if that is known."""
-        if aiding.rate_base_rad_s is not None:
-            return TurnRate(aiding.rate_base_rad_s, GYRO_SIGMA_RAD_S)
-        return self._nadir_rate.now(self.config.rate_sigma_rad_s)
+        by_fixes = self._nadir_rate.now(self.config.rate_sigma_rad_s)
+        if aiding.rate_base_rad_s is None:
+            return by_fixes
+        sigma = math.hypot(GYRO_SIGMA_RAD_S, aiding.rate_spread_rad_s)
+        told = TurnRate(aiding.rate_base_rad_s, sigma)
+        return by_fixes if by_fixes is not None and contradicted(told, by_fixes) else told
 
     def _processed(
         self, given: Sequence[Frame], frames: Sequence[Frame], aiding: Aiding

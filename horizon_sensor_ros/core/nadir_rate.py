@@ -21,6 +21,7 @@ from horizon_sensor_ros.core.readout import TurnRate
 _WINDOW_S, _MOST_S = 0.3, 2.0
 # One sigma of what rates change by in a second, over the rate, and of the slowest ones.
 _CHANGE_PER_S, _LEAST_RAD_S = 0.7, math.radians(0.05)
+_SURE = 5.0  # times the sigma of both: rates so far apart are not the same
 
 
 class _Fix(NamedTuple):
@@ -69,6 +70,15 @@ class NadirRate:
         return surest if surest.sigma_rad_s < known_rad_s else None
 
 
+def contradicted(rate: TurnRate, by_fixes: TurnRate) -> bool:
+    """Whether a rate is not the fixes', but for a turn about nadir, which they do not tell."""
+    off = rate.rate_base_rad_s - by_fixes.rate_base_rad_s
+    about = by_fixes.nadir_base
+    if about is not None:
+        off = off - (off @ about) * about
+    return float(np.linalg.norm(off)) > _SURE * math.hypot(rate.sigma_rad_s, by_fixes.sigma_rad_s)
+
+
 def _rate(before: _Fix, last: _Fix, sigma_rad: float) -> TurnRate:
     """The rate from one fix to the last, by that one's sigma."""
     span_s = last.time_s - before.time_s
@@ -79,4 +89,5 @@ def _rate(before: _Fix, last: _Fix, sigma_rad: float) -> TurnRate:
     rate = axis * (angle / (span_s * sine)) if sine > 0.0 else axis
     # A fix of which no rate was known is far off, and says so.
     noise = math.hypot(sigma_rad, nadir_sigma_rad(before.fit)) / span_s
-    return TurnRate(rate, math.hypot(noise, _CHANGE_PER_S * angle, _LEAST_RAD_S))
+    sigma = math.hypot(noise, _CHANGE_PER_S * angle, _LEAST_RAD_S)
+    return TurnRate(rate, sigma, last.fit.nadir_base)

@@ -31,11 +31,12 @@ _BEYOND = 1.0
 @dataclass(frozen=True)
 class TurnRate:
     """Angular rate (3,) of the base frame in its own axes, rad/s, that moves the horizon in it, and
-    one sigma of each component.
+    one sigma of each component. nadir_base : (3,) about which it is not known; None: it is.
     """
 
     rate_base_rad_s: np.ndarray
     sigma_rad_s: float
+    nadir_base: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)

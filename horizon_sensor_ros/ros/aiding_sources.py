@@ -100,11 +100,14 @@ class AidingSources:
     def of_set(self, stamp: int) -> Aiding:
         """Return what is known for the set of this stamp, which is the last one from now on."""
         pose = self._pose_at(stamp)
-        rotation, rate, since_last = None, None, None
+        rotation, since_last = None, None
+        rate, spread = None, 0.0
         if self._last_set is not None and stamp > self._last_set:
             since_last = (stamp - self._last_set) / NANOSECONDS
         if len(self._rates):
-            rate = self._rates.rate(stamp)
+            told = self._rates.rate(stamp)
+            if told is not None:
+                rate, spread = told
             words = "no set before"
             if self._last_set is not None:
                 rotation = self._rates.rotation(self._last_set, stamp)
@@ -114,7 +117,14 @@ class AidingSources:
         else:
             self._say(IMU_TOPIC, "none")
         self._last_set = stamp
-        return Aiding(pose, self._altitude(pose), rotation, rate, since_last)
+        return Aiding(
+            pose,
+            self._altitude(pose),
+            rotation,
+            rate_base_rad_s=rate,
+            rate_spread_rad_s=spread,
+            since_last_s=since_last,
+        )
 
     def _pose_at(self, stamp: int) -> CoarsePose | None:
         if self._pose is None:

@@ -105,7 +105,8 @@ def test_what_is_old_is_forgotten_and_memory_is_bounded() -> None:
     rates = history(every(S // 10, S), np.ones((11, 3)))
     before = rates.rotation(START + 450_000_000, START + 900_000_000)
     rates.forget_before(START + 450_000_000)
-    assert len(rates) == 7
+    # Three of them before, by which a rate is told.
+    assert len(rates) == 9
     np.testing.assert_array_equal(rates.rotation(START + 450_000_000, START + 900_000_000), before)
     for index in range(20_000):
         rates.add(START + 2 * S + index, np.zeros(3))
@@ -117,15 +118,18 @@ def test_a_gap_must_be_positive() -> None:
         RateHistory(0)
 
 
-def test_the_rate_is_the_last_one_told_before_and_none_after_a_gap() -> None:
-    rates = np.array([[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [0.3, 0.0, 0.0]])
-    told = history([START, START + S // 10, START + S // 5], rates)
-    assert told.rate(START - 1) is None
-    for stamp, want in ((START, 0.1), (START + S // 10 - 1, 0.1), (START + S // 10, 0.2)):
-        rate = told.rate(stamp)
-        assert rate is not None
-        assert rate[0] == want
-    assert told.rate(START + S // 5 + GAP) is not None
-    assert told.rate(START + S // 5 + GAP + 1) is None
-    told.forget_before(START + S // 5)
-    assert told.rate(START + S // 5) is not None
+def test_the_rate_is_the_median_of_the_last_told_before_and_none_after_a_gap() -> None:
+    step = S // 10
+    rates = np.array([[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [50.0, 0.0, 0.0], [0.3, 0.0, 0.0]])
+    told = history([START + i * step for i in range(4)], rates)
+    # A single one may be a glitch.
+    assert told.rate(START + 2 * step - 1) is None
+    for stamp, want, spread in ((2, 0.2, 24.95), (3, 0.3, 24.9)):
+        found = told.rate(START + stamp * step)
+        assert found is not None
+        assert found[0].tolist() == [want, 0.0, 0.0]
+        assert found[1] == pytest.approx(spread)
+    assert told.rate(START + 3 * step + GAP) is not None
+    assert told.rate(START + 3 * step + GAP + 1) is None
+    told.forget_before(START + 3 * step)
+    assert told.rate(START + 3 * step) is not None

@@ -251,6 +251,24 @@ def test_no_times_and_no_rates_break_it(
         assert fix.ok
 
 
+def test_a_gyro_that_the_fixes_contradict_is_not_believed() -> None:
+    _, sets = flight(2.0, 7, 4)
+    truth = sets[-1][0].truth.nadir_base
+    fix = fixes(sets, READOUT_S, None)[-1]
+    views = [
+        replace(view, readout_s=READOUT_S)
+        for view in limb_views(ALTITUDE_M, azimuths_rad=(0.3, 1.8))
+    ]
+    sensor = HorizonSensor()
+    for step, frames in enumerate(sets):
+        glitch = np.array([4.0, -2.0, 1.0]) if step == len(sets) - 1 else None
+        aiding = Aiding(rate_base_rad_s=glitch, since_last_s=PERIOD_S if step else None)
+        shown = [Frame(view, frame.image) for view, frame in zip(views, frames, strict=True)]
+        wrong = sensor.process(shown, aiding)
+    assert nadir_nees(wrong.fit, truth) < 11.8
+    np.testing.assert_array_equal(wrong.fit.nadir_base, fix.fit.nadir_base)
+
+
 def test_a_still_craft_loses_nothing_by_its_rolling_shutter() -> None:
     _, sets = flight(0.0, 4, 2)
     still = np.zeros(3)

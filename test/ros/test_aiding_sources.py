@@ -163,7 +163,8 @@ def test_the_rate_and_the_time_since_the_last_set_go_along() -> None:
     aiding = sources()
     first = aiding.of_set(START_NS)
     assert (first.rate_base_rad_s, first.since_last_s) == (None, None)
-    aiding.on_imu(imu_of(START_NS + S // 50, (0.1, 0.0, 0.0)))
+    for step in (1, 2, 3):
+        aiding.on_imu(imu_of(START_NS + step * S // 50, (0.1, 0.0, 0.0)))
     # Told already, but of later: whether it has come is a matter of chance.
     aiding.on_imu(imu_of(START_NS + S // 5, (0.3, 0.0, 0.0)))
     second = aiding.of_set(START_NS + S // 10)
@@ -459,7 +460,8 @@ def test_a_rolling_shutters_rows_are_brought_to_the_stamp() -> None:
         values = {**PARAMETERS, "cameras": ["camera_1"], "camera_1.readout": readout_s}
         pipeline = HorizonPipeline(horizon_settings(values).pipeline)
         pipeline.on_camera_info("camera_1", camera_info_of(0, "camera_1"))
-        pipeline.aiding.on_imu(imu_of(START_NS, (0.0, 0.2, 0.1)))
+        for step in (2, 1, 0):
+            pipeline.aiding.on_imu(imu_of(START_NS - step * S // 100, (0.0, 0.2, 0.1)))
         (result,) = pipeline.on_image("camera_1", image_of(gray, START_NS, "camera_1")).results
         assert result.fix.ok, result.fix.reason
         nadirs.append(result.fix.fit.nadir_base)
@@ -481,7 +483,9 @@ def test_cameras_with_other_stamps_are_brought_to_that_of_the_first() -> None:
     off = {}
     for told in (True, False):
         pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
-        pipeline.aiding.on_imu(imu_of(START_NS, rate if told else np.zeros(3)))
+        for step in (2, 1, 0):
+            at = START_NS - step * S // 100
+            pipeline.aiding.on_imu(imu_of(at, rate if told else np.zeros(3)))
         for camera, seen, stamp in zip(
             CAMERAS, (nadir, later), (START_NS, START_NS + round(late_s * S)), strict=True
         ):
