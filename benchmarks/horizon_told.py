@@ -30,7 +30,6 @@ COLUMNS = (
 )
 _KINDS = ("clouds", "air")
 _UNEVEN_M = (0.0, 300.0, 1000.0, 3000.0)
-_PIXEL_PX = 0.29  # one sigma of a pixel's own blur
 _OF_SCENES = 20  # scenes a row: one of so many hard ones
 NOTES = (
     "Hard scenes of two kinds, with waves of 200 to 6000 km in the height of the visible limb, of "
@@ -108,8 +107,7 @@ def _with_lenses(scene: HardScene, frames: list[Frame]) -> list[Frame]:
     """The frames by cameras whose lenses are told."""
     out = []
     for frame, imaging in zip(frames, scene.imaging, strict=True):
-        corner, middle = np.hypot([imaging.corner_psf_px, imaging.psf_sigma_px], _PIXEL_PX)
-        view = replace(frame.view, corner_blur_px=float(corner - middle))
+        view = replace(frame.view, corner_blur_px=imaging.corner_blur_px)
         out.append(replace(frame, view=view))
     return out
 

@@ -19,7 +19,6 @@ from horizon_sensor_ros.sim.hard_scenes import hard_scene
 
 _FLIGHTS, _SETS, _PERIOD_S, _READOUT_S = 40, 6, 1.0 / 30.0, 0.02
 _SCENES, _SEED, _UNEVEN_M = 40, 9, 1000.0
-_PIXEL_PX = 0.29  # one sigma of a pixel's own blur
 _Points = list[tuple[float, float]]
 
 
@@ -91,9 +90,8 @@ def _soft_corners() -> dict[bool, _Points]:
     for i in range(_SCENES):
         scene = hard_scene("soft_corners", i, _SEED)
         view, frame, imaging = scene.views[0], scene.frames[0], scene.imaging[0]
-        corner, middle = np.hypot([imaging.corner_psf_px, imaging.psf_sigma_px], _PIXEL_PX)
         for told, points in found.items():
-            seen_by = replace(view, corner_blur_px=float(corner - middle)) if told else view
+            seen_by = replace(view, corner_blur_px=imaging.corner_blur_px) if told else view
             fix = HorizonSensor().process([Frame(seen_by, frame.image)])
             _add(points, fix, frame.truth.nadir_base)
     return found

@@ -6,6 +6,7 @@ Earth-fixed world frame.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -16,6 +17,7 @@ from horizon_sensor_ros.core.planet import Planet
 Vector3 = tuple[float, float, float]
 
 TEXTURES = ("uniform", "clouds", "smooth")
+_PIXEL_PX = 0.29  # one sigma of a pixel's own blur
 AIR_LIGHTS = ("even", "sine")
 
 
@@ -128,3 +130,11 @@ class Imaging:
         for name in ("psf_sigma_px", "corner_psf_px", "noise_dn", "shot_noise_dn", "gain"):
             if getattr(self, name) < 0.0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+
+    @property
+    def corner_blur_px(self) -> float:
+        """What an edge's blur is larger by in the corners, one sigma, the pixels' own included: as
+        `CameraView.corner_blur_px`.
+        """
+        corner = self.corner_psf_px or self.psf_sigma_px
+        return math.hypot(corner, _PIXEL_PX) - math.hypot(self.psf_sigma_px, _PIXEL_PX)

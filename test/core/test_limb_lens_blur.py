@@ -87,9 +87,7 @@ def test_one_camera_with_soft_corners_that_are_told_holds() -> None:
     squares, errors = [], []
     for scene in hard_scenes(20, 7, ("soft_corners",)):
         for view, frame, imaging in zip(scene.views, scene.frames, scene.imaging, strict=True):
-            # With a pixel's own blur, as an edge shows it.
-            corner, middle = np.hypot([imaging.corner_psf_px, imaging.psf_sigma_px], 0.29)
-            told = replace(view, corner_blur_px=float(corner - middle))
+            told = replace(view, corner_blur_px=imaging.corner_blur_px)
             fix = HorizonSensor().process([Frame(told, frame.image)])
             if fix.ok:
                 squares.append(nees(fix, frame.truth.nadir_base))

@@ -16,6 +16,14 @@ CAMERA = camera_from_fov(200, 200, np.radians(60.0))
 ROT = rot_from_axis(np.array([0.6, 0.0, 0.8]), 0.4)
 
 
+def at_the_limb(roll_rad: float) -> tuple[np.ndarray, np.ndarray]:
+    """Attitude and position of a camera that looks at the limb from 1000 km up."""
+    radius = EarthScene().planet.radius_m
+    rho = np.arcsin(radius / (radius + 1000e3))
+    rot = rot_from_axis(np.array([np.cos(rho), np.sin(rho), 0.0]), roll_rad)
+    return rot, np.array([-(radius + 1000e3), 0.0, 0.0])
+
+
 def test_attitudes_are_spread_evenly_about_the_middle() -> None:
     turn = np.array([0.02, -0.05, 0.03])
     attitudes = attitudes_during(ROT, turn, CAMERA)
@@ -35,11 +43,7 @@ def test_one_attitude_at_rest() -> None:
 
 def test_a_smeared_edge_is_a_ramp_as_long_as_the_motion() -> None:
     """A box as wide as the motion, blurred by pixel and optics, to a first approximation."""
-    planet = EarthScene().planet
-    distance = planet.radius_m + 1000e3
-    rho = np.arcsin(planet.radius_m / distance)
-    rot = rot_from_axis(np.array([np.cos(rho), np.sin(rho), 0.0]), 0.0)
-    position = np.array([-distance, 0.0, 0.0])
+    rot, position = at_the_limb(0.0)
     imaging = Imaging(noise_dn=0.0, bits=8)
     limb = render(CAMERA, rot, position, EarthScene(), np.random.default_rng(0)).truth.limb
     middle = np.argmin(np.linalg.norm(limb.px - 99.5, axis=1))
@@ -61,11 +65,7 @@ def test_a_smeared_edge_is_a_ramp_as_long_as_the_motion() -> None:
 
 
 def test_a_row_shows_what_a_still_camera_sees_when_it_is_read() -> None:
-    planet = EarthScene().planet
-    distance = planet.radius_m + 1000e3
-    rho = np.arcsin(planet.radius_m / distance)
-    rot = rot_from_axis(np.array([np.cos(rho), np.sin(rho), 0.0]), 0.4)
-    position = np.array([-distance, 0.0, 0.0])
+    rot, position = at_the_limb(0.4)
     turn = np.radians([2.0, -1.5, 3.0])
     still = Imaging(noise_dn=0.0, psf_sigma_px=0.0)
 
