@@ -16,24 +16,31 @@ from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.sim.flight import swinging_flight
 from horizon_sensor_ros.sim.hard_scenes import hard_scene
+from horizon_sensor_ros.sim.scene_sets import set_m
 
 _FLIGHTS, _SETS, _PERIOD_S, _READOUT_S = 40, 6, 1.0 / 30.0, 0.02
+_MOVING, _EXPOSURE_S = 60, 0.01
 _SCENES, _SEED, _UNEVEN_M = 40, 9, 1000.0
 _Points = list[tuple[float, float]]
 
 
 def draw(folder: Path) -> None:
-    """Write told.png: rolling shutters, uneven limbs, and lenses that blur more in the corners."""
-    panels = plt.subplots(3, 1, figsize=(6.5, 11.5), layout="constrained")
-    figure, (shutters, limbs, lenses) = panels
+    """Write told.png: rolling shutters, motion, uneven limbs, and lenses that blur more in the
+    corners.
+    """
+    panels = plt.subplots(2, 2, figsize=(12.0, 8.0), layout="constrained")
+    figure, ((shutters, exposures), (limbs, lenses)) = panels
     for told, points in _rolling().items():
         _scatter(shutters, points, told, "readout told, no gyro" if told else "not told")
+    for told, points in _smeared().items():
+        _scatter(exposures, points, told, "exposure and rate told" if told else "not told")
     for told, points in _uneven().items():
         _scatter(limbs, points, told, "unevenness told" if told else "not told")
     for told, points in _soft_corners().items():
         _scatter(lenses, points, told, "blur in the corners told" if told else "not told")
     for axes, title in (
         (shutters, "Rolling shutters of 20 ms, the craft turns at 0.5 to 10 deg/s"),
+        (exposures, "Motion by 2 to 20 px during the exposure, single cameras"),
         (limbs, "Height of the limb uneven by 1 km, single cameras"),
         (lenses, "Lenses that blur more in the corners, single cameras"),
     ):
@@ -58,7 +65,7 @@ def _rolling() -> dict[bool, _Points]:
     for i in range(_FLIGHTS):
         rng = np.random.default_rng([_SEED, i])
         rate = np.radians(np.exp(rng.uniform(np.log(0.5), np.log(10.0))))
-        flown = swinging_flight(float(rate), _READOUT_S, rng)
+        flown = replace(swinging_flight(float(rate), rng), readout_s=_READOUT_S)
         sets = [flown.frames(step * _PERIOD_S) for step in range(_SETS)]
         for told, points in found.items():
             views = [replace(view, readout_s=_READOUT_S * told) for view in flown.views]
@@ -67,6 +74,21 @@ def _rolling() -> dict[bool, _Points]:
                 shown = [Frame(v, frame.image) for v, frame in zip(views, drawn, strict=True)]
                 fix = sensor.process(shown, Aiding(since_last_s=_PERIOD_S if step else None))
             _add(points, fix, sets[-1][0].truth.nadir_base)
+    return found
+
+
+def _smeared() -> dict[bool, _Points]:
+    """The same of single cameras that turn while they expose, told of that and not."""
+    found: dict[bool, _Points] = {False: [], True: []}
+    for case in set_m(_MOVING, _SEED):
+        (view,), (drawn,) = case.views, case.frames
+        rate = case.turn_base_rad / _EXPOSURE_S
+        for told, points in found.items():
+            seen_by = replace(view, exposure_s=_EXPOSURE_S * told)
+            fix = HorizonSensor().process(
+                [Frame(seen_by, drawn.image)], Aiding(rate_base_rad_s=rate)
+            )
+            _add(points, fix, drawn.truth.nadir_base)
     return found
 
 

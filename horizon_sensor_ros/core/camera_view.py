@@ -10,6 +10,7 @@ import numpy as np
 from horizon_sensor_ros.core.attitude import require_rotation
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.mask import Mask
+from horizon_sensor_ros.core.turn_rate import TurnRate
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,12 +20,13 @@ class CameraView:
 
     mask : what of its image may be used; None: all. readout_s : from the first row of an image to
     the last, below zero where the last one is read first; the image's time is that of the row that
-    is read first; 0: all at once. after_s : time of its image after that of the set, and
-    rate_sigma_rad_s : one sigma of the rate at which it turns, about every axis, beside what is
-    known and taken out (`readout.view_at_stamp`). corner_blur_px : one sigma of an edge's blur in
-    the corners of its images, less that in the middle; None: not known.
+    is read first; 0: all at once. exposure_s : of each of its pixels, about that time; 0: not
+    known. after_s : time of its image after that of the set. rate : at which the craft turns while
+    that is taken; None: it does not matter. corner_blur_px : one sigma of an edge's blur in the
+    corners of its images, less that in the middle; None: not known.
     Raises ValueError when rot_base_from_cam is not a rotation matrix (orthonormal to 1e-6,
-    determinant +1), the mask has another size than the camera, or the readout is not finite.
+    determinant +1), the mask has another size than the camera, the readout is not finite, or the
+    exposure is negative or not finite.
     """
 
     name: str
@@ -32,8 +34,9 @@ class CameraView:
     rot_base_from_cam: np.ndarray
     mask: Mask | None = None
     readout_s: float = 0.0
+    exposure_s: float = 0.0
     after_s: float = 0.0
-    rate_sigma_rad_s: float = 0.0
+    rate: TurnRate | None = None
     corner_blur_px: float | None = None
 
     def __post_init__(self) -> None:
@@ -42,6 +45,10 @@ class CameraView:
         object.__setattr__(self, "rot_base_from_cam", rot)
         if not math.isfinite(self.readout_s):
             raise ValueError(f"readout_s of {self.name!r} must be finite, got {self.readout_s}")
+        if not 0.0 <= self.exposure_s < math.inf:
+            raise ValueError(
+                f"exposure_s of {self.name!r} must be 0 or positive, got {self.exposure_s}"
+            )
         if self.corner_blur_px is not None and not math.isfinite(self.corner_blur_px):
             got = self.corner_blur_px
             raise ValueError(f"corner_blur_px of {self.name!r} must be finite, got {got}")

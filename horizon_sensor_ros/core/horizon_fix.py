@@ -28,6 +28,16 @@ class Frame:
     gray: np.ndarray
     after_s: float = 0.0
 
+    @property
+    def late_s(self) -> float:
+        """How far from the set's time its pixels are seen, at most."""
+        return abs(self.view.readout_s) + abs(self.after_s)
+
+    @property
+    def takes_s(self) -> float:
+        """The same, with the time for which they are exposed."""
+        return self.late_s + self.view.exposure_s
+
 
 @dataclass(frozen=True)
 class HorizonFix:

@@ -21,13 +21,10 @@ from horizon_sensor_ros.core.limb.detector import follow_limb
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.nadir_rate import NadirRate, contradicted
 from horizon_sensor_ros.core.planet_figure import Disc
-from horizon_sensor_ros.core.readout import (
-    GYRO_SIGMA_RAD_S,
-    TurnRate,
-    view_at_stamp,
-)
+from horizon_sensor_ros.core.readout import view_at_stamp
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.track import Track
+from horizon_sensor_ros.core.turn_rate import GYRO_SIGMA_RAD_S, TurnRate
 
 # Longer side of a frame over the shorter one.
 _MOST_LENGTHY = 100.0
@@ -65,31 +62,28 @@ class HorizonSensor:
         """Find the horizon in simultaneous frames, with what is known of them from elsewhere.
 
         Frames that are not of one moment (`Frame.after_s`, `CameraView.readout_s`) are brought to
-        that of the first camera in the fix.
+        that of the first camera in the fix. What motion smears during a `CameraView.exposure_s` is
+        known where the rate is, and else measured.
         A camera whose frame shows no trustworthy limb is left out and the others decide; its entry
         in `limbs` says why. Raises ValueError for no frames at all, or an image that is not (H, W)
         uint8 or uint16; a frame of another size than its camera's is refused with status BAD_IMAGE.
         """
         if len(frames) == 0:
             raise ValueError("frames must hold at least one frame")
-        longest_s = max(abs(frame.view.readout_s) + abs(frame.after_s) for frame in frames)
-        if longest_s == 0.0:
-            fix = self._processed(frames, frames, aiding)
+        if any(frame.takes_s > 0.0 for frame in frames):
+            fix = self._brought_together(frames, aiding)
         else:
-            fix = self._brought_together(frames, aiding, longest_s)
+            fix = self._processed(frames, frames, aiding)
         self._nadir_rate.add(fix.fit, aiding.since_last_s)
         return fix
 
-    def _brought_together(
-        self, frames: Sequence[Frame], aiding: Aiding, longest_s: float
-    ) -> HorizonFix:
-        """Fix of frames that are not of one moment, at the time of the first camera that is in it.
-
-        longest_s : within which all of them are seen.
-        """
+    def _brought_together(self, frames: Sequence[Frame], aiding: Aiding) -> HorizonFix:
+        """Fix of frames that are not of one moment, at that of the first camera that is in it."""
         told = self._turn_rate(aiding)
         rate = told or TurnRate(np.zeros(3), self.config.rate_sigma_rad_s)
-        turn_rad = longest_s * float(np.linalg.norm(rate.rate_base_rad_s))
+        turn_rad = max(frame.takes_s for frame in frames) * float(
+            np.linalg.norm(rate.rate_base_rad_s)
+        )
         if turn_rad > _MOST_TURN_RAD:
             self._track = None
             return self._too_fast(frames, turn_rad)
@@ -102,7 +96,7 @@ class HorizonSensor:
         if times[self._timed_by] != time_s:
             self._track = track
             fix = self._at(times[self._timed_by], frames, rate, aiding)
-        open_rad = longest_s * rate.sigma_rad_s
+        open_rad = max(frame.late_s for frame in frames) * rate.sigma_rad_s
         if fix.ok and told is None and open_rad > _OF_SIGMA * nadir_sigma_rad(fix.fit):
             return replace(fix, reason="; ".join(filter(None, (fix.reason, _NO_RATE))))
         return fix

@@ -14,7 +14,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.judgement import nadir_sigma_rad
-from horizon_sensor_ros.core.readout import TurnRate
+from horizon_sensor_ros.core.turn_rate import TurnRate
 
 # Over how long the rate is taken at most, where sets come as fast: longer is more even, and older.
 # Between sets that are farther apart than the second a craft may do anything.

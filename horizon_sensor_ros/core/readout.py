@@ -8,7 +8,6 @@ Source: derived here.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -17,26 +16,13 @@ import numpy as np
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.derived_camera import DerivedCamera, intrinsics
 from horizon_sensor_ros.core.rigid import rotation_from_vector, skew
+from horizon_sensor_ros.core.turn_rate import TurnRate
 
-# One sigma of a gyro's rate as that of the horizon, which itself turns by up to .07 deg/s along an
-# orbit.
-GYRO_SIGMA_RAD_S = math.radians(0.1)
 # Steps towards the row in which a ray is seen: each leaves of its error what the limb moves by from
 # one row to the next, some parts in a hundred at most. No more are made than is seen.
 _STEPS, _NEAR_RAD = 6, 1e-9
 # Rows beyond the frame, over its height, up to which the turn goes on growing.
 _BEYOND = 1.0
-
-
-@dataclass(frozen=True)
-class TurnRate:
-    """Angular rate (3,) of the base frame in its own axes, rad/s, that moves the horizon in it, and
-    one sigma of each component. nadir_base : (3,) about which it is not known; None: it is.
-    """
-
-    rate_base_rad_s: np.ndarray
-    sigma_rad_s: float
-    nadir_base: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,11 +106,11 @@ class TurningCamera(DerivedCamera):
 def view_at_stamp(view: CameraView, rate: TurnRate, after_s: float = 0.0) -> CameraView:
     """The camera as it sees the horizon at the time of a set of frames.
 
-    after_s : time of its image after that. As it is where it is neither late nor read row by row.
+    rate : of the craft meanwhile. after_s : time of its image after that.
     """
+    timed = replace(view, after_s=after_s, rate=rate)
     if view.readout_s == 0.0 and after_s == 0.0:
-        return view
-    timed = replace(view, after_s=after_s, rate_sigma_rad_s=rate.sigma_rad_s)
+        return timed
     if view.readout_s == 0.0:
         turned = rotation_from_vector(after_s * rate.rate_base_rad_s)
         return replace(timed, rot_base_from_cam=turned @ view.rot_base_from_cam)
@@ -134,6 +120,14 @@ def view_at_stamp(view: CameraView, rate: TurnRate, after_s: float = 0.0) -> Cam
         begins=after_s / view.readout_s - (view.readout_s < 0.0),
     )
     return replace(timed, camera=camera)
+
+
+def seen_late(view: CameraView) -> bool:
+    """Whether a camera sees pixels at other times than that of the set, while the craft turns at a
+    rate that is not quite known.
+    """
+    late = view.after_s != 0.0 or view.readout_s != 0.0
+    return late and view.rate is not None and view.rate.sigma_rad_s > 0.0
 
 
 def seen_after_s(view: CameraView, px: np.ndarray) -> np.ndarray:

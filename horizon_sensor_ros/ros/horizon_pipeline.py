@@ -210,6 +210,7 @@ class HorizonPipeline:
                 rot_base_from_cam,
                 state.mask,
                 state.told.readout_s,
+                state.told.exposure_s,
                 corner_blur_px=state.told.corner_blur_px,
             )
         return Frame(view, linear_light(gray, state.told.gamma))

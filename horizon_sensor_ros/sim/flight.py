@@ -45,7 +45,8 @@ class Flight:
 
     The body (forward, right, down) swings about the level frame whose x points along the track.
     base_axes : "frd" or "flu", see `poses.side_views`; the two cameras are perpendicular.
-    readout_s : of their rolling shutters, from the first row to the last; 0: none.
+    readout_s : of their rolling shutters, from the first row to the last; 0: none. exposure_s : of
+    their frames, about a frame's time.
     """
 
     altitude_m: float = 400e3
@@ -63,6 +64,7 @@ class Flight:
     imaging: Imaging = field(default_factory=Imaging)
     seed: int = 0
     readout_s: float = 0.0
+    exposure_s: float = 0.0
 
     @property
     def views(self) -> tuple[CameraView, CameraView]:
@@ -91,6 +93,7 @@ class Flight:
             self.scene,
             rng,
             imaging=self.imaging,
+            turn_base_rad=self.turn(time_s - 0.5 * self.exposure_s, self.exposure_s),
             readout_turn_base_rad=self.turn(time_s, self.readout_s),
         )
 
@@ -113,10 +116,8 @@ class Flight:
         return radius * position, radius * rate * velocity
 
 
-def swinging_flight(rate_rad_s: float, readout_s: float, rng: np.random.Generator) -> Flight:
-    """Low over clouds, a craft whose roll and pitch swing at rates up to this one, by cameras with
-    a rolling shutter.
-    """
+def swinging_flight(rate_rad_s: float, rng: np.random.Generator) -> Flight:
+    """Low over clouds, a craft whose roll and pitch swing at rates up to this one."""
     amplitude = rate_rad_s * _SWING_S / (2.0 * np.pi * _PEAK)
     roll, pitch, start, node = rng.uniform(0.0, 2.0 * np.pi, 4)
     return Flight(
@@ -128,7 +129,6 @@ def swinging_flight(rate_rad_s: float, readout_s: float, rng: np.random.Generato
         scene=EarthScene(texture="clouds", texture_seed=int(rng.integers(2**31))),
         imaging=Imaging(noise_dn=4.0),
         seed=int(rng.integers(2**31)),
-        readout_s=readout_s,
     )
 
 

@@ -10,7 +10,7 @@ is.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,11 +42,15 @@ _OFF_LIMB = 0.4  # largest angle of a camera's axis to a point of the limb, over
 
 @dataclass(frozen=True, eq=False)
 class SceneCase:
-    """Frames of one craft at one moment: `frames[i]` is seen by `views[i]`."""
+    """Frames of one craft at one moment: `frames[i]` is seen by `views[i]`.
+
+    turn_base_rad : (3,) by which the craft turns while they are exposed.
+    """
 
     name: str
     views: tuple[CameraView, ...]
     frames: tuple[SimFrame, ...]
+    turn_base_rad: FloatArray = field(default_factory=lambda: np.zeros(3))
 
 
 def set_a(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
@@ -197,12 +201,12 @@ def _one_camera(
     axis = _near(rng, _limb_point(rng, nadir, rho), _OFF_LIMB * fov / 2.0)
     rot = rot_from_axis(axis, rng.uniform(0.0, 2.0 * np.pi))
     camera = camera_from_fov(size, size, fov)
-    turn = _turn(rng, camera, smear_px) if smear_px > 0.0 else None
+    turn = _turn(rng, camera, smear_px) if smear_px > 0.0 else np.zeros(3)
     views = (CameraView("camera_1", camera, np.eye(3)),)
     frames = render_views(
         views, rot, -nadir * distance, scene, rng, imaging=imaging, turn_base_rad=turn
     )
-    return SceneCase(f"{name}{i}", views, frames)
+    return SceneCase(f"{name}{i}", views, frames, turn)
 
 
 def _turn(rng: np.random.Generator, camera: Camera, smear_px: float) -> FloatArray:

@@ -16,7 +16,8 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.readout import TurnRate, view_at_stamp
+from horizon_sensor_ros.core.readout import view_at_stamp
+from horizon_sensor_ros.core.turn_rate import TurnRate
 from horizon_sensor_ros.sim.poses import camera_from_fov
 
 CAMERA = camera_from_fov(640, 480, np.radians(60.0))

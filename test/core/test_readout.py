@@ -20,8 +20,9 @@ from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.nadir_rate import NadirRate
-from horizon_sensor_ros.core.readout import TurnRate, view_at_stamp
+from horizon_sensor_ros.core.readout import view_at_stamp
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.turn_rate import TurnRate
 from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 

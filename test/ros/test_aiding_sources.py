@@ -475,6 +475,30 @@ def test_a_rolling_shutters_rows_are_brought_to_the_stamp() -> None:
     assert 1.0 < np.linalg.norm(backwards - plain) / np.linalg.norm(forwards - plain) < 20.0
 
 
+def test_what_motion_smears_is_known_by_exposure_and_gyro() -> None:
+    """Two cameras on a craft that turns by 5 px while they expose; nadir is that of the middle."""
+    exposure_s, rate = 0.02, np.array([0.3, 0.6, 0.2])
+    nadir = nadir_of(0.05, -0.03)
+    shares = (np.arange(9) + 0.5) / 9.0 - 0.5
+    moments = [Rotation.from_rotvec(-at * exposure_s * rate).apply(nadir) for at in shares]
+    values = {**PARAMETERS, **{f"{camera}.exposure": exposure_s for camera in CAMERAS}}
+    pipeline = HorizonPipeline(horizon_settings(values).pipeline)
+    for step in (2, 1, 0):
+        pipeline.aiding.on_imu(imu_of(START_NS - step * S // 100, rate))
+    for camera in CAMERAS:
+        pipeline.on_camera_info(camera, camera_info_of(0, camera))
+        seen = [horizon_gray(camera, at, seed) for seed, at in enumerate(moments)]
+        gray = np.rint(np.mean(seen, axis=0)).astype(np.uint8)
+        step = pipeline.on_image(camera, image_of(gray, START_NS, camera))
+    (result,) = step.results
+    assert result.fix.ok, result.fix.reason
+    assert np.linalg.norm(result.fix.fit.nadir_base - nadir) < 1e-3
+    for frame in result.frames:
+        assert frame.view.exposure_s == exposure_s
+        assert frame.view.rate is not None
+        np.testing.assert_allclose(frame.view.rate.rate_base_rad_s, rate)
+
+
 def test_cameras_with_other_stamps_are_brought_to_that_of_the_first() -> None:
     """The second one 15 ms late, at .3 rad/s: by their stamps both see the nadir of the first."""
     rate, late_s = np.array([0.1, 0.28, 0.0]), 0.015

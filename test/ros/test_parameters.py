@@ -90,6 +90,7 @@ def test_defaults_are_the_contracts() -> None:
         ({"camera_1.mask": 7}, ["camera_1.mask must be a string"]),
         ({"camera_1.gamma": 0.0}, ["camera_1.gamma", "0.0"]),
         ({"camera_2.gamma": "sRGB"}, ["camera_2.gamma must be a double"]),
+        ({"camera_1.exposure": -0.1}, ["camera_1.exposure", "0 to 10 s", "-0.1"]),
         ({"camera_2.corner_blur": 9.0}, ["camera_2.corner_blur", "-1 to 5 px", "9.0"]),
         ({"camera_2.readout": 20.0}, ["camera_2.readout", "-1 to 1 s", "20.0"]),
         ({"coarse_pose_position_sigma": -1.0}, ["coarse_pose_position_sigma", "-1.0"]),
@@ -348,6 +349,7 @@ def test_the_reference_names_every_parameter() -> None:
         "camera_N.mask",
         "camera_N.gamma",
         "camera_N.readout",
+        "camera_N.exposure",
         "camera_N.corner_blur",
     ):
         assert f"| `{name}` |" in reference
@@ -362,11 +364,13 @@ def test_what_is_told_of_a_camera_is_its_own() -> None:
         "right.rotation": rotation,
         "left.corner_blur": 0.3,
         "right.readout": -0.02,
+        "right.exposure": 0.01,
         "right.gamma": 2.2,
     }
     left, right = horizon_settings(values).pipeline.each
     assert (left.name, left.corner_blur_px, left.readout_s, left.gamma) == ("left", 0.3, 0.0, 1.0)
     assert (right.corner_blur_px, right.readout_s, right.gamma) == (None, -0.02, 2.2)
+    assert (left.exposure_s, right.exposure_s) == (0.0, 0.01)
     with pytest.raises(ParameterError) as error:
         horizon_settings({**values, "left.gamma": 0.0, "left.readout": 2.0})
     assert "left.gamma" in str(error.value)

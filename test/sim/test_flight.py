@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from horizon_sensor_ros.core.rigid import rotation_from_vector
+from horizon_sensor_ros.sim.earth_scene import Imaging
 from horizon_sensor_ros.sim.flight import Flight, swinging_flight
 
 TIMES = np.linspace(0.0, 30.0, 16)
@@ -58,7 +59,7 @@ def test_limb_stays_in_both_frames() -> None:
 
 def test_a_swinging_craft_turns_up_to_its_rate() -> None:
     rate = np.radians(10.0)
-    flight = swinging_flight(float(rate), 0.02, np.random.default_rng(0))
+    flight = swinging_flight(float(rate), np.random.default_rng(0))
     turns = np.array([flight.turn(time, 1e-3) for time in np.linspace(0.0, 40.0, 2000)])
     fastest = np.abs(turns).max(axis=0) / 1e-3
     # Of roll and pitch; yaw goes on by half a degree a second, the orbit by less.
@@ -71,9 +72,23 @@ def test_a_swinging_craft_turns_up_to_its_rate() -> None:
 
 
 def test_a_flights_rolling_shutter_shows_in_its_frames() -> None:
-    flight = swinging_flight(float(np.radians(10.0)), 0.02, np.random.default_rng(1))
-    at_once = replace(flight, readout_s=0.0)
-    rolling, still = flight.frames(2.0)[0].image, at_once.frames(2.0)[0].image
+    flight = swinging_flight(float(np.radians(10.0)), np.random.default_rng(1))
+    rolling = replace(flight, readout_s=0.02).frames(2.0)[0].image
+    still = flight.frames(2.0)[0].image
     assert np.abs(rolling.astype(int) - still).max() > 50
     # The first rows are read at the stamp.
     assert np.abs(rolling[:2].astype(int) - still[:2]).mean() < 10.0
+
+
+def test_a_flights_frames_are_exposed_about_their_time() -> None:
+    flight = swinging_flight(float(np.radians(10.0)), np.random.default_rng(1))
+    flight = replace(flight, imaging=Imaging(noise_dn=0.0))
+    smeared = replace(flight, exposure_s=0.06).frames(2.0)[0]
+    assert np.array_equal(smeared.truth.nadir_base, flight.frames(2.0)[0].truth.nadir_base)
+    # As the mean of what is seen during that time.
+    middles = 2.0 + 0.06 * ((np.arange(12) + 0.5) / 12.0 - 0.5)
+    mean = np.mean([flight.frames(float(at))[0].image for at in middles], axis=0)
+    still = flight.frames(2.0)[0].image
+    # Rounding of gray levels is left.
+    assert np.square(mean - smeared.image).mean() < 0.2
+    assert np.square(mean - still).mean() > 0.4

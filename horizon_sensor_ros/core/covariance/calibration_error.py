@@ -16,7 +16,7 @@ from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.readout import seen_after_s
+from horizon_sensor_ros.core.readout import seen_after_s, seen_late
 from horizon_sensor_ros.core.rigid import skew
 from horizon_sensor_ros.core.symmetric3 import inverse
 
@@ -42,12 +42,12 @@ def with_calibration_error(
     corners of its frame. limb_height_sigma_m : of the height of the visible limb, the same all
     along it; limb_unevenness_m : of what that differs by from place to place. Zero: taken to be
     exact. The rate at which cameras turn between the time of the set and that at which they see
-    a point (`CameraView.rate_sigma_rad_s`) is the same for all.
+    a point (`CameraView.rate`) is the same for all.
     A camera's turn turns the nadir that it would find by itself; of several cameras these are
     weighted by their information. First order; derived here, from the information form of least
     squares.
     """
-    turning = any(seen.view.rate_sigma_rad_s > 0.0 for seen in observations)
+    turning = any(seen_late(seen.view) for seen in observations)
     of_cameras = mounting_sigma_rad + lens_sigma_px + limb_unevenness_m > 0.0 or turning
     if not of_cameras and limb_height_sigma_m == 0.0:
         return fit
@@ -118,14 +118,15 @@ class _Cameras:
         return cov
 
     def by_rate(self) -> np.ndarray:
-        """The same where the craft turns otherwise, by its `rate_sigma_rad_s`, between the time of
-        the set and that at which points are seen.
+        """The same where the craft turns otherwise, by one sigma of its rate, between the time
+        of the set and that at which points are seen.
         """
         off = np.zeros((3, 3))
         for seen, rows, gain in zip(self._seen, self._rows, self._gains, strict=True):
             rays, view = seen.rays, seen.view
             px = view.camera.pixels(rays.rays_base @ view.rot_base_from_cam)
-            turn = view.rate_sigma_rad_s * np.nan_to_num(seen_after_s(view, px))
+            sigma_rad_s = 0.0 if view.rate is None else view.rate.sigma_rad_s
+            turn = sigma_rad_s * np.nan_to_num(seen_after_s(view, px))
             # A ray's angle from nadir, by turns about the three axes.
             axes = rays.rays_base @ skew(self._nadir)
             axes /= -np.linalg.norm(axes, axis=1)[:, None]

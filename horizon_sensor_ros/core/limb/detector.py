@@ -39,6 +39,7 @@ from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
 from horizon_sensor_ros.core.limb.smeared import (
     smeared_alike,
     smeared_one_way,
+    smears_now,
     still_sharp,
     with_smear_error,
     without_smear,
@@ -125,9 +126,10 @@ def follow_limb(
         return through if through is not None and through.state.sees == before.sees else None
     fresh: list[tuple[EdgeLook, ...]] = [()] * len(views)
     attempts = ((before.looks, (NEARER, EXPECTED)), (fresh, (AGAIN, *FRESH)))
+    smears = smears_now(views, near, before.smears)
     frames = [
         SizedFrame(image, factor, smear=smear)
-        for image, factor, smear in zip(images, before.factors, before.smears, strict=True)
+        for image, factor, smear in zip(images, before.factors, smears, strict=True)
     ]
     for start, steps in attempts:
         found = look_for(views, frames, planet, near, start, steps)
@@ -142,7 +144,7 @@ def follow_limb(
             sharp = still_sharp(views, images, found, before.steepness, before.smears, start)
             if sharp is None:
                 return None
-            return with_smear_error(replace(found, smears=before.smears, steepness=sharp))
+            return with_smear_error(replace(found, smears=smears, steepness=sharp))
     return None
 
 

@@ -12,6 +12,7 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.edge.told_smear import told_smear
 from horizon_sensor_ros.core.limb.edge.width import Smear, smear_of, widened_one_way
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.passes import FRESH, look_for
@@ -22,6 +23,7 @@ from horizon_sensor_ros.core.status import Status
 
 _SHARP_PX = 0.82  # one sigma of blur: sharper edges were not smeared by motion
 _SMEAR_PX = 1.55  # length of a smear from which on a frame is reduced
+_TOLD_PX = 1.0  # the same where it is known
 _GLOWING_PX = 3.0  # the same where a limb is soft without motion: under glow, in a reduced frame
 _LEFT_PX = 1.5  # length of the smear that is left in the pixels of the reduced frame
 _SMALLEST_PX = 64  # shorter side of a reduced frame, at least; else its camera is left out
@@ -91,9 +93,13 @@ def _smears(
     seen = zip(views, images, found.limbs, found.looks, found.factors, strict=True)
     for view, image, limb, looks, factor in seen:
         smear = None
-        sharp = _sharp(looks, factor)
-        if limb.status is Status.OK and (limb.glow_separated or not sharp):
-            smear = _smear_of(image, view, found, looks, factor, _UNSEEN_PX if sharp else 0.0)
+        if limb.status is Status.OK:
+            told = told_smear(view, found.nadir_base, found.rho_rad)
+            sharp = _sharp(looks, factor)
+            if told is not None:
+                smear = _if_known(told, factor)
+            elif limb.glow_separated or not sharp:
+                smear = _smear_of(image, view, found, looks, factor, _UNSEEN_PX if sharp else 0.0)
         smears.append(smear)
     return smears
 
@@ -102,7 +108,7 @@ def smeared_one_way(images: Sequence[np.ndarray], found: Detection) -> bool:
     """Whether what looks like thick air above limbs is motion, which widens them most one way."""
     return widened_one_way(
         [
-            smear_of(image, seen.view, found.nadir_base, found.rho_rad)
+            _told_or_seen(image, seen.view, found)
             for image, seen in zip(images, found.observations, strict=True)
             if seen.limb.status is Status.OK
         ]
@@ -117,13 +123,26 @@ def _smear_of(
     factor: int,
     least_px: float = 0.0,
 ) -> Smear | None:
-    """Motion's smear in one frame, None where there is hardly any, or no more than so much."""
+    """Motion's smear as one frame shows it, None where there is hardly any, or no more than so
+    much.
+    """
     smear = smear_of(image, view, found.nadir_base, found.rho_rad)
     most_px = max(least_px, _GLOWING_PX if _soft(looks, factor) else _SMEAR_PX)
     if _glows(looks):
         # As wide as glow that is this long is no smear's work.
         most_px = max(most_px, usual_length_px(view, found.rho_rad, factor))
     return smear if smear.sure_px > most_px * factor else None
+
+
+def _if_known(told: Smear, factor: int) -> Smear | None:
+    """A smear that is known, None where there is hardly any."""
+    return told if told.across_px > _TOLD_PX * factor else None
+
+
+def _told_or_seen(image: np.ndarray, view: CameraView, found: Detection) -> Smear:
+    """Smear by exposure and rate where these are known, else by what the frame shows."""
+    about = found.nadir_base, found.rho_rad
+    return told_smear(view, *about) or smear_of(image, view, *about)
 
 
 def _sharp(looks: Sequence[EdgeLook], factor: int) -> bool:
@@ -147,6 +166,20 @@ def _glows(looks: Sequence[EdgeLook]) -> bool:
     return any(look.glow_px > 0.0 for look in looks)
 
 
+def smears_now(
+    views: Sequence[CameraView],
+    near: tuple[np.ndarray, float],
+    before: Sequence[Smear | None],
+) -> tuple[Smear | None, ...]:
+    """Smears of frames that follow on others, by the limb near a predicted cone: as it is told, or
+    as it was.
+    """
+    return tuple(
+        smear and (told_smear(view, *near) or smear)
+        for view, smear in zip(views, before, strict=True)
+    )
+
+
 def smeared_alike(
     views: Sequence[CameraView],
     images: Sequence[np.ndarray],
@@ -157,7 +190,7 @@ def smeared_alike(
     for view, image, limb, smear in zip(views, images, found.limbs, smears, strict=True):
         if smear is None or limb.status is not Status.OK:
             continue
-        now = smear_of(image, view, found.nadir_base, found.rho_rad)
+        now = _told_or_seen(image, view, found)
         if not abs(now.across_px - smear.across_px) < _AS_MUCH * smear.across_px:
             return False
     return True
@@ -174,17 +207,23 @@ def still_sharp(
     """Steepness of the limbs of followed frames, with which to compare the next ones; None where
     motion smears a frame that it did not smear before.
 
-    That is asked where a limb is not as it was. before : steepness of the limbs when it was asked
-    the last time. expected : looks of the edges from which these were found; none where from
-    nothing.
+    That is asked where it is told, or a limb is not as it was. before : steepness of the limbs when
+    it was asked the last time. expected : looks of the edges from which these were found; none
+    where from nothing.
     """
     steepness = list(before)
     for i, (limb, looks, factor) in enumerate(
         zip(found.limbs, found.looks, found.factors, strict=True)
     ):
+        if smears[i] or limb.status is not Status.OK:
+            continue
+        told = told_smear(views[i], found.nadir_base, found.rho_rad)
+        if told is not None:
+            if _if_known(told, factor):
+                return None
+            continue
         as_it_was = _as_steep(limb.steepness, before[i])
-        as_it_was |= limb.glow_separated and _glows(expected[i])
-        if smears[i] or as_it_was or limb.status is not Status.OK:
+        if as_it_was or (limb.glow_separated and _glows(expected[i])):
             continue
         if _smear_of(images[i], views[i], found, looks, factor):
             return None

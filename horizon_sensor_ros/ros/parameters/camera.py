@@ -55,6 +55,20 @@ def readout_parameter(camera: str) -> Parameter:
     )
 
 
+def exposure_parameter(camera: str) -> Parameter:
+    """Return the parameter that says how long a camera exposes its images."""
+    return Parameter(
+        f"{camera}.exposure",
+        "double",
+        0.0,
+        "How long an image is exposed, about its stamp, where that does not change: with the rate "
+        "by imu, or by the fixes before, it tells how motion smears the limb. 0: not known.",
+        unit="s",
+        minimum=0.0,
+        maximum=10.0,
+    )
+
+
 def corner_blur_parameter(camera: str) -> Parameter:
     """Return the parameter that says how much more a camera's lens blurs in the corners."""
     return Parameter(
@@ -74,5 +88,6 @@ OF_A_CAMERA = (
     mask_parameter,
     gamma_parameter,
     readout_parameter,
+    exposure_parameter,
     corner_blur_parameter,
 )

@@ -16,6 +16,7 @@ from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.parameters.camera import (
     corner_blur_parameter,
+    exposure_parameter,
     gamma_parameter,
     mask_parameter,
     readout_parameter,
@@ -76,7 +77,8 @@ class CameraSettings:
     """What is told of a camera.
 
     rotation : quaternion (x, y, z, w), optical to base frame; None: from TF. mask : its file; None:
-    it has no mask. gamma : the encoding of its light. readout_s, corner_blur_px : see `CameraView`.
+    it has no mask. gamma : the encoding of its light. readout_s, exposure_s,
+    corner_blur_px : see `CameraView`.
     """
 
     name: str
@@ -84,6 +86,7 @@ class CameraSettings:
     mask: Path | None
     gamma: float
     readout_s: float
+    exposure_s: float
     corner_blur_px: float | None
 
 
@@ -206,7 +209,7 @@ def _camera_settings(camera: str, values: Mapping[str, Any], from_tf: bool) -> C
     """Raises ParameterError with all that is wrong with a camera's parameters."""
     accepted: dict[str, Any] = {}
     problems = []
-    plain = (gamma_parameter, readout_parameter, corner_blur_parameter)
+    plain = (gamma_parameter, readout_parameter, exposure_parameter, corner_blur_parameter)
     ways: dict[str, Callable[[], Any]] = {
         "mask": partial(_mask, camera, values),
         **{of(camera).name: partial(_number, of(camera), values) for of in plain},
@@ -228,6 +231,7 @@ def _camera_settings(camera: str, values: Mapping[str, Any], from_tf: bool) -> C
         accepted["mask"],
         accepted["gamma"],
         accepted["readout"],
+        accepted["exposure"],
         blur_px if blur_px >= 0.0 else None,
     )
 

@@ -7,6 +7,7 @@ from typing import Any
 from horizon_sensor_ros.ros.parameters.camera import (
     OF_A_CAMERA,
     corner_blur_parameter,
+    exposure_parameter,
     gamma_parameter,
     mask_parameter,
     readout_parameter,
@@ -57,6 +58,8 @@ def parameter_file() -> str:
             lines += ["    # camera_1:", "    #   gamma: 2.2"]
             lines += _comment(readout_parameter("camera_N"))
             lines += ["    # camera_1:", "    #   readout: 0.02"]
+            lines += _comment(exposure_parameter("camera_N"))
+            lines += ["    # camera_1:", "    #   exposure: 0.01"]
             lines += _comment(corner_blur_parameter("camera_N"))
             lines += ["    # camera_1:", "    #   corner_blur: 0.3"]
     return "\n".join(lines) + "\n"

@@ -29,7 +29,7 @@ _TOP = 0.75  # share of the steepest fall that is its top
 _STILL_PX = 2.1  # width of an edge that is as sharp as usual
 _BY_GROUND_PX2 = 5.0  # square of the width that clouds may feign, in one frame of a hundred
 _BOXED = 0.72  # width at the top over that at half the height; of a normal law 0.64
-_BOX = 12.0  # square of a box's width, over its variance
+BOX = 12.0  # square of a box's width, over its variance
 # What widens limbs most one way is motion. Of 788 simulated limbs under thick air, which nothing
 # moved, two were wider one way by more than these.
 _DIRECTED_PX2 = 1.0  # half the difference of the squares of widest and narrowest, at least
@@ -46,7 +46,7 @@ class Smear:
     where it is smallest. lacking_px2 : (2, 2) covariance, x right and y down, of the extra blur
     that makes the frame's blur equal in all directions. open_px2 : one sigma of what is then still
     unequal, as a variance. boxed : the edge falls as under a constant motion, not as with soft
-    optics.
+    optics. told : it is known from exposure and angular rate, not from the frame.
     """
 
     across_px: float
@@ -54,6 +54,7 @@ class Smear:
     lacking_px2: np.ndarray
     open_px2: float
     boxed: bool = False
+    told: bool = False
 
     @property
     def sure_px(self) -> float:
@@ -61,11 +62,11 @@ class Smear:
         which may be soft optics, and less what clouds may feign.
         """
         optics2 = 0.0 if self.boxed else self.least_px**2
-        by_ground2 = min(_BOX * self.open_px2, _BY_GROUND_PX2)
+        by_ground2 = min(BOX * self.open_px2, _BY_GROUND_PX2)
         return math.sqrt(max(self.across_px**2 - optics2 - by_ground2, 0.0))
 
 
-_NONE = Smear(0.0, 0.0, np.zeros((2, 2)), 0.0)
+NO_SMEAR = Smear(0.0, 0.0, np.zeros((2, 2)), 0.0)
 
 
 def smear_of(gray: np.ndarray, view: CameraView, nadir_base: np.ndarray, rho_rad: float) -> Smear:
@@ -73,10 +74,10 @@ def smear_of(gray: np.ndarray, view: CameraView, nadir_base: np.ndarray, rho_rad
     spacing_px = max(1.0, max(gray.shape) / _SPACINGS)
     curve = limb_curve(view, nadir_base, rho_rad, spacing_px=spacing_px)
     if len(curve) < _PARTS * _LEAST_PROFILES:
-        return _NONE
+        return NO_SMEAR
     profiles, valid = sample_profiles(gray, curve, _D_PX)
     if np.count_nonzero(valid) < _PARTS * _LEAST_PROFILES:
-        return _NONE
+        return NO_SMEAR
     parts = np.array_split(np.flatnonzero(valid), _PARTS)
     widths = [_widths_px(profiles[part].mean(axis=0)) for part in parts]
     width, top = np.array(widths).T
@@ -91,7 +92,7 @@ def widened_one_way(smears: Sequence[Smear]) -> bool:
     """Whether the width of limbs goes with their direction, as nothing but motion makes it."""
     # Half of what lies between the widest and the narrowest.
     apart2 = sum(0.5 * (smear.across_px**2 - smear.least_px**2) for smear in smears)
-    misfit2 = sum(_BOX * smear.open_px2 + _MISFIT_PX2 for smear in smears)
+    misfit2 = sum(BOX * smear.open_px2 + _MISFIT_PX2 for smear in smears)
     return apart2 > max(_DIRECTED_PX2, _DIRECTED * misfit2)
 
 
@@ -113,9 +114,9 @@ def smear_from_parts(normal_px: np.ndarray, across2: np.ndarray) -> Smear:
     misfit = float(np.linalg.norm(across2 - found)) / math.sqrt(len(x) - len(motion))
     # Of what goes with the direction no more is made up for than can be told.
     told = size * size / (size * size + misfit * misfit + 1e-9)
-    lacking = (told / _BOX) * (2.0 * size * np.eye(2) - along)
+    lacking = (told / BOX) * (2.0 * size * np.eye(2) - along)
     most, least = (math.sqrt(max(float(across), 0.0)) for across in (found.max(), found.min()))
-    return Smear(most, least, lacking, misfit / _BOX)
+    return Smear(most, least, lacking, misfit / BOX)
 
 
 def _motion(design: np.ndarray, across2: np.ndarray) -> np.ndarray:

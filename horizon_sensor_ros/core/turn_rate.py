@@ -1,0 +1,23 @@
+"""How fast the craft turns."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+# One sigma of a gyro's rate as that of the horizon, which itself turns by up to .07 deg/s along an
+# orbit.
+GYRO_SIGMA_RAD_S = math.radians(0.1)
+
+
+@dataclass(frozen=True)
+class TurnRate:
+    """Angular rate (3,) of the base frame in its own axes, rad/s, that moves the horizon in it, and
+    one sigma of each component. nadir_base : (3,) about which it is not known; None: it is.
+    """
+
+    rate_base_rad_s: np.ndarray
+    sigma_rad_s: float
+    nadir_base: np.ndarray | None = None
