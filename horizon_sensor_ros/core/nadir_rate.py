@@ -52,7 +52,8 @@ class NadirRate:
         time_s = 0.0
         if self._fixes and since_last_s is not None:
             time_s = self._fixes[-1].time_s + since_last_s
-            while time_s - self._fixes[0].time_s > max(_WINDOW_S, since_last_s):
+            # The last one always counts, however long ago it was.
+            while len(self._fixes) > 1 and time_s - self._fixes[0].time_s > _WINDOW_S:
                 self._fixes.popleft()
         self._fixes.append(_Fix(time_s, fit))
 

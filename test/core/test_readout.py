@@ -100,6 +100,20 @@ def test_a_steady_rate_is_found_but_for_its_part_about_nadir(rate: np.ndarray) -
     assert now.sigma_rad_s > 0.02 * np.linalg.norm(across)
 
 
+@given(st.lists(st.floats(1e-3, 2.0), min_size=1, max_size=30), rates)
+def test_a_rate_is_found_however_the_sets_come(spans_s: list[float], rate: np.ndarray) -> None:
+    """The fix before the last counts also where it is long ago, to the last bit of its time."""
+    found, nadir = NadirRate(), np.array([0.0, 0.6, 0.8])
+    found.add(fit_at(nadir), None)
+    for span_s in spans_s:
+        nadir = Rotation.from_rotvec(-0.1 * span_s * rate).apply(nadir)
+        found.add(fit_at(nadir), span_s)
+        told = found.now(np.inf)
+        assert told is not None
+        across = 0.1 * (rate - (rate @ nadir) * nadir)
+        assert np.linalg.norm(told.rate_base_rad_s - across) < 0.05
+
+
 def test_no_rate_without_two_sure_fixes_in_succession() -> None:
     nadir = np.array([0.0, 0.0, 1.0])
     none = HorizonFit.none(Status.NO_LIMB, "dark", "")
