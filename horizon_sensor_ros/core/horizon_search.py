@@ -15,7 +15,7 @@ from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Judged, 
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix, told_by
 from horizon_sensor_ros.core.judgement import disagreement_rad, nadir_sigma_rad
 from horizon_sensor_ros.core.limb.detection import Detection
-from horizon_sensor_ros.core.limb.detector import detect_limb
+from horizon_sensor_ros.core.limb.detector import detect_limb, joined
 from horizon_sensor_ros.core.limb_curve import limb_in_sight
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet_figure import disc_of
@@ -65,6 +65,7 @@ class HorizonSearch:
                     limbs[i] = limb
                 fix = replace(fix, reason=reason, limbs=tuple(_filled(limbs)))
                 contradicted = self._contradicted(frames, fix, aiding)
+                contradicted = contradicted or self._apart(frames, sighting, fix)
                 if contradicted is not None:
                     return contradicted, None
                 return self._from_singles(frames, fix, aiding) or (
@@ -100,6 +101,41 @@ class HorizonSearch:
                 )
                 return self._estimator.refused(Status.CAMERAS_DISAGREE, reason, fix.fit, fix.limbs)
         return None
+
+    def _apart(
+        self, frames: Sequence[Frame], sighting: Sighting, fix: HorizonFix
+    ) -> HorizonFix | None:
+        """Fix, or why there is none, by the limbs that cameras find by themselves, where these
+        contradict each other; else None.
+
+        What is found around a common cone lies near it, also where the extrinsics are wrong and
+        that cone is none of theirs.
+        """
+        if not fix.ok or fix.reason or fix.airglow_alone or sighting.detection.layer_rad > 0.0:
+            return None
+        found: dict[int, Detection] = {}
+        for i, (frame, limb) in enumerate(zip(frames, fix.limbs, strict=True)):
+            if len(frames) > 1 and limb.status is not Status.BAD_IMAGE:
+                alone = self._sighting([frame], sighting.aiding)
+                if self._any_sigma.judged(alone).fix.ok:
+                    found[i] = alone.detection
+        # Edges in glow and limbs that were separated from it lie on two cones anyway.
+        separated = {one.limbs[0].glow_separated for one in found.values()}
+        if len(found) < 2 or len(separated) > 1:
+            return None
+        own = joined(list(found.values()), sighting.detection)
+        judged = self._estimator.judged(
+            Sighting([frames[i] for i in found], own, sighting.figure, sighting.aiding)
+        )
+        by_own = judged.fix
+        limbs = tuple(
+            by_own.limbs[list(found).index(i)] if i in found else limb
+            for i, limb in enumerate(fix.limbs)
+        )
+        if by_own.status in (Status.CAMERAS_DISAGREE, Status.POOR_FIT):
+            reason = f"each camera by itself sees a limb, but no common cone fits: {by_own.reason}"
+            return self._estimator.refused(Status.CAMERAS_DISAGREE, reason, fix.fit, limbs)
+        return replace(by_own, limbs=limbs) if by_own.ok and by_own.reason else None
 
     def _from_singles(
         self, frames: Sequence[Frame], fix: HorizonFix, aiding: Aiding

@@ -12,6 +12,7 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb.detection import Detection, LimbState
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.glow.air import USUAL_HEIGHT
+from horizon_sensor_ros.core.limb.glow.points import told_together
 from horizon_sensor_ros.core.limb.haze.passes import follow_through_haze, look_through_haze
 from horizon_sensor_ros.core.limb.passes import (
     AGAIN,
@@ -103,6 +104,21 @@ def detect_limb(
         layer_rad=consensus.layer_rad,
         agreed=found.take(consensus.inliers),
         steepness=tuple(limb.steepness for limb in looked.limbs),
+    )
+
+
+def joined(alone: Sequence[Detection], about: Detection) -> Detection:
+    """Limbs that were found in one frame each, as found in all of them around another's cone."""
+    return Detection(
+        told_together([one.observations[0] for one in alone]),
+        working=tuple(one.working[0] for one in alone),
+        nadir_base=about.nadir_base,
+        rho_rad=about.rho_rad,
+        looks=tuple(one.looks[0] for one in alone),
+        factors=tuple(one.factors[0] for one in alone),
+        smears=tuple(one.smears[0] for one in alone),
+        steepness=tuple(one.steepness[0] for one in alone),
+        airglow=about.airglow,
     )
 
 
