@@ -14,6 +14,7 @@ from horizon_messages import (
     CAMERAS,
     PARAMETERS,
     PERIOD_NS,
+    QUATERNIONS,
     ROTATIONS,
     START_NS,
     camera_info_of,
@@ -24,11 +25,16 @@ from horizon_messages import (
 )
 
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation, rotation_from_quaternion
+from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.rigid import rotation_from_vector, vector_from_rotation
+from horizon_sensor_ros.core.self_calibration.adjustment import Calibration
+from horizon_sensor_ros.core.self_calibration.unknowns import Unknowns
+from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.parameters.file import read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
 from horizon_sensor_ros.tools.calibration.recording import Horizons
 from horizon_sensor_ros.tools.calibration.self_calibration import main
+from horizon_sensor_ros.tools.calibration.text import corrected_parameters
 
 SETS = 16
 MISALIGNMENT_DEG = np.array([0.3, -0.2, 0.25])
@@ -128,6 +134,36 @@ def test_a_wrong_rotation_is_found_and_corrected(
     assert read_parameter_file(out, "attitude_node")["level_z"] == "down"
     assert read_parameter_file(out, "attitude_node")["slop"] == 0.01
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_else_is_told_of_a_camera_stays(tmp_path: Path) -> None:
+    told = {"mask": "/m.png", "readout": 0.02, "gamma": 2.2, "corner_blur": 0.3}
+    dotted = {f"camera_2.{name}": value for name, value in told.items()}
+    content = {
+        "/**": {"ros__parameters": {"camera_1": {"rotation": [0.0, 0.0, 1.0, 0.0], **told}}},
+        "attitude_node": {
+            "ros__parameters": {
+                **dotted,
+                "camera_2.rotation": [0.0, 0.0, 1.0, 0.0],
+                "camera_1": {"rotation": [0.0, 0.0, 1.0, 0.0], "gamma": 1.8},
+            }
+        },
+    }
+    source, out = tmp_path / "params.yaml", tmp_path / "corrected.yaml"
+    source.write_text(yaml.safe_dump(content))
+    unknowns = Unknowns(CAMERAS)
+    nothing = np.zeros(len(unknowns))
+    calibration = Calibration(
+        Status.OK, "", unknowns, nothing, np.diag(nothing), nothing, (), ROTATIONS, ()
+    )
+    out.write_text(corrected_parameters(source, calibration, Planet()))
+    values = read_parameter_file(out, "attitude_node")
+    expected = {f"{camera}.{name}": v for camera in CAMERAS for name, v in told.items()}
+    expected["camera_1.gamma"] = 1.8
+    assert {name: values[name] for name in expected} == expected
+    for camera in CAMERAS:
+        assert values[f"{camera}.rotation"] == pytest.approx(QUATERNIONS[camera])
+    assert read_parameter_file(out, "local_vertical_node")["camera_1.gamma"] == 2.2
 
 
 def test_as_many_frames_wait_for_the_other_cameras_as_the_parameters_say() -> None:
