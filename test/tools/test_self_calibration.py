@@ -12,16 +12,20 @@ from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from horizon_messages import (
     ALTITUDE_M,
     CAMERAS,
+    HEIGHT,
     PARAMETERS,
     PERIOD_NS,
     QUATERNIONS,
     ROTATIONS,
     START_NS,
+    WIDTH,
     camera_info_of,
     horizon_gray,
     image_of,
+    imu_of,
     nadir_of,
     write_bag,
+    write_parameters,
 )
 
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation, rotation_from_quaternion
@@ -32,8 +36,8 @@ from horizon_sensor_ros.core.self_calibration.unknowns import Unknowns
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.parameters.file import read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
-from horizon_sensor_ros.tools.calibration.recording import Horizons
-from horizon_sensor_ros.tools.calibration.self_calibration import main
+from horizon_sensor_ros.tools.calibration.recording import Horizons, read_recording
+from horizon_sensor_ros.tools.calibration.self_calibration import main, parser
 from horizon_sensor_ros.tools.calibration.text import corrected_parameters
 
 SETS = 16
@@ -174,6 +178,45 @@ def test_as_many_frames_wait_for_the_other_cameras_as_the_parameters_say() -> No
         for index in range(13):
             horizons.on_image(camera, image_of(dark, START_NS + index * PERIOD_NS, camera))
     assert len(horizons.sets) == 13
+
+
+def rolling_gray(camera: str, nadir: np.ndarray, rate: np.ndarray, readout_s: float) -> np.ndarray:
+    """Frame of a craft that turns while it is read out; nadir (3,) at the first row's time."""
+    gray = np.empty((HEIGHT, WIDTH), np.uint8)
+    for rows in np.array_split(np.arange(HEIGHT), 24):
+        after_s = readout_s * rows.mean() / (HEIGHT - 1)
+        # What stands still turns backwards in the craft's axes.
+        now = rotation_from_vector(-after_s * rate) @ nadir
+        gray[rows] = horizon_gray(camera, now)[rows]
+    return gray
+
+
+@pytest.mark.parametrize("gyro", [True, False])
+def test_rows_that_are_read_out_in_turn_are_told_apart_by_the_gyro(
+    tmp_path: Path, gyro: bool
+) -> None:
+    rate, readout_s = np.array([0.2, 0.3, 0.0]), 0.02
+    nadir = nadir_of(3.0, -2.0)
+    messages: list[tuple[str, int, Any]] = []
+    if gyro:
+        stamps = range(START_NS - 20_000_000, START_NS + 1, 5_000_000)
+        messages += [("/imu", stamp, imu_of(stamp, rate)) for stamp in stamps]
+    for camera in CAMERAS:
+        image = image_of(rolling_gray(camera, nadir, rate, readout_s), START_NS, camera)
+        info = camera_info_of(START_NS, camera)
+        messages.append((f"/{camera}/camera_info", START_NS + 1, info))
+        messages.append((f"/{camera}/image_raw", START_NS + 2, image))
+    bag = write_bag(tmp_path / "bag", messages)
+    readouts = {f"{camera}.readout": readout_s for camera in CAMERAS}
+    params = write_parameters(tmp_path / "params.yaml", **readouts)
+    arguments = parser().parse_args([str(bag), "--params", str(params)])
+    (found,) = read_recording(arguments, bool).sets
+    errors = [
+        np.degrees(np.linalg.norm(ROTATIONS[each.camera] @ each.nadir_cam - nadir))
+        for each in found.horizons
+    ]
+    assert len(errors) == 2
+    assert (max(errors) < 0.05) == gyro, errors
 
 
 def test_known_altitude_and_attitude_tell_the_rest(

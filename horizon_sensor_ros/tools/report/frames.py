@@ -20,7 +20,7 @@ from horizon_sensor_ros.core.self_calibration.differences import (
     nadir_differences,
 )
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet
-from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC
+from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
 from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.pairing import Pairing
@@ -33,7 +33,7 @@ from horizon_sensor_ros.ros.parameters.horizon_settings import (
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
-from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, POSE
+from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU, POSE
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.calibration.recording import Horizons
 from horizon_sensor_ros.tools.report.bags import Recorded
@@ -184,7 +184,10 @@ class _Study:
 
     def listeners(self, names: TopicNames) -> list[Listener]:
         """Return what is to be heard of a bag."""
-        found = [Listener(names(COARSE_POSE_TOPIC), (POSE,), self._on_coarse_pose, needed=False)]
+        found = [
+            Listener(names(COARSE_POSE_TOPIC), (POSE,), self._on_coarse_pose, needed=False),
+            Listener(names(IMU_TOPIC), (IMU,), self._on_imu, needed=False),
+        ]
         for camera in self._cameras:
             image, info = (partial(take, camera) for take in (self._on_image, self._on_camera_info))
             found += [
@@ -197,6 +200,11 @@ class _Study:
         if self._pipeline is not None and self._alone is not None:
             self._pipeline.aiding.on_coarse_pose(msg)
             self._alone.on_coarse_pose(msg)
+
+    def _on_imu(self, msg: Any, _msgtype: str) -> None:
+        if self._pipeline is not None and self._alone is not None:
+            self._pipeline.aiding.on_imu(msg)
+            self._alone.on_imu(msg)
 
     def _on_camera_info(self, camera: str, msg: Any, _msgtype: str) -> None:
         if self._pipeline is not None and self._alone is not None:
