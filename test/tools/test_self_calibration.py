@@ -260,6 +260,20 @@ def test_what_is_wrong_is_said(
     assert "--altitude-sigma must be positive" in told
 
 
+@pytest.mark.parametrize("frame_id", ["imu_link", ""])
+@pytest.mark.parametrize("kind", ["vector", "imu"])
+def test_a_reference_in_another_frame_is_named(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str], kind: str, frame_id: str
+) -> None:
+    """As if it were of the base frame it would turn all cameras by the instrument's mounting."""
+    vertical = stamped(Vector3Stamped(), START_NS, frame_id)
+    msg = vertical if kind == "vector" else imu_of(START_NS, np.zeros(3), frame_id)
+    bag = write_bag(tmp_path / "bag", [*flight_messages()[:4], ("/other", START_NS, msg)])
+    told = refused(capsys, bag, "--params", params, "--reference", "other")
+    assert f"/other: its {'vectors' if kind == 'vector' else 'measurements'} are in" in told
+    assert f"{frame_id!r}, not in 'base_link'" in told
+
+
 def test_too_few_frames_are_no_calibration(
     tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

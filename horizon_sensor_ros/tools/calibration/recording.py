@@ -150,7 +150,9 @@ class _OtherInstruments:
             self.listeners.append(Listener(topic, POSE_TYPES, take))
         if arguments.reference is not None:
             topic = names(arguments.reference)
-            take = _into(self._nadirs, topic, partial(nadir_of, level_z=settings.level_z))
+            base_frame = settings.pipeline.base_frame
+            find_nadir = partial(nadir_of, level_z=settings.level_z, base_frame=base_frame)
+            take = _into(self._nadirs, topic, find_nadir)
             self.listeners.append(Listener(topic, NADIR_TYPES, take))
 
     def altitude_at(self, stamp: int) -> AltitudeMeasurement | None:
