@@ -279,7 +279,9 @@ HORIZON_PARAMETERS = (
         "max_space_level",
         "double",
         HorizonConfig.max_space_level,
-        "Highest gray level of empty space, over the largest gray level.",
+        "Highest gray level of empty space, over the largest gray level: 255, or for 16-bit images "
+        "that of the fewest bits, 8 or more, that hold the frame's brightest pixel (a 12-bit "
+        "camera's is 4095 as soon as a pixel reaches 2048).",
         minimum=0.0,
         maximum=1.0,
         live=True,
