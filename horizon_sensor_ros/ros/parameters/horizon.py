@@ -20,6 +20,17 @@ CAMERAS = Parameter(
     "Cameras to use, one or more; each has the topics <camera>/image_raw and <camera>/camera_info.",
 )
 
+SLOP = Parameter(
+    "slop",
+    "double",
+    0.02,
+    "Frames whose stamps differ by at most this make a set.",
+    unit="s",
+    minimum=0.0,
+    maximum=10.0,
+    live=True,
+)
+
 HORIZON_PARAMETERS = (
     CAMERAS,
     Parameter(
@@ -293,16 +304,7 @@ HORIZON_PARAMETERS = (
         "Look for the limb where the last fix predicts it; search whole frames where that fails.",
         live=True,
     ),
-    Parameter(
-        "slop",
-        "double",
-        0.02,
-        "Frames whose stamps differ by at most this make a set.",
-        unit="s",
-        minimum=0.0,
-        maximum=10.0,
-        live=True,
-    ),
+    SLOP,
     Parameter(
         "camera_timeout",
         "double",

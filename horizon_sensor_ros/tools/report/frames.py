@@ -22,9 +22,10 @@ from horizon_sensor_ros.core.self_calibration.differences import (
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
-from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
+from horizon_sensor_ros.ros.messages import NANOSECONDS, Refusal, stamp_ns
 from horizon_sensor_ros.ros.pairing import Pairing
 from horizon_sensor_ros.ros.parameters.file import read_parameter_file
+from horizon_sensor_ros.ros.parameters.horizon import SLOP
 from horizon_sensor_ros.ros.parameters.horizon_settings import (
     HorizonSettings,
     PipelineSettings,
@@ -57,6 +58,7 @@ from horizon_sensor_ros.tools.report.photos import (
 )
 
 _REFUSED_SHOWN, _ANSWERED_SHOWN, _COMPARED = 8, 4, 60
+_USUAL_SLOP_NS = round(float(SLOP.default) * NANOSECONDS)  # type: ignore[arg-type]
 
 
 @dataclass
@@ -138,7 +140,7 @@ def _split(recorded: Recorded, settings: HorizonSettings | None) -> tuple[list[i
     """Stamps of the sets with an answer and of those without, by the camera with most frames."""
     topics = ("attitude", "local_vertical")
     answers = np.array(sorted({s for t in topics for s in recorded.answers.get(t, {})}), dtype=int)
-    slop = settings.pipeline.slop_ns if settings is not None else 20_000_000
+    slop = settings.pipeline.slop_ns if settings is not None else _USUAL_SLOP_NS
     answered: list[int] = []
     refused: list[int] = []
     for stamp in recorded.camera_sets():
@@ -173,7 +175,7 @@ class _Study:
         self._settings = settings
         self._shown, self._compared, self._refused = shown, compared, refused
         self._pairing: Pairing[Any] = (
-            Pairing(self._cameras, 20_000_000)
+            Pairing(self._cameras, _USUAL_SLOP_NS)
             if settings is None
             else Pairing(self._cameras, settings.slop_ns, settings.queue_size)
         )
