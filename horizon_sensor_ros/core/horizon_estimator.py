@@ -32,7 +32,6 @@ from horizon_sensor_ros.core.judgement import (
     bends_by_itself,
     disagreement_rad,
     doubt,
-    full_scale,
     nadir_sigma_rad,
     refusal,
 )
@@ -50,6 +49,7 @@ from horizon_sensor_ros.core.planet_figure import (
     mean_sphere,
 )
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.white_level import full_scale
 
 # The fit weighs points by their own errors only. Where the points of one camera share a much larger
 # error than those of another, the joint fit may be worse than the better camera alone. That camera

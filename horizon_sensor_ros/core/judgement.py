@@ -262,10 +262,3 @@ def disagreement_rad(one: HorizonFit, other: HorizonFit) -> float:
 def nadir_sigma_rad(fit: HorizonFit) -> float:
     """One sigma of nadir in its least certain direction."""
     return math.sqrt(largest_eigenvalue(fit.cov_nadir_altitude[:3, :3]))
-
-
-def full_scale(gray: np.ndarray) -> float:
-    """Return the largest gray level: 255, or for 16 bits that of the fewest bits that hold it."""
-    if gray.dtype == np.uint8:
-        return 255.0
-    return float(2 ** max(8, int(gray.max()).bit_length()) - 1)

@@ -26,6 +26,7 @@ from horizon_sensor_ros.core.fits.disc import Disc
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.rigid import skew
 from horizon_sensor_ros.core.stretched_camera import stretched_view
 
 VERTICALS = ("geocentric", "geodetic")
@@ -218,6 +219,5 @@ class StretchedEllipsoid:
 
 def _shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Rotation (3, 3) of a unit vector to another one that is not its opposite."""
-    x, y, z = np.cross(start, end)
-    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    k = skew(np.cross(start, end))
     return np.eye(3) + k + k @ k / (1.0 + float(start @ end))

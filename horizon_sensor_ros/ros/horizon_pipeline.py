@@ -119,7 +119,10 @@ class HorizonPipeline:
         self._pairing.go_on_from(before)
 
     def on_camera_info(self, camera: str, msg: Any) -> None:
-        """Take a camera's calibration; it counts from the next image on."""
+        """Take a camera's calibration; it counts from the next image on.
+
+        Never raises for what is in a message.
+        """
         state = self._cameras[camera]
         try:
             key = camera_info_key(msg)
@@ -127,9 +130,14 @@ class HorizonPipeline:
             state.info_key = None
             state.camera = Refusal("bad_camera_info", f"camera_info cannot be read: {error}")
             return
-        if key != state.info_key:
-            state.info_key = key
+        if key == state.info_key:
+            return
+        state.info_key = key
+        try:
             state.camera = camera_from_info(msg)
+        except Exception as error:
+            # As in `on_image`: a defect of ours costs a calibration, not the node.
+            state.camera = _internal_error(error)
 
     def on_image(self, camera: str, msg: Any) -> Step:
         """Take an image; say what came of it. Never raises for what is in a message."""
@@ -138,8 +146,7 @@ class HorizonPipeline:
             return self._take_image(camera, msg)
         except Exception as error:
             # The last defence of a flight process: a defect of ours costs a frame, not the node.
-            reason = f"internal error: {type(error).__name__}: {error}"
-            return self._refuse(camera, Refusal("internal_error", reason))
+            return self._refuse(camera, _internal_error(error))
 
     def _take_image(self, camera: str, msg: Any) -> Step:
         stamp = stamp_ns(msg)
@@ -234,6 +241,10 @@ class HorizonPipeline:
             frames = tuple(replace(frame, view=view) for frame, view in seen)
         stamps = [stamp for stamp, frame in members if frame.view.name in fix.cameras_used]
         return HorizonResult(stamps[0] if stamps else first, fix, frames)
+
+
+def _internal_error(error: Exception) -> Refusal:
+    return Refusal("internal_error", f"internal error: {type(error).__name__}: {error}")
 
 
 def _finite(fit: HorizonFit) -> bool:

@@ -59,6 +59,9 @@ _FARTHEST_M = 1e12  # of a coarse pose
 _FOCAL_OF_SIZE = (0.02, 1e4)  # over the frame's width and height: from 177 deg across to 20 arcsec
 _FARTHEST_OFF_AXIS = 60.0  # focal lengths from the axis to the frame's middle: 89 deg
 _MAX_BEND = 4.0  # of angles off the axis by a lens; a fisheye as plumb_bob has less than 2
+# Of a frame's pixels with a ray. A whole fisheye's circle, half as high as a 16:9 frame, has 0.11.
+_LEAST_SEEING = 0.1
+_SAMPLED = 17  # pixels across and down a frame, its edges among them
 _FASTEST_RAD_S = 100.0  # of an angular rate; no gyro measures more
 
 # OpenCV's demosaicing needs a neighbour on each side; a smaller frame shows no limb anyway.
@@ -154,31 +157,45 @@ def camera_from_info(msg: Any) -> Camera | Refusal:
         )
     except ValueError as error:
         return Refusal("bad_camera_info", f"camera_info: {error}")
+    implausible = _implausible(camera)
+    return camera if implausible is None else Refusal("bad_camera_info", implausible)
+
+
+def _implausible(camera: Camera) -> str | None:
+    """Why no lens is like that camera; None for one that may be."""
     for focal, centre, size in (
         (camera.fx, camera.cx, camera.width),
         (camera.fy, camera.cy, camera.height),
     ):
         if not _FOCAL_OF_SIZE[0] <= focal / size <= _FOCAL_OF_SIZE[1]:
-            what = f"camera_info: no lens has a focal length of {focal:.3g} px for {size} px"
-            return Refusal("bad_camera_info", what)
+            return f"camera_info: no lens has a focal length of {focal:.3g} px for {size} px"
         if abs(centre - 0.5 * (size - 1)) > _FARTHEST_OFF_AXIS * focal:
-            what = f"camera_info: no lens has its axis at {centre:.3g} px of {size} px"
-            return Refusal("bad_camera_info", what)
-    if _bend(camera) > _MAX_BEND:
-        return Refusal("bad_camera_info", "camera_info: no lens has such distortion coefficients")
-    return camera
+            return f"camera_info: no lens has its axis at {centre:.3g} px of {size} px"
+    try:
+        with np.errstate(all="ignore"):
+            seeing, bend = _seeing_and_bend(camera)
+    except (ValueError, ArithmeticError, np.linalg.LinAlgError):
+        # Coefficients near the largest number overflow on the way to the polynomials' roots.
+        return "camera_info: no lens has such distortion coefficients"
+    if bend > _MAX_BEND:
+        return "camera_info: no lens has such distortion coefficients"
+    if seeing < _LEAST_SEEING:
+        return f"camera_info: with such distortion {1 - seeing:.0%} of the pixels have no ray"
+    return None
 
 
-def _bend(camera: Camera) -> float:
-    """By which factor distortion changes angles off the axis, at worst along the frame's edge."""
-    x, y = np.linspace(0, camera.width - 1, 5), np.linspace(0, camera.height - 1, 5)
-    grid = np.stack(np.meshgrid(x, y), axis=-1)
-    edge = np.concatenate([grid[0], grid[-1], grid[:, 0], grid[:, -1]])
-    straight = replace(camera, distortion=(0.0,) * len(camera.distortion))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = _off_axis(camera.rays(edge)) / _off_axis(straight.rays(edge))
+def _seeing_and_bend(camera: Camera) -> tuple[float, float]:
+    """Which share of the frame's pixels has a ray, and by which factor distortion changes their
+    angles off the axis, at worst.
+    """
+    x, y = (np.linspace(0, size - 1, _SAMPLED) for size in (camera.width, camera.height))
+    px = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    straight = replace(camera, distortion=())
+    rays = camera.rays(px)
+    ratio = _off_axis(rays) / _off_axis(straight.rays(px))
     ratio = ratio[np.isfinite(ratio) & (ratio > 0)]
-    return float(np.max(np.maximum(ratio, 1 / ratio), initial=1.0))
+    bend = float(np.max(np.maximum(ratio, 1 / ratio), initial=1.0))
+    return float(np.mean(np.isfinite(rays).all(axis=1))), bend
 
 
 def _off_axis(rays: np.ndarray) -> np.ndarray:

@@ -17,24 +17,25 @@ POSE_TYPES = (POSE, POSE_WITH_COVARIANCE)
 NADIR_TYPES = (VECTOR, *POSE_TYPES, IMU)
 
 
-def nadir_of(msg: Any, msgtype: str, level_z: str) -> np.ndarray | None:
+def nadir_of(msg: Any, msgtype: str, level_z: str, base_frame: str) -> np.ndarray | None:
     """Nadir (3,) in the base frame that a message tells; None where it tells none.
 
     A Vector3Stamped is nadir itself. A pose is that of the base frame in the level frame
     (`level_z` says where its z points). An Imu's orientation is taken in a world frame with z up;
-    without one (first covariance -1) what it feels at rest is up.
+    without one (first covariance -1) what it feels at rest is up. Raises BagError for a frame that
+    nadir cannot be told from.
     """
     if msgtype == VECTOR:
+        _require_frame(msg, base_frame, "vectors")
         return _unit([msg.vector.x, msg.vector.y, msg.vector.z])
     if msgtype == IMU:
+        _require_frame(msg, base_frame, "measurements")
         if msg.orientation_covariance[0] == -1.0:
             felt = msg.linear_acceleration
             return _unit([-felt.x, -felt.y, -felt.z])
         return _down_in_base(msg.orientation, -1.0)
-    pose = _pose(msg)
-    if msg.header.frame_id != LEVEL_FRAME:
-        raise BagError(f"its poses are in {msg.header.frame_id!r}, not in {LEVEL_FRAME!r}")
-    return _down_in_base(pose.orientation, nadir_sign(level_z))
+    _require_frame(msg, LEVEL_FRAME, "poses")
+    return _down_in_base(_pose(msg).orientation, nadir_sign(level_z))
 
 
 def altitude_of(msg: Any, planet: Planet) -> float | None:
@@ -86,6 +87,12 @@ class Series:
         if end - begin > self._max_gap:
             return None
         return early + (stamp - begin) / (end - begin) * (late - early)
+
+
+def _require_frame(msg: Any, frame: str, what: str) -> None:
+    """Refuse another frame, and none, as the nodes do."""
+    if msg.header.frame_id != frame:
+        raise BagError(f"its {what} are in {msg.header.frame_id!r}, not in {frame!r}")
 
 
 def _pose(msg: Any) -> Any:

@@ -12,9 +12,9 @@ from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_fix import Frame
-from horizon_sensor_ros.core.judgement import full_scale
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.white_level import full_scale
 
 
 @pytest.mark.parametrize(("width", "height"), [(17, 9000), (9000, 17), (15, 15), (4096, 32)])

@@ -146,9 +146,13 @@ def test_gray_levels_of_16_bits_give_the_same_candidates(
         assert wide.working.noise / factor == pytest.approx(few.working.noise, abs=0.5)
 
 
-def test_canny_sees_the_same_in_16_bits(clouded: list[SimFrame]) -> None:
+@pytest.mark.parametrize("bits", [10, 12, 14, 16])
+def test_canny_sees_the_same_in_16_bits(clouded: list[SimFrame], bits: int) -> None:
+    """However many of them the camera uses."""
     image = clouded[0].image
-    eight, sixteen = canny_candidates(image), canny_candidates(image.astype(np.uint16) * 257)
+    assert image.max() > 127
+    deep = np.rint(image * ((2.0**bits - 1.0) / 255.0)).astype(np.uint16)
+    eight, sixteen = canny_candidates(image), canny_candidates(deep)
     np.testing.assert_array_equal(eight.px, sixteen.px)
     np.testing.assert_array_equal(eight.normal_px, sixteen.normal_px)
 

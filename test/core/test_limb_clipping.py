@@ -16,11 +16,11 @@ from horizon_sensor_ros.core.limb.edge.clipping import (
     clipped,
     cut_off,
     place_clipped_edges,
-    white_level,
 )
 from horizon_sensor_ros.core.limb.edge.model import normal_cdf
 from horizon_sensor_ros.core.limb.profiles import sample_profiles
 from horizon_sensor_ros.core.limb_curve import LimbCurve
+from horizon_sensor_ros.core.white_level import saturation_level
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 
 D_PX = np.arange(-7.0, 8.0)
@@ -60,14 +60,14 @@ def test_places_lie_on_the_edge_within_the_error_they_share(
 
 def test_white_is_a_level_of_cameras() -> None:
     frame = np.full((4, 4), 200, dtype=np.uint8)
-    assert white_level(frame, frame) == np.inf
+    assert saturation_level(frame, frame) == np.inf
     frame[0, 0] = 255
-    assert white_level(frame, frame) == 255.0
+    assert saturation_level(frame, frame) == 255.0
     # What is looked at is dark, wherever else the frame is white.
-    assert white_level(frame, frame[1:]) == np.inf
+    assert saturation_level(frame, frame[1:]) == np.inf
     for level, white in ((4095, 4095.0), (3000, np.inf)):
         frame = np.full((4, 4), level, dtype=np.uint16)
-        assert white_level(frame, frame) == white
+        assert saturation_level(frame, frame) == white
 
 
 def test_bright_ground_that_ends_before_the_limb_is_not_a_clipped_edge() -> None:

@@ -28,6 +28,7 @@ from hypothesis import strategies as st
 from sensor_msgs.msg import Image
 
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.ros import horizon_pipeline
 from horizon_sensor_ros.ros.debug_image import draw_fix
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
 from horizon_sensor_ros.ros.messages import Refusal
@@ -253,6 +254,25 @@ def test_a_defect_costs_a_frame_not_the_node(monkeypatch: pytest.MonkeyPatch) ->
     assert step.refusal is not None
     assert step.refusal.cause == "internal_error"
     assert "core" in step.refusal.reason
+    assert pair(pipeline, 1).fix.status is Status.OK
+
+
+def test_a_defect_costs_a_calibration_not_the_node(monkeypatch: pytest.MonkeyPatch) -> None:
+    pipeline = pipeline_of()
+
+    def broken(*_: Any) -> None:
+        raise ZeroDivisionError("lens")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(horizon_pipeline, "camera_from_info", broken)
+        pipeline.on_camera_info("camera_1", camera_info_of())
+    step = pipeline.on_image("camera_1", good("camera_1", 0))
+    assert step.refusal is not None
+    assert step.refusal.cause == "internal_error"
+    assert "lens" in step.refusal.reason
+    k = [261.0, 0.0, (WIDTH - 1) / 2, 0.0, 261.0, (HEIGHT - 1) / 2, 0.0, 0.0, 1.0]
+    for camera in CAMERAS:
+        pipeline.on_camera_info(camera, camera_info_of(camera=camera, k=k))
     assert pair(pipeline, 1).fix.status is Status.OK
 
 

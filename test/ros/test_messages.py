@@ -17,6 +17,7 @@ from horizon_messages import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
+from limb_samples import CAMERAS
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image, RegionOfInterest
 
@@ -38,7 +39,7 @@ from horizon_sensor_ros.ros.messages import (
     time_from_ns,
     twist_message,
 )
-from horizon_sensor_ros.ros.sensor_messages import encoded_image
+from horizon_sensor_ros.ros.sensor_messages import camera_info_message, encoded_image
 
 RGB_WEIGHTS = (0.299, 0.587, 0.114)
 
@@ -221,6 +222,63 @@ def test_region_of_interest_and_binning_shape_the_camera() -> None:
 )
 def test_refused_camera_infos(fields: dict, cause: str) -> None:
     assert cause_of(camera_from_info(camera_info_of(**fields))) == cause
+
+
+@pytest.mark.parametrize(
+    ("model", "d"),
+    [
+        ("equidistant", [0.0, 0.0, 0.0, 1e308]),
+        ("plumb_bob", [1e308] * 5),
+        ("rational_polynomial", [1e160] * 8),
+        ("plumb_bob", [1e200, 1e200, 0.0, 0.0, 1e200]),
+        ("plumb_bob", [0.0, 0.0, 50.0, 0.0]),
+        ("rational_polynomial", [0.0] * 8 + [1e308] * 4),
+    ],
+)
+def test_distortion_that_no_lens_has_is_refused(model: str, d: list[float]) -> None:
+    """Whether it overflows or leaves next to no pixel a ray."""
+    info = camera_info_of(distortion_model=model, d=d)
+    assert cause_of(camera_from_info(info)) == "bad_camera_info"
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        *CAMERAS,
+        # Whose fields end inside the frame: a strong barrel, and whole fisheyes' circles.
+        Camera(640, 480, 420.0, 420.0, 319.5, 239.5, "plumb_bob", (-0.5, 0.0, 0.0, 0.0, 0.0)),
+        Camera(1920, 1080, 270.0, 270.0, 959.5, 539.5, "equidistant"),
+        Camera(
+            1280, 720, 150.0, 150.0, 639.5, 359.5, "equidistant", (-0.05, 0.0, 0.0, -0.001)
+        ),
+        # A telephoto lens, whose angles are so small that its coefficients are large.
+        Camera(640, 480, 8e3, 8e3, 319.5, 239.5, "plumb_bob", (5.0, 2e3, 0.0, 0.0, -1e5)),
+    ],
+)  # fmt: skip
+def test_lenses_that_there_are_are_taken(camera: Camera) -> None:
+    assert camera_from_info(camera_info_message(camera, 0, "")) == camera
+
+
+WILD = st.floats(allow_nan=False, allow_infinity=False) | st.builds(
+    lambda sign, power: sign * 10.0**power, st.sampled_from([-1.0, 1.0]), st.integers(-300, 308)
+)
+
+
+@given(
+    model=st.sampled_from([("plumb_bob", 5), ("rational_polynomial", 14), ("equidistant", 4)]),
+    values=st.lists(st.just(0.0) | WILD, min_size=14, max_size=14),
+)
+def test_no_finite_distortion_raises_and_what_is_taken_sees(
+    model: tuple[str, int], values: list[float]
+) -> None:
+    name, size = model
+    result = camera_from_info(camera_info_of(distortion_model=name, d=values[:size]))
+    if isinstance(result, Refusal):
+        assert cause_of(result) == "bad_camera_info"
+        return
+    x, y = np.meshgrid(np.arange(0, WIDTH, 10.0), np.arange(0, HEIGHT, 10.0))
+    rays = result.rays(np.column_stack((x.ravel(), y.ravel())))
+    assert np.isfinite(rays).all(axis=1).mean() > 0.05
 
 
 def test_a_reason_stays_short_whatever_a_message_says() -> None:

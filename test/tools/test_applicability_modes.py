@@ -24,7 +24,7 @@ from horizon_sensor_ros.core.fits.bound import (
     bound_of,
     horizon_bound,
     horizon_information,
-    nadir_sigma_rad,
+    nadir_sigma_bound_rad,
 )
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.tools.applicability.applicability import main
@@ -71,8 +71,8 @@ def test_informations_add_up_to_the_bound() -> None:
     parts = [horizon_information(v, PLANET, nadir, 500e3, 0.1) for v in views]
     cov = horizon_bound(views, PLANET, nadir, 500e3, 0.1)
     whole = np.sqrt(np.linalg.eigvalsh(cov[:3, :3])[-1])
-    assert nadir_sigma_rad(sum(parts)) == pytest.approx(whole, rel=1e-9)
-    assert nadir_sigma_rad(np.zeros((3, 3))) == np.inf
+    assert nadir_sigma_bound_rad(sum(parts)) == pytest.approx(whole, rel=1e-9)
+    assert nadir_sigma_bound_rad(np.zeros((3, 3))) == np.inf
     assert np.isnan(bound_of(np.zeros((3, 3)))).all()
 
 

@@ -31,6 +31,8 @@ from horizon_sensor_ros.tools.bags.replay import main as replay
 from horizon_sensor_ros.tools.demo import processes as demo_processes
 from horizon_sensor_ros.tools.demo.processes import NodeFailedError, running_nodes
 from horizon_sensor_ros.tools.private_domain import private_domain
+from horizon_sensor_ros.tools.report.attitude import attitudes
+from horizon_sensor_ros.tools.report.bags import Recorded
 from horizon_sensor_ros.tools.truth.horizon_errors import (
     Truth,
     error_table,
@@ -93,6 +95,23 @@ def test_errors_are_those_put_in(level_z: str) -> None:
     assert errors.roll_sigma_rad == pytest.approx([SIGMA_X_RAD / np.cos(pitch)], rel=1e-2)
     assert errors.pitch_sigma_rad == pytest.approx([SIGMA_Y_RAD])
     assert errors.altitude_sigma_m == pytest.approx([SIGMA_Z_M])
+
+
+@pytest.mark.parametrize("pitch_deg", [0.0, 60.0, 89.0, 90.0])
+def test_nadirs_sigma_does_not_hang_on_how_roll_is_defined(pitch_deg: float) -> None:
+    """In the report as in the table of errors; roll's own is large there, but a number."""
+    pitch = np.radians(pitch_deg)
+    message = attitude(0.0, pitch, 500e3, "up")
+    truth = Truth(7, 0.0, nadir_from_roll_pitch(0.0, pitch, "up"), 500e3)
+    table = flight_errors([truth], {}, {7: message}, "up")
+    report = attitudes(Recorded((), answers={"attitude": {7: message}}))
+    assert report is not None
+    nadir = pytest.approx([np.hypot(SIGMA_X_RAD, SIGMA_Y_RAD)], rel=1e-9)
+    for found in (table, report):
+        assert found.nadir_sigma_rad == nadir
+        assert found.pitch_sigma_rad == pytest.approx([SIGMA_Y_RAD])
+        assert SIGMA_X_RAD <= found.roll_sigma_rad[0] <= 1000 * SIGMA_X_RAD * (1 + 1e-9)
+    assert table.roll_sigma_rad == pytest.approx(report.roll_sigma_rad)
 
 
 def test_table_counts_moments_without_an_answer() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections import Counter
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
@@ -27,6 +28,7 @@ from horizon_messages import (
 from sensor_msgs.msg import Imu
 from target_messages import FRAME_ID, cloud_of, scan, stamp_of, truth_at
 
+from horizon_sensor_ros.ros.aiding_sources import AidingSources
 from horizon_sensor_ros.tools.bags.replay import main as replay
 from horizon_sensor_ros.tools.report.report import main, write_report
 from horizon_sensor_ros.tools.truth.topics import (
@@ -263,6 +265,24 @@ def test_as_many_frames_wait_for_the_other_cameras_as_the_parameters_say(tmp_pat
     arguments = (tmp_path / "out", "--input", source, "--params", params, "--out", page)
     assert main([str(a) for a in arguments]) == 0
     assert "13 frame sets, evenly chosen" in Reader(page).text
+
+
+def test_the_second_look_hears_the_gyro(
+    bags: tuple[Path, Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both cameras' common pipeline, and each camera's own."""
+    heard: Counter[int] = Counter()
+    take = AidingSources.on_imu
+
+    def counted(self: AidingSources, msg: Any) -> None:
+        heard[id(self)] += 1
+        take(self, msg)
+
+    monkeypatch.setattr(AidingSources, "on_imu", counted)
+    out, source, params = bags
+    arguments = (out, "--input", source, "--params", params, "--out", tmp_path / "page.html")
+    assert main([str(a) for a in arguments]) == 0
+    assert sorted(heard.values()) == [PAIRS] * (1 + len(CAMERAS))
 
 
 # ---------------------------------------------------------------------------- in a browser

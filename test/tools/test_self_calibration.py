@@ -12,23 +12,33 @@ from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from horizon_messages import (
     ALTITUDE_M,
     CAMERAS,
+    HEIGHT,
     PARAMETERS,
     PERIOD_NS,
+    QUATERNIONS,
     ROTATIONS,
     START_NS,
+    WIDTH,
     camera_info_of,
     horizon_gray,
     image_of,
+    imu_of,
     nadir_of,
     write_bag,
+    write_parameters,
 )
 
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation, rotation_from_quaternion
+from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.rigid import rotation_from_vector, vector_from_rotation
+from horizon_sensor_ros.core.self_calibration.adjustment import Calibration
+from horizon_sensor_ros.core.self_calibration.unknowns import Unknowns
+from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.parameters.file import read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
-from horizon_sensor_ros.tools.calibration.recording import Horizons
-from horizon_sensor_ros.tools.calibration.self_calibration import main
+from horizon_sensor_ros.tools.calibration.recording import Horizons, read_recording
+from horizon_sensor_ros.tools.calibration.self_calibration import main, parser
+from horizon_sensor_ros.tools.calibration.text import corrected_parameters
 
 SETS = 16
 MISALIGNMENT_DEG = np.array([0.3, -0.2, 0.25])
@@ -130,6 +140,36 @@ def test_a_wrong_rotation_is_found_and_corrected(
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+def test_what_else_is_told_of_a_camera_stays(tmp_path: Path) -> None:
+    told = {"mask": "/m.png", "readout": 0.02, "gamma": 2.2, "corner_blur": 0.3}
+    dotted = {f"camera_2.{name}": value for name, value in told.items()}
+    content = {
+        "/**": {"ros__parameters": {"camera_1": {"rotation": [0.0, 0.0, 1.0, 0.0], **told}}},
+        "attitude_node": {
+            "ros__parameters": {
+                **dotted,
+                "camera_2.rotation": [0.0, 0.0, 1.0, 0.0],
+                "camera_1": {"rotation": [0.0, 0.0, 1.0, 0.0], "gamma": 1.8},
+            }
+        },
+    }
+    source, out = tmp_path / "params.yaml", tmp_path / "corrected.yaml"
+    source.write_text(yaml.safe_dump(content))
+    unknowns = Unknowns(CAMERAS)
+    nothing = np.zeros(len(unknowns))
+    calibration = Calibration(
+        Status.OK, "", unknowns, nothing, np.diag(nothing), nothing, (), ROTATIONS, ()
+    )
+    out.write_text(corrected_parameters(source, calibration, Planet()))
+    values = read_parameter_file(out, "attitude_node")
+    expected = {f"{camera}.{name}": v for camera in CAMERAS for name, v in told.items()}
+    expected["camera_1.gamma"] = 1.8
+    assert {name: values[name] for name in expected} == expected
+    for camera in CAMERAS:
+        assert values[f"{camera}.rotation"] == pytest.approx(QUATERNIONS[camera])
+    assert read_parameter_file(out, "local_vertical_node")["camera_1.gamma"] == 2.2
+
+
 def test_as_many_frames_wait_for_the_other_cameras_as_the_parameters_say() -> None:
     settings = horizon_settings({**PARAMETERS, "queue_size": 20}).pipeline
     horizons = Horizons(settings, 0, focal=False)
@@ -138,6 +178,45 @@ def test_as_many_frames_wait_for_the_other_cameras_as_the_parameters_say() -> No
         for index in range(13):
             horizons.on_image(camera, image_of(dark, START_NS + index * PERIOD_NS, camera))
     assert len(horizons.sets) == 13
+
+
+def rolling_gray(camera: str, nadir: np.ndarray, rate: np.ndarray, readout_s: float) -> np.ndarray:
+    """Frame of a craft that turns while it is read out; nadir (3,) at the first row's time."""
+    gray = np.empty((HEIGHT, WIDTH), np.uint8)
+    for rows in np.array_split(np.arange(HEIGHT), 24):
+        after_s = readout_s * rows.mean() / (HEIGHT - 1)
+        # What stands still turns backwards in the craft's axes.
+        now = rotation_from_vector(-after_s * rate) @ nadir
+        gray[rows] = horizon_gray(camera, now)[rows]
+    return gray
+
+
+@pytest.mark.parametrize("gyro", [True, False])
+def test_rows_that_are_read_out_in_turn_are_told_apart_by_the_gyro(
+    tmp_path: Path, gyro: bool
+) -> None:
+    rate, readout_s = np.array([0.2, 0.3, 0.0]), 0.02
+    nadir = nadir_of(3.0, -2.0)
+    messages: list[tuple[str, int, Any]] = []
+    if gyro:
+        stamps = range(START_NS - 20_000_000, START_NS + 1, 5_000_000)
+        messages += [("/imu", stamp, imu_of(stamp, rate)) for stamp in stamps]
+    for camera in CAMERAS:
+        image = image_of(rolling_gray(camera, nadir, rate, readout_s), START_NS, camera)
+        info = camera_info_of(START_NS, camera)
+        messages.append((f"/{camera}/camera_info", START_NS + 1, info))
+        messages.append((f"/{camera}/image_raw", START_NS + 2, image))
+    bag = write_bag(tmp_path / "bag", messages)
+    readouts = {f"{camera}.readout": readout_s for camera in CAMERAS}
+    params = write_parameters(tmp_path / "params.yaml", **readouts)
+    arguments = parser().parse_args([str(bag), "--params", str(params)])
+    (found,) = read_recording(arguments, bool).sets
+    errors = [
+        np.degrees(np.linalg.norm(ROTATIONS[each.camera] @ each.nadir_cam - nadir))
+        for each in found.horizons
+    ]
+    assert len(errors) == 2
+    assert (max(errors) < 0.05) == gyro, errors
 
 
 def test_known_altitude_and_attitude_tell_the_rest(
@@ -179,6 +258,20 @@ def test_what_is_wrong_is_said(
     assert "max_sigma must be positive" in told
     told = refused(capsys, flight, "--params", params, "--altitude-sigma", "0")
     assert "--altitude-sigma must be positive" in told
+
+
+@pytest.mark.parametrize("frame_id", ["imu_link", ""])
+@pytest.mark.parametrize("kind", ["vector", "imu"])
+def test_a_reference_in_another_frame_is_named(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str], kind: str, frame_id: str
+) -> None:
+    """As if it were of the base frame it would turn all cameras by the instrument's mounting."""
+    vertical = stamped(Vector3Stamped(), START_NS, frame_id)
+    msg = vertical if kind == "vector" else imu_of(START_NS, np.zeros(3), frame_id)
+    bag = write_bag(tmp_path / "bag", [*flight_messages()[:4], ("/other", START_NS, msg)])
+    told = refused(capsys, bag, "--params", params, "--reference", "other")
+    assert f"/other: its {'vectors' if kind == 'vector' else 'measurements'} are in" in told
+    assert f"{frame_id!r}, not in 'base_link'" in told
 
 
 def test_too_few_frames_are_no_calibration(

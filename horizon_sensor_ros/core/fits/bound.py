@@ -92,8 +92,10 @@ def bound_of(information: np.ndarray) -> np.ndarray:
     return np.linalg.inv(normalised) / np.outer(scale, scale)
 
 
-def nadir_sigma_rad(information: np.ndarray) -> float:
-    """One sigma (rad) of nadir in its least certain direction; infinite where it is left open."""
+def nadir_sigma_bound_rad(information: np.ndarray) -> float:
+    """Least sigma (rad) that nadir can have in its least certain direction; infinite where that is
+    left open.
+    """
     cov = bound_of(information)
     if not np.isfinite(cov).all():
         return np.inf

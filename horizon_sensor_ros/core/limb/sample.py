@@ -10,7 +10,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.edge.black import Black, black_of, may_be_clipped
-from horizon_sensor_ros.core.limb.edge.clipping import clipped, cut_off, white_level
+from horizon_sensor_ros.core.limb.edge.clipping import clipped, cut_off
 from horizon_sensor_ros.core.limb.profiles import (
     Bundles,
     ProfileGrid,
@@ -25,6 +25,7 @@ from horizon_sensor_ros.core.limb.texture.kriging import INNER_PX, OUTER_PX, Str
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.white_level import saturation_level
 
 MIN_PROFILES = 8
 LEAST_SIGNIFICANCE = 5.0  # of an edge: its step over the noise
@@ -145,8 +146,8 @@ class LimbSample:
 
     @cached_property
     def white(self) -> float:
-        """`white_level` of the image."""
-        return white_level(self.gray, self.profiles)
+        """`saturation_level` of the image."""
+        return saturation_level(self.gray, self.profiles)
 
     @cached_property
     def clipped(self) -> np.ndarray:

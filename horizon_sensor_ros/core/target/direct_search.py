@@ -14,9 +14,9 @@ _PLATEAU_SAMPLES = 1000
 class SearchResult:
     """Where the search ended.
 
-    best : (D,) the answer.  top : (D,) place of the highest value seen; of ``direct_search`` the
-        answer is the middle of the plateau around it.  value : at ``top``.
-    evaluations : how often the function was evaluated.
+    best : (D,) the answer. top : (D,) place of the highest value seen; of ``direct_search`` the
+    answer is the middle of the plateau around it. value : at ``top``. evaluations : how often the
+    function was evaluated.
     """
 
     best: np.ndarray
@@ -34,11 +34,11 @@ def compass_search(
 ) -> SearchResult:
     """Poll both ways along every axis, move to the best, and halve the mesh where none is better.
 
-    function : takes (C, D) places, returns (C,) values; a whole poll is one call.  step : (D,)
-        first mesh size.
-    smallest : the search ends once the mesh has shrunk to this part of the first.  After a success
-        the poll's direction is
-    tried again with it, twice as far (the pattern move).
+    After a success the poll's direction is tried again as well, as far and twice as far (the
+    pattern move).
+
+    function : takes (C, D) places, returns (C,) values; a whole poll is one call. step : (D,) first
+    mesh size. smallest : the search ends once the mesh has shrunk to this part of the first.
     """
     best = np.asarray(start, float)
     value = float(function(best[None])[0])

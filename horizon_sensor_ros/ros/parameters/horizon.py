@@ -20,6 +20,17 @@ CAMERAS = Parameter(
     "Cameras to use, one or more; each has the topics <camera>/image_raw and <camera>/camera_info.",
 )
 
+SLOP = Parameter(
+    "slop",
+    "double",
+    0.02,
+    "Frames whose stamps differ by at most this make a set.",
+    unit="s",
+    minimum=0.0,
+    maximum=10.0,
+    live=True,
+)
+
 HORIZON_PARAMETERS = (
     CAMERAS,
     Parameter(
@@ -279,7 +290,9 @@ HORIZON_PARAMETERS = (
         "max_space_level",
         "double",
         HorizonConfig.max_space_level,
-        "Highest gray level of empty space, over the largest gray level.",
+        "Highest gray level of empty space, over the largest gray level: 255, or for 16-bit images "
+        "that of the fewest bits, 8 or more, that hold the frame's brightest pixel (a 12-bit "
+        "camera's is 4095 as soon as a pixel reaches 2048).",
         minimum=0.0,
         maximum=1.0,
         live=True,
@@ -291,16 +304,7 @@ HORIZON_PARAMETERS = (
         "Look for the limb where the last fix predicts it; search whole frames where that fails.",
         live=True,
     ),
-    Parameter(
-        "slop",
-        "double",
-        0.02,
-        "Frames whose stamps differ by at most this make a set.",
-        unit="s",
-        minimum=0.0,
-        maximum=10.0,
-        live=True,
-    ),
+    SLOP,
     Parameter(
         "camera_timeout",
         "double",

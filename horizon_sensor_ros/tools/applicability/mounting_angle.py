@@ -10,8 +10,9 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.applicability.visibility import rot_base_from_down
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.fits.bound import horizon_information, nadir_sigma_rad
+from horizon_sensor_ros.core.fits.bound import horizon_information, nadir_sigma_bound_rad
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.rigid import rotation_from_vector
 
 ALTITUDES = 9
 STEP_DEG = 2.0
@@ -72,9 +73,7 @@ def tilted(view: CameraView, nadir_base: np.ndarray, angle_deg: float) -> Camera
             "give it a rotation in which it looks to a side"
         )
     by = np.radians(angle_deg - depression_deg(view, nadir_base))
-    x, y, z = across / np.linalg.norm(across)
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turn = np.eye(3) + np.sin(by) * skew + (1.0 - np.cos(by)) * (skew @ skew)
+    turn = rotation_from_vector(by * across / np.linalg.norm(across))
     return replace(view, rot_base_from_cam=turn @ view.rot_base_from_cam)
 
 
@@ -104,7 +103,7 @@ def mountings(
         turned = [tilted(view, nadir_at_zero, float(angle)) for view in views]
         for j, height in enumerate(heights):
             sigma[i, j] = max(
-                nadir_sigma_rad(
+                nadir_sigma_bound_rad(
                     np.sum(
                         [
                             horizon_information(v, planet, nadir, height, sigma_px, _SAMPLES)

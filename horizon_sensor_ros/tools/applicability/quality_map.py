@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.applicability.visibility import horizon_in_view
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.fits.bound import horizon_information, nadir_sigma_rad
+from horizon_sensor_ros.core.fits.bound import horizon_information, nadir_sigma_bound_rad
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 
@@ -66,4 +66,4 @@ def quality_maps(
 
 
 def _sigmas(informations: np.ndarray) -> np.ndarray:
-    return np.array([nadir_sigma_rad(information) for information in informations])
+    return np.array([nadir_sigma_bound_rad(information) for information in informations])

@@ -23,7 +23,7 @@ from horizon_sensor_ros.core.self_calibration.measurement import (
     NadirReference,
     camera_horizon,
 )
-from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC
+from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.pairing import Pairing
@@ -36,7 +36,7 @@ from horizon_sensor_ros.ros.parameters.horizon_settings import (
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
-from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE
+from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.reference_topics import (
     NADIR_TYPES,
@@ -86,6 +86,11 @@ class Horizons:
         """Take a coarse pose, which an ellipsoid's limb needs."""
         for alone in self._alone.values():
             alone.aiding.on_coarse_pose(msg)
+
+    def on_imu(self, msg: Any) -> None:
+        """Take an angular rate, which frames that are read out row by row need."""
+        for alone in self._alone.values():
+            alone.aiding.on_imu(msg)
 
     def on_camera_info(self, camera: str, msg: Any) -> None:
         """Take a camera's calibration."""
@@ -145,7 +150,9 @@ class _OtherInstruments:
             self.listeners.append(Listener(topic, POSE_TYPES, take))
         if arguments.reference is not None:
             topic = names(arguments.reference)
-            take = _into(self._nadirs, topic, partial(nadir_of, level_z=settings.level_z))
+            base_frame = settings.pipeline.base_frame
+            find_nadir = partial(nadir_of, level_z=settings.level_z, base_frame=base_frame)
+            take = _into(self._nadirs, topic, find_nadir)
             self.listeners.append(Listener(topic, NADIR_TYPES, take))
 
     def altitude_at(self, stamp: int) -> AltitudeMeasurement | None:
@@ -170,9 +177,10 @@ def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -
     names = TopicNames(arguments.namespace, arguments.remap)
     horizons = Horizons(pipeline, round(arguments.interval * 1e9), focal=arguments.focal)
     others = _OtherInstruments(arguments, settings, horizons.sphere, names)
-    coarse_pose = _plain(horizons.on_coarse_pose)
+    coarse_pose, imu = _plain(horizons.on_coarse_pose), _plain(horizons.on_imu)
     listeners = [
         Listener(names(COARSE_POSE_TOPIC), POSE_TYPES[:1], coarse_pose, needed=False),
+        Listener(names(IMU_TOPIC), (IMU,), imu, needed=False),
         *others.listeners,
     ]
     for camera in pipeline.cameras:

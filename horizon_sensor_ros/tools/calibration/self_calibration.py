@@ -12,7 +12,7 @@ from horizon_sensor_ros.tools.command import run_command
 EPILOG = """\
 examples:
   horizon_self_calibration flight.mcap --params my_cameras.yaml --out corrected.yaml
-  horizon_self_calibration flight --params my_cameras.yaml --altitude coarse_pose --drift
+  horizon_self_calibration lunar_flight --params lunar.yaml --altitude coarse_pose --drift
   horizon_self_calibration flight --params my_cameras.yaml --reference imu/data --picture fit.png
 
 The misalignment printed is a rotation vector in the base frame: corrected rotation = exp(vector)

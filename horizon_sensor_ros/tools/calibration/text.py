@@ -68,8 +68,8 @@ def _rows(calibration: Calibration) -> list[str]:
 def corrected_parameters(source: Path | None, calibration: Calibration, sphere: Planet) -> str:
     """Return a ROS parameter file: the source's parameters with the rotations that were found.
 
-    The rotations stand under `/**` and nowhere else, so that every node gets them. A limb height
-    is set where it was observed.
+    The rotations stand under `/**` and nowhere else, so that every node gets them; what else is
+    told of a camera stays. A limb height is set where it was observed.
     """
     content: dict[str, Any] = {}
     if source is not None:
@@ -90,7 +90,9 @@ def corrected_parameters(source: Path | None, calibration: Calibration, sphere: 
         if has_height:
             block.pop("limb_height", None)
     everywhere = content.setdefault("/**", {}).setdefault(_PARAMETERS, {})
-    everywhere.update({camera: {"rotation": q} for camera, q in found.items()})
+    for camera, quaternion in found.items():
+        told = everywhere.get(camera)
+        everywhere[camera] = {"rotation": quaternion, **(told if isinstance(told, dict) else {})}
     if has_height:
         everywhere["limb_height"] = float(sphere.limb_height_m + calibration.values[height])
     comment = "# Rotations by horizon_self_calibration"

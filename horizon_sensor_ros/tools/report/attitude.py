@@ -24,9 +24,8 @@ from horizon_sensor_ros.tools.report.blocks import (
     legend,
     with_gaps,
 )
-from horizon_sensor_ros.tools.truth.horizon_errors import nadir_and_altitude
+from horizon_sensor_ros.tools.truth.horizon_errors import attitude_sigmas, nadir_and_altitude
 
-_Z, _ROT_X, _ROT_Y = 2, 3, 4
 # A scale that spans less than this is linear.
 _LEAST_LOGARITHMIC = 10.0
 
@@ -42,6 +41,7 @@ class Attitudes:
     roll_rad: np.ndarray
     pitch_rad: np.ndarray
     altitude_m: np.ndarray
+    nadir_sigma_rad: np.ndarray
     roll_sigma_rad: np.ndarray
     pitch_sigma_rad: np.ndarray
     altitude_sigma_m: np.ndarray
@@ -58,7 +58,7 @@ def attitudes(recorded: Recorded) -> Attitudes | None:
     nadir = np.array([n for n, _ in told])
     angles = np.array([roll_pitch_from_nadir(n, level_z) for n in nadir])
     cov = np.array([np.reshape(m.pose.covariance, (6, 6)) for m in messages.values()])
-    sigma = np.sqrt(np.maximum(np.einsum("kii->ki", cov), 0.0))
+    sigmas = attitude_sigmas(cov, angles[:, 1])
     return Attitudes(
         tuple(messages),
         recorded.seconds(list(messages)),
@@ -67,9 +67,10 @@ def attitudes(recorded: Recorded) -> Attitudes | None:
         angles[:, 0],
         angles[:, 1],
         np.array([a for _, a in told]),
-        sigma[:, _ROT_X] / np.maximum(np.cos(angles[:, 1]), 1e-3),
-        sigma[:, _ROT_Y],
-        sigma[:, _Z],
+        sigmas.nadir_rad,
+        sigmas.roll_rad,
+        sigmas.pitch_rad,
+        sigmas.altitude_m,
     )
 
 

@@ -20,11 +20,12 @@ from horizon_sensor_ros.core.self_calibration.differences import (
     nadir_differences,
 )
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet
-from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC
+from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
-from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
+from horizon_sensor_ros.ros.messages import NANOSECONDS, Refusal, stamp_ns
 from horizon_sensor_ros.ros.pairing import Pairing
 from horizon_sensor_ros.ros.parameters.file import read_parameter_file
+from horizon_sensor_ros.ros.parameters.horizon import SLOP
 from horizon_sensor_ros.ros.parameters.horizon_settings import (
     HorizonSettings,
     PipelineSettings,
@@ -33,7 +34,7 @@ from horizon_sensor_ros.ros.parameters.horizon_settings import (
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
-from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, POSE
+from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU, POSE
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.calibration.recording import Horizons
 from horizon_sensor_ros.tools.report.bags import Recorded
@@ -57,6 +58,7 @@ from horizon_sensor_ros.tools.report.photos import (
 )
 
 _REFUSED_SHOWN, _ANSWERED_SHOWN, _COMPARED = 8, 4, 60
+_USUAL_SLOP_NS = round(float(SLOP.default) * NANOSECONDS)  # type: ignore[arg-type]
 
 
 @dataclass
@@ -138,7 +140,7 @@ def _split(recorded: Recorded, settings: HorizonSettings | None) -> tuple[list[i
     """Stamps of the sets with an answer and of those without, by the camera with most frames."""
     topics = ("attitude", "local_vertical")
     answers = np.array(sorted({s for t in topics for s in recorded.answers.get(t, {})}), dtype=int)
-    slop = settings.pipeline.slop_ns if settings is not None else 20_000_000
+    slop = settings.pipeline.slop_ns if settings is not None else _USUAL_SLOP_NS
     answered: list[int] = []
     refused: list[int] = []
     for stamp in recorded.camera_sets():
@@ -173,7 +175,7 @@ class _Study:
         self._settings = settings
         self._shown, self._compared, self._refused = shown, compared, refused
         self._pairing: Pairing[Any] = (
-            Pairing(self._cameras, 20_000_000)
+            Pairing(self._cameras, _USUAL_SLOP_NS)
             if settings is None
             else Pairing(self._cameras, settings.slop_ns, settings.queue_size)
         )
@@ -184,7 +186,10 @@ class _Study:
 
     def listeners(self, names: TopicNames) -> list[Listener]:
         """Return what is to be heard of a bag."""
-        found = [Listener(names(COARSE_POSE_TOPIC), (POSE,), self._on_coarse_pose, needed=False)]
+        found = [
+            Listener(names(COARSE_POSE_TOPIC), (POSE,), self._on_coarse_pose, needed=False),
+            Listener(names(IMU_TOPIC), (IMU,), self._on_imu, needed=False),
+        ]
         for camera in self._cameras:
             image, info = (partial(take, camera) for take in (self._on_image, self._on_camera_info))
             found += [
@@ -197,6 +202,11 @@ class _Study:
         if self._pipeline is not None and self._alone is not None:
             self._pipeline.aiding.on_coarse_pose(msg)
             self._alone.on_coarse_pose(msg)
+
+    def _on_imu(self, msg: Any, _msgtype: str) -> None:
+        if self._pipeline is not None and self._alone is not None:
+            self._pipeline.aiding.on_imu(msg)
+            self._alone.on_imu(msg)
 
     def _on_camera_info(self, camera: str, msg: Any, _msgtype: str) -> None:
         if self._pipeline is not None and self._alone is not None:

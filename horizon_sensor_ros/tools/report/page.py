@@ -94,8 +94,8 @@ def _facts(recorded: Recorded) -> list[tuple[str, str]]:
         )
         facts.append(("frame sets answered", f"{answers} of {sets}"))
     if found is not None:
-        sigma = np.hypot(found.roll_sigma_rad, found.pitch_sigma_rad)
-        facts.append(("nadir, median sigma", f"{np.degrees(np.median(sigma)):.3g} deg"))
+        sigma_deg = np.degrees(np.median(found.nadir_sigma_rad))
+        facts.append(("nadir, median sigma", f"{sigma_deg:.3g} deg"))
         low, high = found.altitude_m.min() / 1e3, found.altitude_m.max() / 1e3
         facts.append(("altitude", f"{low:.0f} to {high:.0f} km"))
     poses = len(recorded.answers.get("target/pose", {}))

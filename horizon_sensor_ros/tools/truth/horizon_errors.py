@@ -17,6 +17,8 @@ from horizon_sensor_ros.core.attitude import (
 from horizon_sensor_ros.tools.truth.nees import within_95
 
 _Z, _ROT_X, _ROT_Y = 2, 3, 4
+# Towards nose up or down roll is not defined, and its sigma grows without bound.
+_LEAST_COS_PITCH = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +50,33 @@ class FlightErrors:
     altitude_m: np.ndarray
     altitude_sigma_m: np.ndarray
     nees: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class AttitudeSigmas:
+    """One sigma of what `attitude` messages state, each (N,) or a scalar."""
+
+    nadir_rad: np.ndarray
+    roll_rad: np.ndarray
+    pitch_rad: np.ndarray
+    altitude_m: np.ndarray
+
+
+def attitude_sigmas(covariance: np.ndarray, pitch_rad: np.ndarray | float) -> AttitudeSigmas:
+    """Sigmas of covariances (..., 6, 6) as in `attitude`, of pitches (...).
+
+    Nadir's is of its whole error, the root of both variances' sum: the rotations are about the
+    level frame's axes, so at no pitch does it depend on how roll is defined.
+    """
+    variances = np.einsum("...ii->...i", covariance)
+    sigma = np.sqrt(np.maximum(variances, 0.0))
+    about_x, about_y = sigma[..., _ROT_X], sigma[..., _ROT_Y]
+    return AttitudeSigmas(
+        np.hypot(about_x, about_y),
+        about_x / np.maximum(np.cos(pitch_rad), _LEAST_COS_PITCH),
+        about_y,
+        sigma[..., _Z],
+    )
 
 
 def nadir_and_altitude(
@@ -89,16 +118,16 @@ def _attitude_errors(
     # Rotation error about the level frame's axes, from nadir's error in that frame.
     d = level_from_base(nadir, level_z) @ (nadir - truth.nadir_base)
     error = np.array([-sign * (altitude - truth.altitude_m), sign * d[1], -sign * d[0]])
-    sigma_z, sigma_x, sigma_y = np.sqrt(np.diag(block))
+    sigmas = attitude_sigmas(covariance, pitch)
     return (
         _angle(nadir, truth.nadir_base),
-        float(np.hypot(sigma_x, sigma_y)),
+        float(sigmas.nadir_rad),
         _wrapped(roll - true_roll),
-        float(sigma_x / np.cos(pitch)),
+        float(sigmas.roll_rad),
         pitch - true_pitch,
-        float(sigma_y),
+        float(sigmas.pitch_rad),
         altitude - truth.altitude_m,
-        float(sigma_z),
+        float(sigmas.altitude_m),
         float(error @ np.linalg.solve(block, error)),
     )
 

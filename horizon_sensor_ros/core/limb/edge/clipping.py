@@ -22,11 +22,9 @@ import numpy as np
 from horizon_sensor_ros.core.limb.edge.model import normal_cdf
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, nearness, space_level
 from horizon_sensor_ros.core.limb_points import SharedError
+from horizon_sensor_ros.core.white_level import NEAR_WHITE
 
-# White levels of cameras: 8, 10, 12, 14, 16 bits; 8 to 14 at the top of 16, 8 at that of 12.
-_WHITE = (255, 1023, 4095, 16383, 65535, 65280, 65472, 65520, 65532, 4080)
 _DARK = 0.5  # space, over the white level, at most
-_NEAR_WHITE = 0.97  # lossy coding and interpolation leave less of it
 # The part of a profile that is fitted, pixels outwards from the predicted edge.
 _INNER_PX = -2.0
 _OUTER_PX = 5.0
@@ -71,17 +69,6 @@ class ClippedEdges:
     shared: SharedError
 
 
-def white_level(gray: np.ndarray, sampled: np.ndarray) -> float:
-    """Brightness at which a camera's frame saturates; infinite where none of it does, or nothing of
-    what is sampled from it can.
-    """
-    # A pass over the whole frame costs more than all the samples.
-    if sampled.max(initial=0.0) < _NEAR_WHITE * _WHITE[0]:
-        return np.inf
-    top = float(gray.max())
-    return top if top in _WHITE else np.inf
-
-
 def clipped(profiles: np.ndarray, d_px: np.ndarray, white: float) -> np.ndarray:
     """Which profiles (N, J), with samples at d_px (J,) outwards, are clipped up to the edge.
 
@@ -90,7 +77,7 @@ def clipped(profiles: np.ndarray, d_px: np.ndarray, white: float) -> np.ndarray:
     if white == np.inf:
         return np.zeros(len(profiles), dtype=bool)
     beside = (d_px >= _INSIDE_PX[0]) & (d_px <= _INSIDE_PX[1])
-    white_inside = profiles[:, beside].min(axis=1) >= _NEAR_WHITE * white
+    white_inside = profiles[:, beside].min(axis=1) >= NEAR_WHITE * white
     return np.asarray(white_inside & (space_level(profiles) < _DARK * white))
 
 

@@ -10,13 +10,13 @@ import numpy as np
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
-from horizon_sensor_ros.core.limb.edge.clipping import white_level
 from horizon_sensor_ros.core.limb.profiles import Bundles, pixel_noise, sample_profiles
 from horizon_sensor_ros.core.limb.sample import PLAIN_NOISE, TAPS_PX, thinning
 from horizon_sensor_ros.core.limb.texture.ground_texture import ground_across_px
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.white_level import saturation_level
 
 INNER_PX = 4.0  # how far profiles reach into the planet
 _STRETCH_PX, _MOST_STRETCHES = 24.0, 27
@@ -188,7 +188,7 @@ def _means(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Means of profiles (N, J), and which of them (M, J) are of saturated samples."""
     profiles = bundles.mean(sampled).astype(np.float64)
-    white = _SATURATED * white_level(gray, sampled)
+    white = _SATURATED * saturation_level(gray, sampled)
     if white == np.inf:
         return profiles, np.zeros(profiles.shape, dtype=bool)
     return profiles, bundles.mean((sampled >= white).astype(np.float32)) > _SATURATED_SHARE

@@ -14,6 +14,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.mask import Mask
+from horizon_sensor_ros.core.white_level import full_scale
 
 _OUTWARD_STEPS_PX = np.array(
     [3.0, 4.5, 6.5, 9.0, 13.0, 19.0, 28.0, 40.0], dtype=np.float32
@@ -60,12 +61,16 @@ class LimbCandidates:
 
 
 def canny_candidates(gray: np.ndarray, low: float = 50.0, high: float = 150.0) -> LimbCandidates:
-    """All Canny edges of the full image, as the papers take them (8-bit; 16-bit images are scaled
-    to 8).
+    """All Canny edges of the full image, as the papers take them (8-bit; of 16-bit images the
+    `full_scale` is scaled to that of 8 bits).
 
     gray : (H, W) uint8 or uint16. The normals point down the gradient. No edges: an empty result.
     """
-    image = gray if gray.dtype == np.uint8 else cv2.convertScaleAbs(gray, alpha=1.0 / 257.0)
+    image = (
+        gray
+        if gray.dtype == np.uint8
+        else cv2.convertScaleAbs(gray, alpha=255.0 / full_scale(gray))
+    )
     smooth = cv2.GaussianBlur(image, (5, 5), 1.0)
     dx = cv2.Sobel(smooth, cv2.CV_16S, 1, 0)
     dy = cv2.Sobel(smooth, cv2.CV_16S, 0, 1)

@@ -29,6 +29,7 @@ _POLISHED = 3
 _NEAR, _NEARLY_ALL = 2.0, 0.9  # tolerances from the cone of all; weight that leaves no other one
 _COS_POLARITY = 0.8  # the edge's normal lies within 37 deg of the hypothesis' outward direction
 MIN_INLIERS = 12
+_TOLERANCE = 1.5  # candidate grid steps across the limb, within which a candidate agrees
 _ON_THE_LIMB = 3.0  # candidate grid steps that edges of a limb without glow are seen off it
 _INNER_TRUST = 0.5  # of a candidate that has another one farther out
 
@@ -126,19 +127,16 @@ def rays_of_candidates(
 
 # Calibrations that make no sense have rays of any spacing: no consensus, and no warning either.
 @np.errstate(over="ignore", invalid="ignore")
-def limb_consensus(
-    found: RayCandidates, *, rho_min_rad: float, rho_max_rad: float, tolerance: float = 1.5
-) -> Consensus:
+def limb_consensus(found: RayCandidates, *, rho_min_rad: float, rho_max_rad: float) -> Consensus:
     """Choose nadir and disc radius that explain the most candidates.
 
-    tolerance : in candidate grid steps, across the limb. The draw of hypotheses is seeded: the
-    same candidates give the same answer. Fewer than `MIN_INLIERS` candidates that agree: status
-    NO_LIMB.
+    The draw of hypotheses is seeded: the same candidates give the same answer. Fewer than
+    `MIN_INLIERS` candidates that agree: status NO_LIMB.
     """
     count = len(found.rays)
     if count < MIN_INLIERS:
         return Consensus(Status.NO_LIMB, f"{count} candidates of a space boundary in all frames")
-    whole = _Ballot.of(found, tolerance)
+    whole = _Ballot.of(found, _TOLERANCE)
     cos_min, cos_max = math.cos(rho_max_rad), math.cos(rho_min_rad)
     nadirs, cos_rhos = whole.nearest()
     unanimous = bool(
@@ -146,7 +144,7 @@ def limb_consensus(
         and cos_min <= cos_rhos[0] <= cos_max
     )
     if unanimous:
-        whole = _Ballot.of(found.placed(), tolerance)
+        whole = _Ballot.of(found.placed(), _TOLERANCE)
     else:
         nadirs, cos_rhos = _hypotheses(found, np.random.default_rng(count), cos_min, cos_max)
         if len(nadirs) == 0:
@@ -171,11 +169,9 @@ def limb_consensus(
     return Consensus(Status.OK, "", nadir, rho, inliers, unanimous)
 
 
-def consensus_about(
-    found: RayCandidates, nadir_base: np.ndarray, rho_rad: float, tolerance: float = 1.5
-) -> Consensus:
+def consensus_about(found: RayCandidates, nadir_base: np.ndarray, rho_rad: float) -> Consensus:
     """`limb_consensus` on a cone that is known from elsewhere, with the candidates that agree."""
-    gains = _Ballot.of(found, tolerance).gains(nadir_base[None], np.cos([rho_rad]))
+    gains = _Ballot.of(found, _TOLERANCE).gains(nadir_base[None], np.cos([rho_rad]))
     inliers = gains[:, 0] > 0.0
     num_inliers = int(np.count_nonzero(inliers))
     if num_inliers < MIN_INLIERS:
