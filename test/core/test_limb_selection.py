@@ -247,13 +247,24 @@ def test_pixels_without_a_ray_are_dropped() -> None:
     """The corners of a strong fisheye see nothing."""
     camera = Camera(640, 640, 90.0, 90.0, 320.0, 320.0, "equidistant")
     view = CameraView("fisheye", camera, np.eye(3))
-    px = np.array([[2.0, 2.0], [320.0, 100.0], [637.0, 637.0], [200.0, 320.0]])
+    px = np.stack([np.full(10, 320.0), np.linspace(100.0, 300.0, 10)], axis=1)
+    px[[0, 5]] = [2.0, 2.0], [637.0, 637.0]
     seen = np.isfinite(camera.rays(px)).all(axis=1)
-    assert seen.tolist() == [False, True, False, True]
-    normal = np.tile([[0.0, -1.0]], (4, 1))
-    found = rays_of_candidates([view], [LimbCandidates(px, normal, np.arange(1.0, 5.0), 1.0)])
+    assert np.flatnonzero(~seen).tolist() == [0, 5]
+    normal = np.tile([[0.0, -1.0]], (10, 1))
+    found = rays_of_candidates([view], [LimbCandidates(px, normal, np.arange(1.0, 11.0), 1.0)])
     np.testing.assert_allclose(found.rays, camera.rays(px[seen]), atol=1e-12)
-    assert len(found.weight) == len(found.camera) == len(found.pitch_rad) == 2
+    assert len(found.weight) == len(found.camera) == len(found.pitch_rad) == 8
+
+
+def test_a_camera_whose_edges_lie_where_its_lens_sees_nothing_is_not_heard() -> None:
+    """As with the coefficients of another model of distortion: wrong by 20 deg and more."""
+    camera = Camera(640, 640, 90.0, 90.0, 320.0, 320.0, "equidistant")
+    view = CameraView("fisheye", camera, np.eye(3))
+    px = np.stack([np.full(10, 320.0), np.linspace(100.0, 300.0, 10)], axis=1)
+    px[:3] = [2.0, 2.0], [637.0, 637.0], [2.0, 637.0]
+    normal = np.tile([[0.0, -1.0]], (10, 1))
+    assert len(rays_of_candidates([view], [LimbCandidates(px, normal, np.ones(10), 1.0)]).rays) == 0
 
 
 def test_cameras_are_numbered() -> None:

@@ -35,9 +35,10 @@ _AS_MUCH = 0.25  # share by which the next frame's smear may be another
 # Errors that points of smeared limbs share, over what they are where nothing moved: as measured
 # beside the truth of simulated ones.
 _MISJUDGED = 1.6
-# Length of a smear above which glow and ground beside the limb are one: of 25 simulated limbs under
-# glow, smeared farther and told so, three were off by more than three sigma.
-_MOST_IN_GLOW_PX = 8.0
+# Above such a smear the air's glow is lost in the ground's edge, which then lies too high: of 16
+# simulated limbs under glow, smeared by 10 px and more and told so, three were off by more than
+# three sigma.
+_LONGEST_PX = 8.0
 _SMEARED = "motion smears the limb too far"
 
 
@@ -48,7 +49,7 @@ def without_smear(
     reduced until the smear is a pixel or two; unchanged where no frame is smeared.
 
     A camera whose reduced frame would be smaller than `_SMALLEST_PX`, or whose limb is smeared by
-    more than `_MOST_IN_GLOW_PX` under glow, gets no limb.
+    more than `_LONGEST_PX`, gets no limb.
     """
     smears = _smears(views, images, found)
     if not any(smears):
@@ -65,24 +66,20 @@ def without_smear(
     fresh: list[tuple[EdgeLook, ...]] = [()] * len(views)
     found = look_for(views, frames, planet, near, fresh, FRESH)
     none = LimbPoints.none(Status.NO_LIMB, _SMEARED)
-    large = [
-        min(image.shape) >= _SMALLEST_PX * factor
-        for image, factor in zip(images, factors, strict=True)
-    ]
     usable = [
         seen
-        if smear is None or (fits and not _lost_in_glow(seen.limb, kinds, smear))
+        if smear is None or _may_be_seen(smear, min(image.shape) / factor)
         else LimbObservation(seen.view, none)
-        for seen, kinds, smear, fits in zip(
-            found.observations, found.looks, smears, large, strict=True
+        for seen, image, smear, factor in zip(
+            found.observations, images, smears, factors, strict=True
         )
     ]
     return with_smear_error(replace(found, observations=tuple(usable), smears=tuple(smears)))
 
 
-def _lost_in_glow(limb: LimbPoints, looks: Sequence[EdgeLook], smear: Smear) -> bool:
-    """Whether a limb's smear is too long for the glow above it."""
-    return smear.across_px > _MOST_IN_GLOW_PX and _glows(looks) and not limb.glow_separated
+def _may_be_seen(smear: Smear, size_px: float) -> bool:
+    """Whether a limb may be seen through a smear, in a reduced frame of so many pixels' side."""
+    return smear.across_px <= _LONGEST_PX and size_px >= _SMALLEST_PX
 
 
 def with_smear_error(found: Detection) -> Detection:

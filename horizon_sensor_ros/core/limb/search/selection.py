@@ -31,6 +31,7 @@ _COS_POLARITY = 0.8  # the edge's normal lies within 37 deg of the hypothesis' o
 MIN_INLIERS = 12
 _TOLERANCE = 1.5  # candidate grid steps across the limb, within which a candidate agrees
 _ON_THE_LIMB = 3.0  # candidate grid steps that edges of a limb without glow are seen off it
+_LEAST_SEEN = 0.8  # of a camera's candidates that have a ray
 _INNER_TRUST = 0.5  # of a candidate that has another one farther out
 
 
@@ -89,7 +90,9 @@ class Consensus:
 def rays_of_candidates(
     views: Sequence[CameraView], candidates: Sequence[LimbCandidates]
 ) -> RayCandidates:
-    """Put the candidates of every camera into the base frame; those without a ray are dropped."""
+    """Put the candidates of every camera into the base frame; those without a ray are dropped, and
+    all of a camera of which most have none: its lens is another than it is told to be.
+    """
     rays, outward, pitch, weight, index, beyond = [], [], [], [], [], []
     for i, (view, found) in enumerate(zip(views, candidates, strict=True)):
         if len(found) == 0:
@@ -100,6 +103,8 @@ def rays_of_candidates(
         along -= np.einsum("ij,ij->i", along, here)[:, None] * here
         angle_per_px = np.sqrt(np.einsum("ij,ij->i", along, along))
         ok = np.isfinite(angle_per_px) & (angle_per_px > 0)
+        if np.count_nonzero(ok) < _LEAST_SEEN * len(found):
+            continue
         rays.append(here[ok] @ view.rot_base_from_cam.T)
         outward.append((along[ok] / angle_per_px[ok, None]) @ view.rot_base_from_cam.T)
         pitch.append(angle_per_px[ok] * found.pitch_px)
