@@ -33,6 +33,7 @@ _MOST_LENGTHY = 100.0
 _LONGEST_TRACK = 50
 _MOST_TURN_RAD = 0.1  # within a set: farther, and rays have no one row in which they are seen
 _OF_SIGMA = 0.3  # of nadir: what an unknown rate makes that is told
+_NO_TIME = "which cameras see a limb depends on the time at which they are asked"
 _NO_RATE = "frames are not of one moment, and how fast the craft turns is not known"
 
 
@@ -45,13 +46,13 @@ class HorizonSensor:
         self._search = HorizonSearch(self._estimator)
         self._track: Track | None = None
         self._nadir_rate = NadirRate()
-        self._timed_by = ""
+        self._timed_by, self._time_s = "", 0.0  # the last fix's, its time after that of its set
 
     def reset(self) -> None:
         """Forget where the limb was: the next frames are searched."""
         self._track = None
         self._nadir_rate.reset()
-        self._timed_by = ""
+        self._timed_by, self._time_s = "", 0.0
 
     @property
     def following(self) -> bool:
@@ -70,11 +71,17 @@ class HorizonSensor:
         """
         if len(frames) == 0:
             raise ValueError("frames must hold at least one frame")
+        before_s, self._time_s = self._time_s, 0.0
         if any(frame.takes_s > 0.0 for frame in frames):
             fix = self._brought_together(frames, aiding)
         else:
             fix = self._processed(frames, frames, aiding)
-        self._nadir_rate.add(fix.fit, aiding.since_last_s)
+        since_last_s = aiding.since_last_s
+        if since_last_s is not None:
+            # From fix to fix, each at the time of its own first camera.
+            since_last_s += self._time_s - before_s
+        known = since_last_s is not None and since_last_s > 0.0
+        self._nadir_rate.add(fix.fit, since_last_s if known else None)
         return fix
 
     def _brought_together(self, frames: Sequence[Frame], aiding: Aiding) -> HorizonFix:
@@ -87,19 +94,29 @@ class HorizonSensor:
         if turn_rad > _MOST_TURN_RAD:
             self._track = None
             return self._too_fast(frames, turn_rad)
-        times = {frame.view.name: frame.after_s for frame in frames}
-        time_s, track = times.get(self._timed_by, 0.0), self._track
-        fix = self._at(time_s, frames, rate, aiding)
-        if not fix.ok:
-            return fix
-        self._timed_by = next(name for name in times if name in fix.cameras_used)
-        if times[self._timed_by] != time_s:
-            self._track = track
-            fix = self._at(times[self._timed_by], frames, rate, aiding)
+        fix = self._at_its_own(frames, rate, aiding)
         open_rad = max(frame.late_s for frame in frames) * rate.sigma_rad_s
         if fix.ok and told is None and open_rad > _OF_SIGMA * nadir_sigma_rad(fix.fit):
             return replace(fix, reason="; ".join(filter(None, (fix.reason, _NO_RATE))))
         return fix
+
+    def _at_its_own(self, frames: Sequence[Frame], rate: TurnRate, aiding: Aiding) -> HorizonFix:
+        """Fix at the time of the first camera that is in it."""
+        times = {frame.view.name: frame.after_s for frame in frames}
+        time_s, track = times.get(self._timed_by, 0.0), self._track
+        # Which cameras are in it may depend on the time at which they are asked.
+        for _ in range(len(frames) + 1):
+            self._track = track
+            fix = self._at(time_s, frames, rate, aiding)
+            if not fix.ok:
+                return fix
+            first = next(name for name in times if name in fix.cameras_used)
+            if times[first] == time_s:
+                self._timed_by, self._time_s = first, time_s
+                return fix
+            time_s = times[first]
+        self._track = None
+        return self._withheld(frames, _NO_TIME)
 
     def _too_fast(self, frames: Sequence[Frame], turn_rad: float) -> HorizonFix:
         """No fix of frames between which, or while one of which is read, the craft turns far."""
@@ -107,6 +124,9 @@ class HorizonSensor:
         reason = (
             f"the craft turns by {turn:.0f} deg within a set of frames, at most {most:.0f} will do"
         )
+        return self._withheld(frames, reason)
+
+    def _withheld(self, frames: Sequence[Frame], reason: str) -> HorizonFix:
         limb = LimbPoints.none(Status.UNCERTAIN, reason)
         fit = HorizonFit.none(limb.status, reason, self.config.method)
         return HorizonFix(limb.status, reason, fit, (limb,) * len(frames), ())

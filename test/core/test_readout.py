@@ -325,3 +325,32 @@ def test_what_is_no_rate_or_time_is_the_callers_bug(field: str, value: object, w
 def test_a_readout_that_is_no_time_is_the_callers_bug() -> None:
     with pytest.raises(ValueError, match="readout_s of 'camera_1' must be finite, got nan"):
         CameraView("camera_1", CAMERAS[0], np.eye(3), readout_s=np.nan)
+
+
+def test_the_rate_is_over_the_time_from_fix_to_fix() -> None:
+    """The second camera is 15 ms late; that the first is blind now and then is no other rate."""
+    rate_rad_s, late_s, period_s = np.radians(5.0) * np.array([0.6, -0.8, 0.0]), 0.015, 0.05
+    scene = EarthScene()
+    position = np.array([0.0, 0.0, -(scene.planet.radius_m + ALTITUDE_M)])
+    views = limb_views(ALTITUDE_M, azimuths_rad=(0.3, 1.8))
+    told = []
+    for blind in ((), (2,), (0,)):
+        sensor, rng = HorizonSensor(), np.random.default_rng(3)
+        for step in range(4):
+            frames = []
+            for view, after_s in zip(views, (0.0, late_s), strict=True):
+                turned = Rotation.from_rotvec((step * period_s + after_s) * rate_rad_s).as_matrix()
+                (drawn,) = render_views((view,), turned, position, scene, rng)
+                frames.append(Frame(view, drawn.image, after_s))
+            if step in blind:
+                frames[0] = replace(frames[0], gray=np.full_like(frames[0].gray, 4))
+            fix = sensor.process(frames, Aiding(since_last_s=period_s if step else None))
+            assert fix.ok, fix.reason
+        told.append(fix.views[0].rate)
+    for rate in told:
+        assert rate is not None
+        assert rate.nadir_base is not None
+        off = rate.rate_base_rad_s - rate_rad_s
+        off -= (off @ rate.nadir_base) * rate.nadir_base
+        assert np.linalg.norm(off) < 3.0 * rate.sigma_rad_s
+        assert np.linalg.norm(off) < 0.1 * np.linalg.norm(rate_rad_s)
