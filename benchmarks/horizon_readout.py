@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from horizon_errors import BEYOND_NEES, fit_errors
@@ -28,13 +29,25 @@ COLUMNS = (
     "NEES",
     "beyond 3 sigma",
 )
-_RATES_DEG_S = (0.3, 1.0, 3.0, 10.0)
 _PERIOD_S = 1.0 / 30.0
-# What they are like: readout, exposure, and by how much the second camera is late, s.
+_RATES_DEG_S = (0.3, 1.0, 3.0, 10.0)
+
+
+class _Times(NamedTuple):
+    """What frames are like: readout, exposure, and by how much the second camera is late; and at
+    which rates that matters.
+    """
+
+    readout_s: float = 0.0
+    exposure_s: float = 0.0
+    late_s: float = 0.0
+    rates_deg_s: tuple[float, ...] = _RATES_DEG_S
+
+
 _FRAMES = {
-    "rolling shutter, 20 ms": (0.02, 0.0, 0.0),
-    "15 ms apart": (0.0, 0.0, 0.015),
-    "exposed for 40 ms": (0.0, 0.04, 0.0),
+    "rolling shutter, 20 ms": _Times(readout_s=0.02),
+    "15 ms apart": _Times(late_s=0.015),
+    "exposed for 40 ms": _Times(exposure_s=0.04, rates_deg_s=_RATES_DEG_S[2:]),
 }
 _SETS = 12
 _OF_FRAMES = 8  # flights a rate: one of so many frames of a set
@@ -72,17 +85,17 @@ def _flights(
     name: str, rate_deg_s: float, count: int, seed: int
 ) -> dict[str, list[tuple[float, float]]]:
     """Nadir's errors, degrees, and their NEES, by what is known."""
-    readout_s, exposure_s, late_s = _FRAMES[name]
+    like = _FRAMES[name]
     errors: dict[str, list[tuple[float, float]]] = {known: [] for known in _KNOWN}
     for i in tqdm(range(count), desc=f"{name}, {rate_deg_s:g} deg/s", unit="flight"):
         rng = np.random.default_rng([seed, i, 0x73])
         flown = swinging_flight(float(np.radians(rate_deg_s)), rng)
-        flown = replace(flown, readout_s=readout_s, exposure_s=exposure_s)
+        flown = replace(flown, readout_s=like.readout_s, exposure_s=like.exposure_s)
         times = [step * _PERIOD_S for step in range(_SETS)]
-        sets = [(flown.frames(at)[0], flown.frames(at + late_s)[1]) for at in times]
+        sets = [(flown.frames(at)[0], flown.frames(at + like.late_s)[1]) for at in times]
         truth = sets[-1][0].truth
         for known, found in errors.items():
-            fix = _last_fix(flown, late_s, sets, known)
+            fix = _last_fix(flown, like.late_s, sets, known)
             if fix.ok:
                 error = fit_errors(fix.fit, truth.nadir_base, truth.altitude_m)
                 found.append((error.nadir_deg, error.nees))
@@ -93,8 +106,8 @@ def run(options: Options) -> list[Table]:
     """One row a kind of frames, a rate, and what is known."""
     count = max(1, options.frames // _OF_FRAMES)
     rows = []
-    for name in _FRAMES:
-        for rate_deg_s in _RATES_DEG_S:
+    for name, like in _FRAMES.items():
+        for rate_deg_s in like.rates_deg_s:
             for known, found in _flights(name, rate_deg_s, count, options.seed).items():
                 nadir, nees = np.array(found).reshape(-1, 2).T
                 rows.append(
