@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -103,8 +104,9 @@ class TargetPoseNode(ReportingNode[TargetSettings]):
     def _on_cloud(self, msg: PointCloud2) -> None:
         assert self._monitor is not None
         assert self._pipeline is not None
-        with END.breakable():
-            step = self._pipeline.on_cloud(msg)
+        step = END.result_of(partial(self._pipeline.on_cloud, msg))
+        if step is None:
+            return
         self._monitor.on_step(step, self.now())
         for topic, message in step.outputs:
             self._outputs[topic].publish(message)
