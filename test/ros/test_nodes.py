@@ -432,6 +432,32 @@ def test_lifecycle(start: Callable[..., Program], craft: Craft, params: list[str
     assert craft.state(node) == State.PRIMARY_STATE_FINALIZED
 
 
+@pytest.mark.parametrize(
+    "transition",
+    [Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVE_SHUTDOWN],
+    ids=["deactivated", "shut down"],
+)
+def test_a_node_that_ceases_to_work_says_so_at_once(
+    start: Callable[..., Program],
+    craft: Craft,
+    params: list[str],
+    transition: int,
+) -> None:
+    node = "attitude_node"
+    # So seldom that what is heard meanwhile is a change of state.
+    start(node, *params, "-p", "diagnostics_period:=1000.0", "-p", "stale_after:=1000.0")
+    craft.match((node,))
+    craft.expect_pair(0, ("attitude",))
+    craft.wait_for_state("ok")
+    assert craft.transition(node, transition)
+    craft.wait_for_state("inactive")
+    if transition == Transition.TRANSITION_DEACTIVATE:
+        craft.heard.clear()
+        assert craft.transition(node, Transition.TRANSITION_CLEANUP)
+        craft.wait_for_state("inactive")
+    assert craft.statuses(node)[-1].values[0].value == "inactive"
+
+
 def test_a_transition_that_the_state_does_not_have_is_refused(
     start: Callable[..., Program], craft: Craft, params: list[str]
 ) -> None:
