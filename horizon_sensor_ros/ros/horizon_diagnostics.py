@@ -39,9 +39,15 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
     """
 
     def __init__(
-        self, name: str, cameras: Sequence[str], stale_after_ns: int, *, live: bool
+        self,
+        name: str,
+        cameras: Sequence[str],
+        stale_after_ns: int,
+        *,
+        live: bool,
+        node: str = "",
     ) -> None:
-        super().__init__(name, stale_after_ns, live=live)
+        super().__init__(name, stale_after_ns, live=live, node=node)
         self._cameras = {camera: _CameraHealth() for camera in cameras}
         self.undrawn = 0
         self._last_set_ns: int | None = None

@@ -71,7 +71,8 @@ class ReportingNode(ManagedNode[Settings]):
         message = self.diagnosis(now)
         if message is None:
             inactive = Health(OK, "inactive", "the node is not active")
-            message = diagnostic_message(self.subject, inactive, {}, now)
+            node = self.get_fully_qualified_name()
+            message = diagnostic_message(self.subject, node, inactive, {}, now)
         self._diagnostics.publish(message)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

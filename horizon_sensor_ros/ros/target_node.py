@@ -48,7 +48,12 @@ class TargetPoseNode(ReportingNode[TargetSettings]):
     def open(self) -> None:
         """Make the pipeline and the publishers."""
         settings = self.settings
-        self._monitor = TargetMonitor(self.subject, settings.stale_after_ns, live=True)
+        self._monitor = TargetMonitor(
+            self.subject,
+            settings.stale_after_ns,
+            live=True,
+            node=self.get_fully_qualified_name(),
+        )
         self._pipeline = TargetPipeline(settings.pipeline)
         self._outputs = {
             topic: self.make_publisher(kind, topic) for topic, kind in TARGET_TOPICS.items()

@@ -379,6 +379,20 @@ def test_a_name_for_the_process_leaves_its_nodes_theirs(
     craft.wait(lambda: "sensors" in craft.node.get_node_names(), "the process's own node")
 
 
+def test_the_same_nodes_of_two_craft_are_told_apart(
+    start: Callable[..., Program], craft: Craft, params: list[str]
+) -> None:
+    names = {f"/craft_{each}/attitude_node" for each in "ab"}
+    for name in names:
+        start("attitude_node", *params, "-r", f"__ns:={name.removesuffix('/attitude_node')}")
+    craft.wait(lambda: {status.hardware_id for status in craft.statuses()} == names, "both")
+    craft.heard.clear()
+    for name in names:
+        assert craft.transition(name.strip("/"), Transition.TRANSITION_DEACTIVATE)
+    craft.wait_for_state("inactive")
+    assert {status.hardware_id for status in craft.statuses()} <= names
+
+
 def test_whole_numbers_and_unknown_parameters(
     start: Callable[..., Program], craft: Craft, params: list[str]
 ) -> None:

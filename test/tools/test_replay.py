@@ -207,6 +207,8 @@ def test_namespace_and_remapping(tmp_path: Path) -> None:
     out = read(tmp_path / "out")
     assert set(out) == {"/craft/local_vertical", "/att", "/diagnostics"}
     assert all(len(out[topic]) == 2 for topic in ("/craft/local_vertical", "/att"))
+    reporting = {msg.status[0].hardware_id for _, msg in out["/diagnostics"]}
+    assert reporting == {"/craft/local_vertical_node", "/craft/attitude_node"}
 
 
 def test_a_summary_and_a_progress_bar(
