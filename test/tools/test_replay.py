@@ -285,6 +285,17 @@ def test_cameras_that_wait_for_each_other(tmp_path: Path) -> None:
     assert out["/diagnostics"][-1][1].status[0].message == "no frames from camera_2 yet"
 
 
+def test_the_last_counts_are_in_the_bag(tmp_path: Path, flight: Path, params: Path) -> None:
+    assert run(flight, tmp_path / "out", "--params", params) == 0
+    last = {msg.status[0].name: (t, msg) for t, msg in read(tmp_path / "out")["/diagnostics"]}
+    assert len(last) == 2
+    for time_ns, msg in last.values():
+        values = {pair.key: pair.value for pair in msg.status[0].values}
+        assert (values["frames"], values["fixes"]) == ("10", "5")
+        # That of the last message, not of any clock.
+        assert time_ns == START_NS + 4 * PERIOD_NS + 1_500_000
+
+
 def test_diagnostics_in_bag_time(tmp_path: Path, params: Path) -> None:
     # Five pairs, a long silence, and two more.
     year = 365 * 24 * 3600 * 10**9

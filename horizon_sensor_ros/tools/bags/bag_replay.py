@@ -125,6 +125,8 @@ class _Replay:
                     continue
                 for handle in self._handlers[connection.topic, connection.msgtype]:
                     handle(msg)
+        for node in self._nodes:
+            node.finish()
 
     def summary(self) -> str:
         """Return what was processed, for a person."""

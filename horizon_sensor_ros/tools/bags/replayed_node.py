@@ -136,6 +136,11 @@ class ReplayedNode:
         if self._monitor.changed(self._now):
             self._write_diagnostics()
 
+    def finish(self) -> None:
+        """Write the diagnostics of the end: the last counts were not due any more."""
+        if self._due is not None:
+            self._write_diagnostics()
+
     def write_estimates(self, step: Any) -> None:
         """Write the estimates of a pipeline's step."""
         raise NotImplementedError
