@@ -200,7 +200,7 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
         }
         for name in given:
             self.undeclare_parameter(name)
-        for name in unknown_parameters(given):
+        for name in unknown_parameters(given, self.parameters_of(given)):
             self.get_logger().warning(f"unknown parameter {name} is ignored")
         self.qos_overrides = {n: v for n, v in given.items() if n.startswith("qos_overrides.")}
         settings = self.settings_of(given)

@@ -399,12 +399,15 @@ def test_whole_numbers_and_unknown_parameters(
     program = start(
         *("local_vertical_node", *params, "-p", "planet_radius:=6371000"),
         *("-p", "cameras:=[camera_1]", "-p", "camera_1.rotation:=[0, 0, 0, 1]"),
-        *("-p", "planet_raduis:=1.0"),
+        *("-p", "planet_raduis:=1.0", "-p", "camera1.gamma:=2.2"),
     )
     craft.match(("local_vertical_node",), cameras=("camera_1",))
     code, errors = program.end()
     assert code == 0, errors
-    assert "unknown parameter planet_raduis is ignored" in errors
+    lines = errors.splitlines()
+    assert len(lines) == 2, errors
+    for name in ("planet_raduis", "camera1.gamma"):
+        assert any(f"unknown parameter {name} is ignored" in line for line in lines), errors
 
 
 def test_the_nodes_of_a_process_are_a_parameter_that_all_know(

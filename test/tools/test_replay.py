@@ -375,9 +375,11 @@ def test_remappings_that_cannot_be(
 def test_unknown_parameters_are_said(
     tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    params = write_parameters(tmp_path / "params.yaml", planet_raduis=1.0)
+    params = write_parameters(tmp_path / "params.yaml", planet_raduis=1.0, camera1={"gamma": 2.2})
     assert run(flight, tmp_path / "out", "--params", params) == 0
-    assert capsys.readouterr().err.count("unknown parameter planet_raduis is ignored") == 1
+    errors = capsys.readouterr().err
+    for name in ("planet_raduis", "camera1.gamma"):
+        assert errors.count(f"unknown parameter {name} is ignored") == 1
 
 
 def test_a_misspelt_node_is_said(
