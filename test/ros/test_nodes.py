@@ -47,6 +47,8 @@ from horizon_sensor_ros.ros.messages import time_from_ns
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
 
 NODES = ("local_vertical_node", "attitude_node")
+IMAGE_QOS = "qos_overrides./camera_1/image_raw.subscription"
+ATTITUDE_QOS = "qos_overrides./attitude.publisher"
 
 pytestmark = pytest.mark.usefixtures("environment")
 
@@ -327,10 +329,16 @@ def test_signals_during_start_up_end_a_node_quietly(
         ("attitude_node", "camera_1.mask:=/no/mask.png", ["camera_1.mask", "/no/mask.png"]),
         ("horizon_sensor", "nodes:=[sextant]", ["nodes must be some of", "sextant"]),
         ("horizon_sensor", "nodes:=[]", ["nodes must be some of", "got none"]),
-        (
-            "attitude_node",
-            "qos_overrides./camera_1/image_raw.subscription.reliability:=psychic",
-            ["psychic"],
+        *(
+            ("attitude_node", f"{name}:={value}", [f"{name} must be {words}", value])
+            for name, value, words in (
+                (f"{IMAGE_QOS}.reliability", "psychic", "one of"),
+                (f"{IMAGE_QOS}.reliability", "3", "a string"),
+                (f"{IMAGE_QOS}.depth", "-1", "0 to"),
+                (f"{IMAGE_QOS}.depth", "5.5", "an integer"),
+                (f"{ATTITUDE_QOS}.depth", "5000000000000", "0 to"),
+                (f"{ATTITUDE_QOS}.history", "unknown", "one of"),
+            )
         ),
     ],
 )
