@@ -6,7 +6,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -90,8 +90,8 @@ def start(environment: dict[str, str]) -> Iterator[Callable[..., Program]]:
 
     programs: list[Program] = []
 
-    def start_one(name: str, *arguments: str) -> Program:
-        programs.append(Program(name, environment, *arguments))
+    def start_one(name: str, *arguments: str, **how: Any) -> Program:
+        programs.append(Program(name, environment, *arguments, **how))
         return programs[-1]
 
     yield start_one

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import rclpy
@@ -27,10 +27,19 @@ GOALS = {
 
 
 class Program:
-    """An executable of the package in a process of its own."""
+    """An executable of the package in a process of its own.
 
-    def __init__(self, name: str, environment: dict[str, str], *arguments: str) -> None:
-        command = [sys.executable, "-m", f"horizon_sensor_ros.ros.{name}"]
+    before : what comes before it on the command line, instead of its module.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        environment: dict[str, str],
+        *arguments: str,
+        before: Sequence[str] = (),
+    ) -> None:
+        command = [sys.executable, *(before or ("-m", f"horizon_sensor_ros.ros.{name}"))]
         if arguments:
             command += ["--ros-args", *arguments]
         self.process = subprocess.Popen(

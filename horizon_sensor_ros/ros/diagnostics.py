@@ -69,10 +69,13 @@ class Monitor(Generic[Pipeline]):
 
     Times may be a node's clock or a bag's. With `live`, latency and rate are reported too: these
     depend on the machine and have no place in a replay.
+
+    node : the node's full name.
     """
 
-    def __init__(self, name: str, stale_after_ns: int, *, live: bool) -> None:
+    def __init__(self, name: str, stale_after_ns: int, *, live: bool, node: str = "") -> None:
         self.name = name
+        self._node = node
         self.stale_after_ns = stale_after_ns
         self._live = live
         self._pace = Pace()
@@ -97,7 +100,7 @@ class Monitor(Generic[Pipeline]):
         values = self._values(now, pipeline)
         if self._live:
             values.update(self._pace.values(now))
-        return diagnostic_message(self.name, health, values, now)
+        return diagnostic_message(self.name, self._node, health, values, now)
 
     def _key(self, health: Health) -> tuple[bytes, str, str]:
         """What makes a state another one."""
@@ -116,10 +119,15 @@ def rejected_values(rejected: Mapping[str, int]) -> dict[str, str]:
 
 
 def diagnostic_message(
-    name: str, health: Health, values: Mapping[str, str], now: int
+    name: str, node: str, health: Health, values: Mapping[str, str], now: int
 ) -> DiagnosticArray:
-    """Return a /diagnostics message with one status; `state` and `reason` come first."""
-    status = DiagnosticStatus(level=health.level, name=name, message=health.reason)
+    """Return a /diagnostics message with one status; `state` and `reason` come first.
+
+    node : the node's full name, which tells the same nodes of two craft apart.
+    """
+    status = DiagnosticStatus(
+        level=health.level, name=name, hardware_id=node, message=health.reason
+    )
     pairs = {"state": health.state, "reason": health.reason, **values}
     status.values = [KeyValue(key=key, value=value) for key, value in pairs.items()]
     array = DiagnosticArray(status=[status])

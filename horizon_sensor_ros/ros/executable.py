@@ -15,7 +15,7 @@ from importlib import import_module
 from types import FrameType
 from typing import Any
 
-from horizon_sensor_ros.ros.interruption import END, Interrupted
+from horizon_sensor_ros.ros.interruption import END
 
 # These share the work on each frame.
 _IMAGE_NODES = {
@@ -111,8 +111,6 @@ def run(names: Sequence[str] = ()) -> int:
         while not END.asked_for:
             # Not spin(): in rclpy 7.1.6 that of the EventsExecutor outlives its context.
             executor.spin_once(timeout_sec=_WAKE_UP_S)
-    except Interrupted:
-        pass
     except Exception as error:
         program = names[0] if len(names) == 1 else "horizon_sensor"
         words = " ".join(str(error).split())

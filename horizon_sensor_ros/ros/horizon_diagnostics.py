@@ -24,6 +24,11 @@ from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
 from horizon_sensor_ros.ros.messages import NANOSECONDS, Refusal
 
 _SILENT = "no usable frames for longer than camera_timeout"
+# From here it cannot be told which.
+_UNPAIRED = (
+    "the cameras' frames do not pair: their stamps are farther apart than slop, or one camera's "
+    "arrive more than queue_size frames later than another's"
+)
 
 
 @dataclass
@@ -39,9 +44,15 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
     """
 
     def __init__(
-        self, name: str, cameras: Sequence[str], stale_after_ns: int, *, live: bool
+        self,
+        name: str,
+        cameras: Sequence[str],
+        stale_after_ns: int,
+        *,
+        live: bool,
+        node: str = "",
     ) -> None:
-        super().__init__(name, stale_after_ns, live=live)
+        super().__init__(name, stale_after_ns, live=live, node=node)
         self._cameras = {camera: _CameraHealth() for camera in cameras}
         self.undrawn = 0
         self._last_set_ns: int | None = None
@@ -102,7 +113,7 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         if self._last_set_ns is not None:
             self._last_set_ns = min(self._last_set_ns, now)
             if now - self._last_set_ns > self.stale_after_ns:
-                return Health(ERROR, "unpaired", "the cameras' stamps are farther apart than slop")
+                return Health(ERROR, "unpaired", _UNPAIRED)
         return self._fix_health()
 
     def _fix_health(self) -> Health:

@@ -75,6 +75,7 @@ class HorizonNode(ReportingNode[HorizonSettings]):
             settings.pipeline.cameras,
             settings.stale_after_ns,
             live=True,
+            node=self.get_fully_qualified_name(),
         )
         self._feed = self._feed_of(settings)
         self._estimates = self.make_publisher(self.message, self.topic)

@@ -161,7 +161,7 @@ class HorizonPipeline:
         if paired.repeated:
             return self._refuse(camera, Refusal("repeated_stamp", "stamp repeats the last one's"))
         if paired.jumped:
-            self.counts["time_jumps"] += 1
+            self.counts["time_jumps"] += paired.first_to_jump
             self._sensor.reset()
             self.aiding.jump_back(stamp)
         return Step(camera, tuple(self._process(members) for members in paired.sets))

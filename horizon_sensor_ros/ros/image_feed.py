@@ -101,8 +101,9 @@ class ImageFeed:
 
     def _on_image(self, camera: str, msg: Image) -> None:
         arrived = [(member, member.now()) for member in self._members]
-        with END.breakable():
-            step = self.pipeline.on_image(camera, msg)
+        step = END.result_of(partial(self.pipeline.on_image, camera, msg))
+        if step is None:
+            return
         for member, time in arrived:
             member.on_step(step, time)
 

@@ -2,17 +2,21 @@
 
 A hard frame may take longer to process than a process may take to end. What comes of it is not
 published any more, so the signal breaks it off; anything else, such as publishing, is finished.
+The exception ends in the callback whose frame it is: an executor would print it as an error.
 Light: it is loaded before everything that takes time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TypeVar
+
+Result = TypeVar("Result")
 
 
 class Interrupted(BaseException):
-    """The process is to end; no error, and for nobody to catch but what runs the nodes."""
+    """The process is to end; no error, and for nobody to catch but who began the work."""
 
 
 class Interruption:
@@ -39,6 +43,14 @@ class Interruption:
             yield
         finally:
             self._breakable = False
+
+    def result_of(self, work: Callable[[], Result]) -> Result | None:
+        """Return what comes of breakable work; None where it was broken off, or not begun."""
+        try:
+            with self.breakable():
+                return work()
+        except Interrupted:
+            return None
 
 
 END = Interruption()

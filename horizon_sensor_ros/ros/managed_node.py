@@ -18,6 +18,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
 from horizon_sensor_ros.ros.parameters.unknown import unknown_parameters
+from horizon_sensor_ros.ros.qos import check_overrides
 from horizon_sensor_ros.ros.yaml_file import shown
 
 Settings = TypeVar("Settings")
@@ -200,9 +201,10 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
         }
         for name in given:
             self.undeclare_parameter(name)
-        for name in unknown_parameters(given):
+        for name in unknown_parameters(given, self.parameters_of(given)):
             self.get_logger().warning(f"unknown parameter {name} is ignored")
         self.qos_overrides = {n: v for n, v in given.items() if n.startswith("qos_overrides.")}
+        check_overrides(self.qos_overrides)
         settings = self.settings_of(given)
         for parameter in self.parameters_of(given):
             self._parameter_names.add(parameter.name)

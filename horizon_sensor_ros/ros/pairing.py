@@ -22,13 +22,15 @@ class Paired(Generic[Item]):
     sets : complete sets, oldest first, each one item a camera in the cameras' order, without those
     that are silent.
     repeated : the frame had its predecessor's stamp and was dropped. jumped : its stamp lies before
-    its predecessor's; the camera has been reset, the frame is the first of the new timeline.
+    its predecessor's; the camera has been reset. first_to_jump : no other camera was in the new
+    timeline yet, so that a jump of all of them counts once.
     unpaired : how many frames left the buffers without a partner.
     """
 
     sets: tuple[tuple[tuple[int, Item], ...], ...] = ()
     repeated: bool = False
     jumped: bool = False
+    first_to_jump: bool = False
     unpaired: int = 0
 
 
@@ -100,6 +102,7 @@ class Pairing(Generic[Item]):
             return Paired(repeated=True)
         unpaired = 0
         jumped = stream.last is not None and stamp < stream.last
+        first_to_jump = jumped and stream.timeline == self._latest_timeline()
         if jumped:
             unpaired += self._start_new_timeline(stream)
         elif stream.last is not None:
@@ -124,7 +127,7 @@ class Pairing(Generic[Item]):
         if len(stream.entries) > self._depth:
             stream.entries.popleft()
             unpaired += 1
-        return Paired(tuple(sets), jumped=jumped, unpaired=unpaired)
+        return Paired(tuple(sets), jumped=jumped, first_to_jump=first_to_jump, unpaired=unpaired)
 
     def _count_silence(self, stream: _Stream[Item], stamp: int) -> None:
         """Take note of a frame of one stream in all of them."""
@@ -171,9 +174,12 @@ class Pairing(Generic[Item]):
 
     def _agree_on_timeline(self) -> None:
         # Frames that pair show that their cameras live in the same time.
-        latest = max(stream.timeline for stream in self._streams.values())
+        latest = self._latest_timeline()
         for stream in self._streams.values():
             stream.timeline = latest
+
+    def _latest_timeline(self) -> int:
+        return max(stream.timeline for stream in self._streams.values())
 
 
 def _complete_set(streams: Sequence[_Stream[Item]], slop_ns: int) -> list[int] | None:

@@ -6,7 +6,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
-from rclpy.lifecycle import LifecyclePublisher
+from rclpy.duration import Duration
+from rclpy.lifecycle import LifecyclePublisher, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.timer import Timer
 
@@ -15,6 +16,9 @@ from horizon_sensor_ros.ros.managed_node import ManagedNode, Settings
 from horizon_sensor_ros.ros.qos import overridable
 
 OUTPUT_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+
+# What a publisher has sent is lost to who has not taken it when the publisher is destroyed.
+_LAST_WORD = Duration(seconds=0.2)
 
 
 class ReportingNode(ManagedNode[Settings]):
@@ -67,13 +71,23 @@ class ReportingNode(ManagedNode[Settings]):
         message = self.diagnosis(now)
         if message is None:
             inactive = Health(OK, "inactive", "the node is not active")
-            message = diagnostic_message(self.subject, inactive, {}, now)
+            node = self.get_fully_qualified_name()
+            message = diagnostic_message(self.subject, node, inactive, {}, now)
         self._diagnostics.publish(message)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Cease to work, and say so at once."""
+        deactivated = super().on_deactivate(state)
+        self.report()
+        return deactivated
 
     def close(self) -> None:
         """Give back publishers and timer; also called when there are none."""
         if self._timer is not None:
             self.destroy_timer(self._timer)
+            # Nothing is heard of the node after this: its last word must not be that all is well.
+            self.report()
+            self._diagnostics.wait_for_all_acked(_LAST_WORD)
             self.destroy_publisher(self._diagnostics)
         self._timer = None
         for publisher in self._publishers_made:

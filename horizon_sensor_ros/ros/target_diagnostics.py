@@ -22,8 +22,8 @@ from horizon_sensor_ros.ros.target_pipeline import TargetPipeline, TargetStep
 class TargetMonitor(Monitor[TargetPipeline]):
     """Follows the target's pipeline."""
 
-    def __init__(self, name: str, stale_after_ns: int, *, live: bool) -> None:
-        super().__init__(name, stale_after_ns, live=live)
+    def __init__(self, name: str, stale_after_ns: int, *, live: bool, node: str = "") -> None:
+        super().__init__(name, stale_after_ns, live=live, node=node)
         self._last_ns: int | None = None
         self._refusal: Refusal | None = None
         self._fix: TargetFix | None = None

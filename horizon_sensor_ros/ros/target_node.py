@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -47,7 +48,12 @@ class TargetPoseNode(ReportingNode[TargetSettings]):
     def open(self) -> None:
         """Make the pipeline and the publishers."""
         settings = self.settings
-        self._monitor = TargetMonitor(self.subject, settings.stale_after_ns, live=True)
+        self._monitor = TargetMonitor(
+            self.subject,
+            settings.stale_after_ns,
+            live=True,
+            node=self.get_fully_qualified_name(),
+        )
         self._pipeline = TargetPipeline(settings.pipeline)
         self._outputs = {
             topic: self.make_publisher(kind, topic) for topic, kind in TARGET_TOPICS.items()
@@ -103,8 +109,9 @@ class TargetPoseNode(ReportingNode[TargetSettings]):
     def _on_cloud(self, msg: PointCloud2) -> None:
         assert self._monitor is not None
         assert self._pipeline is not None
-        with END.breakable():
-            step = self._pipeline.on_cloud(msg)
+        step = END.result_of(partial(self._pipeline.on_cloud, msg))
+        if step is None:
+            return
         self._monitor.on_step(step, self.now())
         for topic, message in step.outputs:
             self._outputs[topic].publish(message)

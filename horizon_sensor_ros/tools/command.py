@@ -1,4 +1,7 @@
-"""What the commands that write files have in common: signals, errors for a person, exit codes."""
+"""What the commands that write files have in common: signals, errors for a person, exit codes.
+
+Light: it is loaded before everything that takes time, so that a signal is taken care of by then.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,11 @@ import signal
 import sys
 from collections.abc import Callable
 from threading import Event
+from types import FrameType
 
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def run_command(name: str, work: Callable[[Callable[[], bool]], str]) -> int:
@@ -22,8 +28,7 @@ def run_command(name: str, work: Callable[[Callable[[], bool]], str]) -> int:
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     # A signal is looked at between two messages: raised just anywhere, the exception may get lost.
     stop = Event()
-    signals = (signal.SIGINT, signal.SIGTERM)
-    previous = [signal.signal(number, lambda *_: stop.set()) for number in signals]
+    previous = [signal.signal(number, lambda *_: stop.set()) for number in _SIGNALS]
     try:
         print(work(stop.is_set), file=sys.stderr)
     except KeyboardInterrupt:
@@ -33,6 +38,28 @@ def run_command(name: str, work: Callable[[Callable[[], bool]], str]) -> int:
         print(f"{name}: {error}", file=sys.stderr)
         return 1
     finally:
-        for number, handler in zip(signals, previous, strict=True):
+        for number, handler in zip(_SIGNALS, previous, strict=True):
             signal.signal(number, handler)
     return 0
+
+
+def run_computation(name: str, work: Callable[[], int]) -> int:
+    """Run a command's work, which a signal breaks off wherever it is, and return the exit code."""
+    previous = [signal.signal(number, _break_off) for number in _SIGNALS]
+    try:
+        return work()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        for number, handler in zip(_SIGNALS, previous, strict=True):
+            signal.signal(number, handler)
+    # Not above: with the exception a progress bar goes, and wipes what it finds on its line.
+    print(f"{name}: interrupted", file=sys.stderr)
+    return 130
+
+
+def _break_off(_number: int, _frame: FrameType | None) -> None:
+    for number in _SIGNALS:
+        # Once is enough: the next one would interrupt what is said of the first.
+        signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt

@@ -182,6 +182,8 @@ def test_frames_that_never_pair() -> None:
         deliver(monitor, second * S)
     health = monitor.health(3 * S)
     assert (health.level, health.state) == (DiagnosticStatus.ERROR, "unpaired")
+    for possible in ("farther apart than slop", "more than queue_size frames later"):
+        assert possible in health.reason
 
 
 def test_a_clock_set_back_does_not_hide_silence() -> None:

@@ -383,7 +383,7 @@ def test_one_camera_whose_stamps_jump(flight: Flight) -> None:
 
 def send_until_unpaired(flight: Flight, start: int, offset: int) -> int:
     """Send frames, the second camera's stamps so far off, until the nodes complain; next stamp."""
-    words = "stamps are farther apart than slop"
+    words = "stamps are farther apart than slop, or one camera's arrive"
     now = start
 
     def send_apart() -> None:

@@ -52,9 +52,11 @@ from horizon_sensor_ros.ros.messages import (
     stamp_ns,
 )
 from horizon_sensor_ros.ros.parameters.file import read_parameter_file
+from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.ros.parameters.reference import parameter_file
+from horizon_sensor_ros.ros.parameters.target import target_parameters
 from horizon_sensor_ros.ros.parameters.target_settings import target_settings
 from horizon_sensor_ros.ros.parameters.unknown import unknown_parameters
 from horizon_sensor_ros.ros.point_cloud import points_from_cloud
@@ -305,7 +307,8 @@ def settings_or_reason(path: Path, node: str) -> None:
     try:
         values = read_parameter_file(path, node)
         (target_settings if node == "target_pose_node" else horizon_settings)(values)
-        unknown_parameters(values)
+        for own in (horizon_parameters(values), target_parameters()):
+            unknown_parameters(values, own)
     except ParameterError as error:
         expect_one_line(error)
 

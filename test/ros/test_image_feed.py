@@ -101,9 +101,10 @@ def test_reports_have_the_quality_of_service_that_they_were_given(make: Callable
 
 
 def test_an_activation_that_fails_can_be_tried_again(make: Callable) -> None:
-    wrong = {f"qos_overrides.{IMAGES}.subscription.reliability": "bogus", "autostart": False}
-    node = make(AttitudeNode, **wrong)
+    node = make(AttitudeNode, autostart=False)
     assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    # One that is given with the others is refused before there is a node.
+    node.declare_parameter(f"qos_overrides.{IMAGES}.subscription.reliability", "bogus")
     timers = len(list(node.timers))
     failures = []
     for _ in range(2):

@@ -64,6 +64,13 @@ def test_nothing_is_begun_once_it_is_asked_for(end: Interruption) -> None:
         pytest.fail("begun")
 
 
+def test_what_is_broken_off_has_no_result(end: Interruption) -> None:
+    assert end.result_of(lambda: 7) == 7
+    signal.setitimer(signal.ITIMER_REAL, 0.05)
+    assert end.result_of(lambda: work(end)) is None
+    assert end.result_of(lambda: pytest.fail("begun")) is None
+
+
 def test_an_error_of_the_work_goes_on(end: Interruption) -> None:
     with pytest.raises(ValueError, match="bad"), end.breakable():
         raise ValueError("bad")

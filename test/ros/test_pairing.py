@@ -92,6 +92,20 @@ def test_frames_from_before_a_jump_never_pair_with_those_after() -> None:
     assert feed(pairing, *frames, ("a", 100 * MS)) == [(0, 0)]
 
 
+def test_a_jump_of_all_cameras_is_one() -> None:
+    pairing = pairing_of("abc")
+    first = [
+        pairing.push(camera, stamp, stamp).first_to_jump
+        for _ in range(3)
+        for stamp in (0, 100 * MS)
+        for camera in "abc"
+    ]
+    assert first.count(True) == 2
+    # One whose clock alone goes back again and again.
+    alone = [pairing.push("b", stamp * MS, stamp).first_to_jump for stamp in (90, 80, 70)]
+    assert alone == [True] * 3
+
+
 def test_one_camera_whose_clock_hiccups_pairs_again() -> None:
     pairing = pairing_of()
     stamps = [i * 33 * MS for i in range(1, 8)]

@@ -319,14 +319,25 @@ def test_an_empty_file_sets_nothing(tmp_path: Path) -> None:
 
 
 def test_typing_errors_in_names_are_found() -> None:
-    values = {**PARAMETERS, "planet_raduis": 1.0, "use_sim_time": True, "camera_9.rotation": [1]}
+    values = {**PARAMETERS, "planet_raduis": 1.0, "use_sim_time": True}
     values["max_gap"] = 3.0
     values["nodes"] = ["attitude_node"]
-    values["camera_9.mask"] = "/mask.png"
     values["qos_overrides./attitude.publisher.depth"] = 3
     ignored = "qos_overrides./attitude.publisher.durability"
     values[ignored] = "transient_local"
-    assert unknown_parameters(values) == ["planet_raduis", ignored]
+    for own in (horizon_parameters(values), target_parameters()):
+        assert unknown_parameters(values, own) == ["planet_raduis", ignored]
+
+
+def test_typing_errors_in_cameras_names_are_found() -> None:
+    values = {**PARAMETERS, "camera1.gamma": 2.2, "camra_2.mask": "/mask.png", "left.readout": 0.1}
+    unknown = ["camera1.gamma", "camra_2.mask", "left.readout"]
+    assert unknown_parameters(values, horizon_parameters(values)) == unknown
+    # Others are used: the blocks of the shipped file may stay.
+    values["cameras"] = ["left", "right"]
+    assert unknown_parameters(values, horizon_parameters(values)) == unknown[:2]
+    # What the cameras are called is none of the target's business.
+    assert unknown_parameters(values, target_parameters()) == []
 
 
 def test_the_shipped_file_is_made_from_the_table() -> None:

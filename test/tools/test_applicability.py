@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import csv
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -298,3 +301,36 @@ def test_help_has_an_example(capsys):
         main(["--help"])
     assert stop.value.code == 0
     assert "horizon_applicability config/applicability_example.yaml" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("moment", ["while it loads", "while it computes"])
+def test_interrupted_it_says_so(tmp_path, how, moment):
+    prefix = tmp_path / "map"
+    arguments = [str(EXAMPLE), "--step", "0.5", "--error", "ml", "-o", str(prefix)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "horizon_sensor_ros.tools.applicability.applicability", *arguments],
+        stderr=subprocess.PIPE,
+        text=True,
+        bufsize=0,
+    )
+    if moment == "while it loads":
+        # As soon as it takes care of signals at all.
+        while not catches(process.pid, signal.SIGTERM):
+            assert process.poll() is None
+    else:
+        bar = process.stderr.read(20)
+        assert "field" in bar or "error" in bar
+    process.send_signal(how)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert errors.replace("\r", "\n").splitlines()[-1] == "horizon_applicability: interrupted"
+    assert "Traceback" not in errors
+    assert not list(tmp_path.iterdir())
+
+
+def catches(pid: int, number: int) -> bool:
+    """Whether a process has a handler of a signal."""
+    text = Path(f"/proc/{pid}/status").read_text()
+    (line,) = [line for line in text.splitlines() if line.startswith("SigCgt")]
+    return bool(int(line.split()[1], 16) >> (number - 1) & 1)

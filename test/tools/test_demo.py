@@ -378,6 +378,15 @@ def test_short_flight_prints_errors_and_leaves_a_report_and_a_bag(tmp_path: Path
             assert messages_of(tmp_path / "again", f"/{topic}") == messages_of(bag, f"/{topic}")
 
 
+def test_a_seed_that_is_none_is_refused(tmp_path: Path) -> None:
+    done = subprocess.run(
+        command(tmp_path / "out", "--seed", "-1"), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr.endswith("error: argument --seed: must not be negative, got -1\n")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_place_that_cannot_be_written_to_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     done = subprocess.run(

@@ -207,6 +207,8 @@ def test_namespace_and_remapping(tmp_path: Path) -> None:
     out = read(tmp_path / "out")
     assert set(out) == {"/craft/local_vertical", "/att", "/diagnostics"}
     assert all(len(out[topic]) == 2 for topic in ("/craft/local_vertical", "/att"))
+    reporting = {msg.status[0].hardware_id for _, msg in out["/diagnostics"]}
+    assert reporting == {"/craft/local_vertical_node", "/craft/attitude_node"}
 
 
 def test_a_summary_and_a_progress_bar(
@@ -281,6 +283,17 @@ def test_cameras_that_wait_for_each_other(tmp_path: Path) -> None:
     out = read(tmp_path / "out")
     assert out["/attitude"] == []
     assert out["/diagnostics"][-1][1].status[0].message == "no frames from camera_2 yet"
+
+
+def test_the_last_counts_are_in_the_bag(tmp_path: Path, flight: Path, params: Path) -> None:
+    assert run(flight, tmp_path / "out", "--params", params) == 0
+    last = {msg.status[0].name: (t, msg) for t, msg in read(tmp_path / "out")["/diagnostics"]}
+    assert len(last) == 2
+    for time_ns, msg in last.values():
+        values = {pair.key: pair.value for pair in msg.status[0].values}
+        assert (values["frames"], values["fixes"]) == ("10", "5")
+        # That of the last message, not of any clock.
+        assert time_ns == START_NS + 4 * PERIOD_NS + 1_500_000
 
 
 def test_diagnostics_in_bag_time(tmp_path: Path, params: Path) -> None:
@@ -362,9 +375,11 @@ def test_remappings_that_cannot_be(
 def test_unknown_parameters_are_said(
     tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    params = write_parameters(tmp_path / "params.yaml", planet_raduis=1.0)
+    params = write_parameters(tmp_path / "params.yaml", planet_raduis=1.0, camera1={"gamma": 2.2})
     assert run(flight, tmp_path / "out", "--params", params) == 0
-    assert capsys.readouterr().err.count("unknown parameter planet_raduis is ignored") == 1
+    errors = capsys.readouterr().err
+    for name in ("planet_raduis", "camera1.gamma"):
+        assert errors.count(f"unknown parameter {name} is ignored") == 1
 
 
 def test_a_misspelt_node_is_said(

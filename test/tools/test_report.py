@@ -235,6 +235,40 @@ def test_what_is_wrong_is_said(
     assert "cannot be read" in told
 
 
+def test_a_namespace_that_the_answers_do_not_have_is_said(
+    bags: tuple[Path, Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, source, _ = bags
+    page = tmp_path / "report.html"
+    given = (out, "--input", source, "--namespace", "foo", "--out", page)
+    assert "no answers in " in (told := refused(capsys, *given))
+    assert "none of /foo/local_vertical, /foo/attitude" in told
+    assert not page.exists()
+
+
+def test_a_camera_of_another_namespace_is_not_ours(tmp_path: Path) -> None:
+    ours = write_bag(tmp_path / "ours", recording(3))
+    both = recording(3) + [(f"/other{topic}", time, msg) for topic, time, msg in recording(5)]
+    source = write_bag(tmp_path / "both", both)
+    params = write_parameters(tmp_path / "params.yaml")
+    assert replay([str(ours), str(tmp_path / "out"), "--params", str(params)]) == 0
+    page = tmp_path / "report.html"
+    given = (tmp_path / "out", "--input", source, "--out", page)
+    assert main([str(a) for a in given]) == 0
+    assert "3 of 3" in Reader(page).text
+
+
+def test_diagnostics_alone_say_why_there_was_no_answer(tmp_path: Path) -> None:
+    flight = [(topic, time, msg) for topic, time, msg in recording(3) if "info" not in topic]
+    source = write_bag(tmp_path / "flight", flight)
+    params = write_parameters(tmp_path / "params.yaml")
+    assert replay([str(source), str(tmp_path / "out"), "--params", str(params)]) == 0
+    page = tmp_path / "report.html"
+    given = (tmp_path / "out", "--input", source, "--out", page)
+    assert main([str(a) for a in given]) == 0
+    assert "no camera_info yet" in Reader(page).text
+
+
 def test_remapped_frames_are_the_cameras(tmp_path: Path) -> None:
     names = {"/camera_1/image_raw": "/left/image", "/camera_2/image_raw": "/right/image_raw"}
     flight = [(names.get(topic, topic), time, msg) for topic, time, msg in recording(3)]

@@ -258,6 +258,19 @@ def test_what_is_wrong_is_said(
     assert "max_sigma must be positive" in told
     told = refused(capsys, flight, "--params", params, "--altitude-sigma", "0")
     assert "--altitude-sigma must be positive" in told
+    told = refused(capsys, flight, "--params", params, "--interval", "inf")
+    assert "--interval must be 0 to" in told
+
+
+@pytest.mark.parametrize("altitude", ["nan", "inf", "1e30", "-5"])
+def test_a_number_that_is_no_altitude_is_refused(
+    flight: Path, params: Path, capsys: pytest.CaptureFixture[str], altitude: str
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        run(flight, "--params", params, "--altitude", altitude)
+    assert caught.value.code == 2
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert told.endswith(f"argument --altitude: must be 0 to 1e+12 m, got {altitude}")
 
 
 @pytest.mark.parametrize("frame_id", ["imu_link", ""])

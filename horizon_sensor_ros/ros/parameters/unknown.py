@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from horizon_sensor_ros.ros.parameters.camera import OF_A_CAMERA
 from horizon_sensor_ros.ros.parameters.common import NODES_PARAMETER
-from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
+from horizon_sensor_ros.ros.parameters.horizon import CAMERAS, horizon_parameters
+from horizon_sensor_ros.ros.parameters.parameter import Parameter
 from horizon_sensor_ros.ros.parameters.target import TARGET_PARAMETERS
 
 # Declared by rclpy itself, and the same in every node.
@@ -16,23 +17,24 @@ _OF_RCLPY = re.compile(
     r"use_sim_time|start_type_description_service"
     r"|qos_overrides\..+\.(publisher|subscription)\.(history|depth|reliability)"
 )
-
-
 _OF_SOME_CAMERA = tuple(of("").name for of in OF_A_CAMERA)
+# The shipped file has these, whichever cameras are used.
+_OF_DEFAULT_CAMERAS = {p.name for p in horizon_parameters({})}
 
 
-def unknown_parameters(values: Mapping[str, Any]) -> list[str]:
+def unknown_parameters(values: Mapping[str, Any], own: Sequence[Parameter]) -> list[str]:
     """Names among these values that mean nothing to any node.
 
-    One file serves all nodes, so another node's parameter is known, and so are those of an unused
-    camera.
+    One file serves all nodes, so another node's parameter is known.
+
+    own : all parameters of the node that is given the values. Where it uses cameras, what is for
+    none of them is unknown: a camera's name was misspelt.
     """
-    parameters = (*horizon_parameters(values), *TARGET_PARAMETERS, NODES_PARAMETER)
-    known = {p.name for p in parameters}
+    parameters = (*own, *horizon_parameters(values), *TARGET_PARAMETERS, NODES_PARAMETER)
+    known = {p.name for p in parameters} | _OF_DEFAULT_CAMERAS
+    others = () if CAMERAS in own else _OF_SOME_CAMERA
     return [
         name
         for name in values
-        if name not in known
-        and not name.endswith(_OF_SOME_CAMERA)
-        and not _OF_RCLPY.fullmatch(name)
+        if name not in known and not name.endswith(others) and not _OF_RCLPY.fullmatch(name)
     ]

@@ -7,13 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from horizon_sensor_ros.core.fits import METHODS
-from horizon_sensor_ros.tools.applicability.arguments import AXES
-from horizon_sensor_ros.tools.applicability.modes.field import draw_field
-from horizon_sensor_ros.tools.applicability.modes.mounting import draw_mounting
-from horizon_sensor_ros.tools.applicability.modes.paper_figure import draw_paper_figure
-from horizon_sensor_ros.tools.applicability.modes.quality import draw_quality
-from horizon_sensor_ros.tools.camera_file import CameraFileError
+from horizon_sensor_ros.tools.command import run_computation
 
 DESCRIPTION = """\
 Field of applicability: at which attitudes the horizon is in the frames of the cameras, and how
@@ -44,6 +38,10 @@ one with clouds)."""
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of `horizon_applicability`; exit code 2 for wrong arguments or files."""
+    return run_computation("horizon_applicability", lambda: _run(argv))
+
+
+def _run(argv: Sequence[str] | None) -> int:
     parser = _parser()
     args = parser.parse_args(argv)
     if args.figure6 and (args.camera_file or args.error or args.cameras):
@@ -56,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("give a camera and extrinsics file, or --figure6")
     try:
         print(_mode(args)(args))
-    except (CameraFileError, ValueError) as error:
+    except ValueError as error:
         print(f"horizon_applicability: error: {error}", file=sys.stderr)
         return 2
     except OSError as error:
@@ -70,14 +68,27 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _mode(args: argparse.Namespace) -> Callable[[argparse.Namespace], str]:
+    # Loaded here, as all that takes time: a signal is taken care of by now.
     if args.quality:
+        from horizon_sensor_ros.tools.applicability.modes.quality import draw_quality  # noqa: PLC0415
+
         return draw_quality
     if args.mounting:
+        from horizon_sensor_ros.tools.applicability.modes.mounting import draw_mounting  # noqa: PLC0415
+
         return draw_mounting
-    return draw_paper_figure if args.figure6 else draw_field
+    if args.figure6:
+        from horizon_sensor_ros.tools.applicability.modes.paper_figure import draw_paper_figure  # noqa: PLC0415 # fmt: skip
+
+        return draw_paper_figure
+    from horizon_sensor_ros.tools.applicability.modes.field import draw_field  # noqa: PLC0415
+
+    return draw_field
 
 
 def _parser() -> argparse.ArgumentParser:
+    from horizon_sensor_ros.core.fits import METHODS  # noqa: PLC0415 - takes time
+
     parser = argparse.ArgumentParser(
         prog="horizon_applicability",
         description=DESCRIPTION,
@@ -185,6 +196,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _axes(text: str) -> tuple[str, str]:
+    from horizon_sensor_ros.tools.applicability.arguments import AXES  # noqa: PLC0415 - takes time
+
     names = [name.strip() for name in text.split(",")]
     if len(names) != 2 or len(set(names)) != 2 or not set(names) <= set(AXES):
         raise argparse.ArgumentTypeError(

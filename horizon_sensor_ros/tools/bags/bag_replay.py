@@ -19,13 +19,15 @@ from tqdm import tqdm
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.parameters.file import misspelt_sections, read_parameter_file
+from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
 from horizon_sensor_ros.ros.parameters.horizon_settings import (
     HorizonSettings,
     PipelineSettings,
     cameras_of,
     horizon_settings,
 )
-from horizon_sensor_ros.ros.parameters.parameter import ParameterError
+from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
+from horizon_sensor_ros.ros.parameters.target import target_parameters
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings, target_settings
 from horizon_sensor_ros.ros.parameters.unknown import unknown_parameters
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TargetPipeline
@@ -125,6 +127,8 @@ class _Replay:
                     continue
                 for handle in self._handlers[connection.topic, connection.msgtype]:
                     handle(msg)
+        for node in self._nodes:
+            node.finish()
 
     def summary(self) -> str:
         """Return what was processed, for a person."""
@@ -197,12 +201,20 @@ def _read_values(params: Path | None, namespace: str) -> dict[str, dict[str, Any
     if params is None:
         return {node: {} for node in _NODES}
     values = {node: read_parameter_file(params, node, namespace) for node in _NODES}
-    unknown = [name for given in values.values() for name in unknown_parameters(given)]
+    unknown = [
+        name
+        for node, given in values.items()
+        for name in unknown_parameters(given, _parameters_of(node, given))
+    ]
     for name in dict.fromkeys(unknown):
         print(f"unknown parameter {name} is ignored ({params})", file=sys.stderr)
     for section, node in misspelt_sections(params, _NODES):
         print(f"section {section} is for no node: {node}? ({params})", file=sys.stderr)
     return values
+
+
+def _parameters_of(node: str, given: dict[str, Any]) -> tuple[Parameter, ...]:
+    return target_parameters() if node == _TARGET_NODE else horizon_parameters(given)
 
 
 def _plan(values: dict[str, dict[str, Any]]) -> _Plan:

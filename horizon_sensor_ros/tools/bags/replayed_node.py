@@ -76,6 +76,10 @@ class TopicNames:
         full = self._full(name)
         return self._remapped.get(full, full)
 
+    def of_node(self, name: str) -> str:
+        """Full name of a node, which no rule renames."""
+        return self._full(name)
+
     def before(self, topic: str) -> str | None:
         """Return what a topic's full name was before remapping; None when nobody means it."""
         for source, target in self._remapped.items():
@@ -132,6 +136,11 @@ class ReplayedNode:
         if self._monitor.changed(self._now):
             self._write_diagnostics()
 
+    def finish(self) -> None:
+        """Write the diagnostics of the end: the last counts were not due any more."""
+        if self._due is not None:
+            self._write_diagnostics()
+
     def write_estimates(self, step: Any) -> None:
         """Write the estimates of a pipeline's step."""
         raise NotImplementedError
@@ -164,7 +173,11 @@ class ReplayedHorizonNode(ReplayedNode):
         self._settings = settings
         self._topic = names(self._output.topic)
         monitor = HorizonMonitor(
-            f"{name}: horizon", settings.pipeline.cameras, settings.stale_after_ns, live=False
+            f"{name}: horizon",
+            settings.pipeline.cameras,
+            settings.stale_after_ns,
+            live=False,
+            node=names.of_node(name),
         )
         bag.add_topic(self._topic, self._output.message)
         super().__init__(settings, monitor, pipeline, names, bag)
@@ -190,7 +203,9 @@ class ReplayedTargetNode(ReplayedNode):
         self._topics = {topic: names(topic) for topic in TARGET_TOPICS}
         for topic, kind in TARGET_TOPICS.items():
             bag.add_topic(self._topics[topic], kind)
-        monitor = TargetMonitor(f"{name}: target", settings.stale_after_ns, live=False)
+        monitor = TargetMonitor(
+            f"{name}: target", settings.stale_after_ns, live=False, node=names.of_node(name)
+        )
         super().__init__(settings, monitor, pipeline, names, bag)
 
     def write_estimates(self, step: TargetStep) -> None:

@@ -12,6 +12,7 @@ from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.calibration.recording import read_recording
 from horizon_sensor_ros.tools.calibration.text import calibration_text, corrected_parameters
 
+_MAX_INTERVAL_S = 1e6
 _HINTS = {
     Status.TOO_FEW_POINTS: "; record longer, with the limb in both frames",
     Status.POOR_FIT: "; over a flattened planet set planet: wgs84 and have coarse_pose in the bag, "
@@ -30,8 +31,8 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
         path: Path | None = getattr(arguments, name)
         if path is not None and path.exists() and not arguments.force:
             raise BagError(f"--{name}: {path} exists; choose another, or --force to replace it")
-    if not arguments.interval >= 0.0:
-        raise BagError(f"--interval must not be negative, got {arguments.interval}")
+    if not 0.0 <= arguments.interval <= _MAX_INTERVAL_S:
+        raise BagError(f"--interval must be 0 to {_MAX_INTERVAL_S:g} s, got {arguments.interval:g}")
     try:
         config = CalibrationConfig(
             arguments.drift, arguments.focal, arguments.max_sigma, arguments.correlation

@@ -19,6 +19,9 @@ The misalignment printed is a rotation vector in the base frame: corrected rotat
 times the rotation in FILE. What the recording cannot tell is named and left as it is. A good
 recording turns the craft by 10 deg or more about two axes; see doc/self_calibration.md."""
 
+# As of the nodes' parameter altitude_prior, whose table takes time to load.
+_MAX_ALTITUDE_M = 1e12
+
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
@@ -34,7 +37,12 @@ def parser() -> argparse.ArgumentParser:
     add("--out", metavar="FILE", type=Path, help="write FILE again with corrected rotations")
     add("--picture", metavar="FILE", type=Path, help="the cameras' nadirs before and after (png)")
     add("--force", action="store_true", help="replace these files if they exist")
-    add("--altitude", metavar="M|TOPIC", help="known altitude, or a topic of poses that tell it")
+    add(
+        "--altitude",
+        metavar="M|TOPIC",
+        type=_altitude,
+        help="known altitude, or a topic of poses that tell it",
+    )
     add("--altitude-sigma", metavar="M", type=float, default=100.0, help="default 100")
     add("--reference", metavar="TOPIC", help="nadir or attitude from elsewhere: frees all cameras")
     add("--reference-sigma", metavar="DEG", type=float, default=0.05, help="default 0.05")
@@ -58,6 +66,18 @@ def parser() -> argparse.ArgumentParser:
     add("--namespace", default="/", help="the nodes' namespace")
     add("--remap", metavar="FROM:=TO", action="append", default=[], help="other name for a topic")
     return parser
+
+
+def _altitude(text: str) -> str:
+    """Return a number that can be an altitude, or the name of a topic, as they are given."""
+    try:
+        number = float(text)
+    except ValueError:
+        return text
+    # Written so that NaN fails.
+    if not 0.0 <= number <= _MAX_ALTITUDE_M:
+        raise argparse.ArgumentTypeError(f"must be 0 to {_MAX_ALTITUDE_M:g} m, got {text}")
+    return text
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -106,7 +106,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--rate", type=_positive, default=5.0, help="image pairs and clouds a second"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the noise")
+    parser.add_argument("--seed", type=_seed, default=0, help="of the noise")
     parser.add_argument(
         "--output", type=Path, default=Path("demo_output"), help="directory of report, bag and logs"
     )
@@ -117,6 +117,13 @@ def _positive(text: str) -> float:
     value = float(text)
     if not 0.0 < value < np.inf:
         raise argparse.ArgumentTypeError(f"must be positive, got {text}")
+    return value
+
+
+def _seed(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"must not be negative, got {text}")
     return value
 
 

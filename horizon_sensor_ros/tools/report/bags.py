@@ -101,7 +101,8 @@ def read_bags(
 ) -> Recorded:
     """Read all but the pixels; where two bags have the same topic the first one's counts.
 
-    Raises BagError for a bag that cannot be read, or where none has an answer or a diagnosis.
+    Raises BagError for a bag that cannot be read, or where none has an answer or a diagnosis of
+    the nodes that the names are for.
     """
     found = Recorded(tuple(bags))
     wanted = _Wanted(found, names, imu_topic)
@@ -112,7 +113,7 @@ def read_bags(
             _read(reader, path.name, wanted, taken, stopped)
         finally:
             reader.close()
-    if not any(found.answers.values()) and not found.diagnostics:
+    if not any(found.answers.values()) and not (found.diagnostics and wanted.may_be_diagnosed()):
         there = "\n".join(f"  {t.topic} ({t.msgtype}) in {t.bag}" for t in found.topics)
         looked_for = ", ".join(names(topic) for topic in ANSWER_TOPICS)
         raise BagError(
@@ -157,7 +158,21 @@ class _Wanted:
         name = self._names.before(topic)
         if name is None or not name.endswith(_IMAGE_SUFFIX):
             return None
-        return name.removesuffix(_IMAGE_SUFFIX).strip("/").rpartition("/")[2]
+        camera = name.removesuffix(_IMAGE_SUFFIX).rpartition("/")[2]
+        # One of another namespace is another craft's.
+        return camera if self._names(camera + _IMAGE_SUFFIX) == topic else None
+
+    def may_be_diagnosed(self) -> bool:
+        """Whether /diagnostics, which is the same in all namespaces, may be these nodes'.
+
+        Not where the bags have answers of other names and none, not even a silent topic, of these.
+        """
+        topics = {facts.topic for facts in self.found.topics}
+        if not topics.isdisjoint(self._answers):
+            return True
+        endings = tuple(f"/{topic}" for topic in ANSWER_TOPICS)
+        truths = tuple(f"/{topic}" for topic in TRUTH_TOPICS)
+        return not any(t.endswith(endings) and not t.endswith(truths) for t in topics)
 
     def take_stamp(self, connection: Connection, time: int, raw: bytes) -> None:
         """Take note of an image or a cloud."""
