@@ -44,11 +44,12 @@ def draw(folder: Path) -> None:
         (limbs, "Height of the limb uneven by 1 km, single cameras"),
         (lenses, "Lenses that blur more in the corners, single cameras"),
     ):
-        sigma = np.array([3e-3, 0.6])
+        sigma = np.array([1e-3, 0.6])
         axes.loglog(sigma, sigma, color="0.4", lw=1.0, label="as claimed")
         axes.loglog(sigma, 3.0 * sigma, "--", color="0.4", lw=1.0, label="three times that")
         axes.set_title(title, fontsize=11)
-        axes.set(xlabel="sigma claimed (deg)", ylabel="error of nadir (deg)", ylim=(1e-3, 1.0))
+        axes.set(xlabel="sigma claimed (deg)", ylabel="error of nadir (deg)")
+        axes.set(xlim=(8e-4, 0.8), ylim=(1e-3, 1.0))
         axes.grid(color="0.92")
         axes.legend(fontsize=10)
     save(figure, folder / "told.png")
