@@ -111,7 +111,11 @@ class HorizonSearch:
         What is found around a common cone lies near it, also where the extrinsics are wrong and
         that cone is none of theirs.
         """
-        if not fix.ok or fix.reason or fix.airglow_alone or sighting.detection.layer_rad > 0.0:
+        consensus = sighting.detection.consensus
+        if not fix.ok or fix.reason or fix.airglow_alone or consensus.layer_rad > 0.0:
+            return None
+        # Nearly all edges of all frames lie on it.
+        if consensus.unanimous and len(fix.cameras_used) == len(frames):
             return None
         found: dict[int, Detection] = {}
         for i, (frame, limb) in enumerate(zip(frames, fix.limbs, strict=True)):
