@@ -117,29 +117,33 @@ class HorizonSearch:
         # Nearly all edges of all frames lie on it.
         if consensus.unanimous and len(fix.cameras_used) == len(frames):
             return None
-        found: dict[int, Detection] = {}
-        for i, (frame, limb) in enumerate(zip(frames, fix.limbs, strict=True)):
-            if len(frames) > 1 and limb.status is not Status.BAD_IMAGE:
-                alone = self._sighting([frame], sighting.aiding)
-                if self._any_sigma.judged(alone).fix.ok:
-                    found[i] = alone.detection
+        found = self._by_themselves(frames, fix, sighting.aiding)
         # Edges in glow and limbs that were separated from it lie on two cones anyway.
         separated = {one.limbs[0].glow_separated for one in found.values()}
         if len(found) < 2 or len(separated) > 1:
             return None
         own = joined(list(found.values()), sighting.detection)
-        judged = self._estimator.judged(
-            Sighting([frames[i] for i in found], own, sighting.figure, sighting.aiding)
-        )
-        by_own = judged.fix
-        limbs = tuple(
-            by_own.limbs[list(found).index(i)] if i in found else limb
-            for i, limb in enumerate(fix.limbs)
-        )
+        by_own = self._estimator.judged(
+            replace(sighting, frames=[frames[i] for i in found], detection=own)
+        ).fix
+        of_own = dict(zip(found, by_own.limbs, strict=True))
+        limbs = tuple(of_own.get(i, limb) for i, limb in enumerate(fix.limbs))
         if by_own.status in (Status.CAMERAS_DISAGREE, Status.POOR_FIT):
             reason = f"each camera by itself sees a limb, but no common cone fits: {by_own.reason}"
             return self._estimator.refused(Status.CAMERAS_DISAGREE, reason, fix.fit, limbs)
         return replace(by_own, limbs=limbs) if by_own.ok and by_own.reason else None
+
+    def _by_themselves(
+        self, frames: Sequence[Frame], fix: HorizonFix, aiding: Aiding
+    ) -> dict[int, Detection]:
+        """What those cameras of several find that have a fix by themselves, by index."""
+        found = {}
+        for i, (frame, limb) in enumerate(zip(frames, fix.limbs, strict=True)):
+            if len(frames) > 1 and limb.status is not Status.BAD_IMAGE:
+                alone = self._sighting([frame], aiding)
+                if self._any_sigma.judged(alone).fix.ok:
+                    found[i] = alone.detection
+        return found
 
     def _from_singles(
         self, frames: Sequence[Frame], fix: HorizonFix, aiding: Aiding
