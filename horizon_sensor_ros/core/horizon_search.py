@@ -21,6 +21,8 @@ from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet_figure import disc_of
 from horizon_sensor_ros.core.status import Status
 
+_MUCH_LESS_SURE = 2.0  # times the sigma of nadir
+
 
 class HorizonSearch:
     """Frames of any number of cameras, of which nothing is known, to nadir and altitude."""
@@ -112,7 +114,7 @@ class HorizonSearch:
         that cone is none of theirs.
         """
         consensus = sighting.detection.consensus
-        if not fix.ok or fix.reason or fix.airglow_alone or consensus.layer_rad > 0.0:
+        if not fix.ok or fix.airglow_alone or consensus.layer_rad > 0.0:
             return None
         # Nearly all edges of all frames lie on it.
         if consensus.unanimous and len(fix.cameras_used) == len(frames):
@@ -131,7 +133,11 @@ class HorizonSearch:
         if by_own.status in (Status.CAMERAS_DISAGREE, Status.POOR_FIT):
             reason = f"each camera by itself sees a limb, but no common cone fits: {by_own.reason}"
             return self._estimator.refused(Status.CAMERAS_DISAGREE, reason, fix.fit, limbs)
-        return replace(by_own, limbs=limbs) if by_own.ok and by_own.reason else None
+        if not (by_own.ok and by_own.reason):
+            return None
+        # What contradicts itself already is only followed no longer where it is far worse.
+        known_rad = _MUCH_LESS_SURE * nadir_sigma_rad(fix.fit) if fix.reason else 0.0
+        return replace(by_own, limbs=limbs) if nadir_sigma_rad(by_own.fit) > known_rad else None
 
     def _by_themselves(
         self, frames: Sequence[Frame], fix: HorizonFix, aiding: Aiding
