@@ -78,6 +78,13 @@ class Registration:
     searched: bool = False
     part_off_m: float = float("nan")
 
+    def refused(self, status: Status, reason: str) -> Registration:
+        """The same without its motion."""
+        return Registration(
+            status, reason, score=self.score, overlap=self.overlap,
+            rms_residual_m=self.rms_residual_m, num_points=self.num_points, searched=self.searched,
+        )  # fmt: skip
+
     def covariance_at(self, point_m: np.ndarray) -> np.ndarray:
         """(6, 6) covariance with the shift taken at another point of the sensor's frame."""
         move = np.eye(6)
