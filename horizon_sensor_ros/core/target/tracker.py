@@ -20,6 +20,7 @@ from horizon_sensor_ros.core.target.range_image import cloud_of
 from horizon_sensor_ros.core.target.registration import (
     Registration,
     TargetView,
+    gainsaid,
     register,
     target_view,
 )
@@ -207,19 +208,47 @@ class TargetTracker:
         assert last is not None
         predicted = self._predict(stamp_ns)
         tried = Registration(Status.POOR_FIT, "")
+        refused_by: list[_Known] = []
         for keyframe in self._candidates(last.pose if predicted is None else predicted):
             prior = None if predicted is None else predicted @ inverse_pose(keyframe.pose)
             found = register(keyframe.view, view, self.config.registration, prior)
-            if found.status is Status.OK and predicted is not None:
-                found = self._expected(found, keyframe, predicted)
+            if found.status is Status.OK:
+                found = self._believed(found, keyframe, predicted, refused_by, view)
             if not tried.reason or found.status is Status.OK:
                 tried = found
             if found.status is Status.OK:
                 return self._accept(keyframe, found, view, stamp_ns), tried
             if np.isfinite(found.part_off_m):
                 # From one cloud to the next the part would move too little to tell.
-                break
+                return None, found
+            refused_by.append(keyframe)
         return None, tried
+
+    def _believed(
+        self,
+        found: Registration,
+        keyframe: _Known,
+        predicted: np.ndarray | None,
+        refused_by: list[_Known],
+        view: TargetView,
+    ) -> Registration:
+        """The motion found from a keyframe; refused where it is not to be expected, or where a view
+        from which none was found speaks against it.
+
+        From one cloud to the next a part that moves otherwise, a wall for one, may be too little
+        off to tell: what the last view lets through must hold for the kept view too, or small
+        steps would add up to the wall's motion.
+        """
+        if predicted is not None:
+            found = self._expected(found, keyframe, predicted)
+        if found.status is not Status.OK:
+            return found
+        for kept in refused_by:
+            motion = found.pose_b_from_a @ keyframe.pose @ inverse_pose(kept.pose)
+            against = gainsaid(kept.view, view, motion, self.config.registration)
+            if against is not None:
+                return against
+        return found
 
     def _predict(self, stamp_ns: int) -> np.ndarray | None:
         """Pose from the last one and constant velocity; None before there is a velocity."""
