@@ -17,7 +17,7 @@ from horizon_sensor_ros.core.target import tracker as tracker_module
 from horizon_sensor_ros.core.target.config import TrackerConfig
 from horizon_sensor_ros.core.target.registration import TargetView
 from horizon_sensor_ros.core.target.tracker import TargetTracker
-from horizon_sensor_ros.sim.shapes import TARGETS, box
+from horizon_sensor_ros.sim.shapes import TARGETS, assembly, box, cylinder
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 
 STEP_NS = 200_000_000
@@ -205,6 +205,55 @@ def test_two_odd_clouds_after_a_first_good_one_are_no_new_target() -> None:
     fixes = [tracker.process(c, k * STEP_NS) for k, c in enumerate(sent)]
     assert [fix.status is Status.OK for fix in fixes] == [True, False, False, True]
     assert not fixes[3].new_frame
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_side_of_a_prism_away_from_the_velocity_is_no_motion(seed: int) -> None:
+    """A prism of six sides that spins up while no clouds come: found a side (60 deg) off, and as
+    the prediction went on that came to lie near it."""
+    mesh = assembly([cylinder(0.6, 1.0, 6), box((0.12, 0.12, 0.2), (0.2, 0.1, 0.55))])
+    lean = Rotation.from_euler("X", 7 * seed - 60, degrees=True).as_matrix()
+    rng = np.random.default_rng(seed)
+    turns_deg = [0, 5, 10, *range(70, 131, 10)]
+    stamps = [0, 1, 2, *range(10, 17)]
+    tracker, fixes = TargetTracker(TrackerConfig(max_refused=6)), []
+    for turn_deg, stamp in zip(turns_deg, stamps, strict=True):
+        spin = rotation_from_vector(np.array([0, 0, np.radians(turn_deg)]))
+        pose = pose_matrix(lean @ spin, np.array([0, 0, 5.0]))
+        fix = tracker.process(CAMERA.scan(mesh, pose, rng).points, stamp * STEP_NS)
+        fixes.append(fix)
+        if fix.new_frame:
+            frame = inverse_pose(pose) @ fix.pose_sensor_from_target
+        elif fix.status is Status.OK:
+            assert angle_deg(fix.pose_sensor_from_target, pose @ frame) < 0.5
+    assert [fix.status is Status.OK for fix in fixes[:4]] == [True, True, True, False]
+    assert "constant velocity" in fixes[3].reason
+    assert np.isnan(fixes[3].registration.pose_b_from_a).all()
+    assert any(fix.new_frame for fix in fixes[4:])
+
+
+@pytest.mark.parametrize("steps_deg", [(4, 0), (7, -7)], ids=["stops and goes", "turns back"])
+def test_a_rate_that_changes_is_followed(steps_deg: tuple[float, float]) -> None:
+    steps = np.repeat([*steps_deg, *steps_deg], 3)
+    rng = np.random.default_rng(1)
+    start, axis = Rotation.random(random_state=1).as_matrix(), np.array([0.6, 0.0, 0.8])
+    tracker = TargetTracker()
+    for k, turn_deg in enumerate([0, *np.cumsum(steps)]):
+        turn = rotation_from_vector(np.radians(turn_deg) * axis)
+        pose = pose_matrix(turn @ start, np.array([0, 0, 5.3]))
+        fix = tracker.process(CAMERA.scan(MESHES["n5"], pose, rng).points, k * STEP_NS)
+        assert fix.status is Status.OK
+        assert fix.new_frame == (k == 0)
+
+
+def test_two_stamps_close_together_are_no_velocity() -> None:
+    """Those of clouds that arrive two at a time: 3 deg in a millisecond would be 600 in the next
+    step."""
+    clouds, _ = tumbling(15, 8)
+    tracker = TargetTracker()
+    for k, cloud in enumerate(clouds):
+        late = STEP_NS - 1_000_000 if k % 2 else 0
+        assert tracker.process(cloud, k * STEP_NS + STEP_NS - late).status is Status.OK
 
 
 def test_stamps_that_repeat_or_jump_back() -> None:

@@ -22,6 +22,7 @@ from horizon_sensor_ros.core.target.attempts import (
     odd_share,
 )
 from horizon_sensor_ros.core.target.config import LEAST_POINTS, RegistrationConfig
+from horizon_sensor_ros.core.target.consistency import view_consistency
 from horizon_sensor_ros.core.target.judgement import weak_directions
 from horizon_sensor_ros.core.target.one_body import part_off_m
 from horizon_sensor_ros.core.target.range_image import RangeImage, range_image
@@ -34,6 +35,7 @@ _SAME_SCORE, _OTHER_SCORE = 0.012, 0.03
 _AS_LIKELY = 6.0
 # Odd returns in both clouds make two scores differ by so much of their share.
 _SCORE_NOISE = 0.6
+_SAMPLES = 600  # points of each view that a score is of
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +79,13 @@ class Registration:
     weak: np.ndarray = field(default_factory=lambda: np.empty((0, 6)))
     searched: bool = False
     part_off_m: float = float("nan")
+
+    def refused(self, status: Status, reason: str) -> Registration:
+        """The same without its motion."""
+        return Registration(
+            status, reason, score=self.score, overlap=self.overlap,
+            rms_residual_m=self.rms_residual_m, num_points=self.num_points, searched=self.searched,
+        )  # fmt: skip
 
     def covariance_at(self, point_m: np.ndarray) -> np.ndarray:
         """(6, 6) covariance with the shift taken at another point of the sensor's frame."""
@@ -136,6 +145,41 @@ def register(
     return _judge(found, a, b, still, config)
 
 
+def gainsaid(
+    a: TargetView, b: TargetView, pose_b_from_a: np.ndarray, config: RegistrationConfig
+) -> Registration | None:
+    """Hold a motion that was not found between these two views against them: a refusal where they
+    contradict each other or a part of them is off, else None."""
+    assert a.surface is not None
+    assert b.surface is not None
+    turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
+    rotation = turn_b.T @ pose_b_from_a[:3, :3] @ turn_a
+    shift = turn_b.T @ pose_b_from_a[:3, 3]
+    seen = view_consistency(a.surface, b.surface, rotation[None], shift[None], _SAMPLES)
+    known = Registration(
+        Status.POOR_FIT, "", score=float(seen.score[0]), overlap=float(seen.overlap[0])
+    )
+    if known.score < _least_score(a.surface, b.surface, config):
+        reason = f"a view kept from before agrees to {known.score:.3f} only"
+        return replace(known, reason=reason)
+    off_m = part_off_m(a.surface, b.surface, rotation, shift)
+    if off_m is not None:
+        reason = f"{_tell_part(off_m)} (by a view kept from before)"
+        return replace(known, reason=reason, part_off_m=off_m)
+    return None
+
+
+def _least_score(a: SurfaceView, b: SurfaceView, config: RegistrationConfig) -> float:
+    return config.min_score - SCORE_LOST * odd_share(a, b)
+
+
+def _tell_part(off_m: float) -> str:
+    return (
+        f"a part of the cloud is off by {1e3 * off_m:.0f} mm: it moves otherwise, or ranges are"
+        " biased; is there more than the target in the cloud?"
+    )
+
+
 def _judge(
     found: Found, a: TargetView, b: TargetView, still: np.ndarray, config: RegistrationConfig
 ) -> Registration:
@@ -146,7 +190,7 @@ def _judge(
         Status.OK, "", score=found.score, overlap=found.overlap,
         num_points=len(refined.pairs.kind), searched=found.searched,
     )  # fmt: skip
-    least = config.min_score - SCORE_LOST * odd_share(a.surface, b.surface)
+    least = _least_score(a.surface, b.surface, config)
     if found.score < least or found.overlap < config.min_overlap:
         reason = f"views agree to {found.score:.3f} over {found.overlap:.2f} of the points"
         return replace(known, status=Status.POOR_FIT, reason=reason)
@@ -165,11 +209,7 @@ def _judge(
         return replace(known, status=Status.NOT_CONVERGED, reason=reason)
     off_m = part_off_m(a.surface, b.surface, refined.rotation, refined.translation_m)
     if off_m is not None:
-        reason = (
-            f"a part of the cloud is off by {1e3 * off_m:.0f} mm: it moves otherwise, or ranges are"
-            " biased; is there more than the target in the cloud?"
-        )
-        return replace(known, status=Status.POOR_FIT, reason=reason, part_off_m=off_m)
+        return replace(known, status=Status.POOR_FIT, reason=_tell_part(off_m), part_off_m=off_m)
     doubt = "" if found.expected else _doubt(found, a.surface, b.surface, still, config)
     if doubt:
         return replace(known, status=Status.POOR_FIT, reason=doubt)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,6 +20,7 @@ from horizon_sensor_ros.core.target.range_image import cloud_of
 from horizon_sensor_ros.core.target.registration import (
     Registration,
     TargetView,
+    gainsaid,
     register,
     target_view,
 )
@@ -29,6 +31,15 @@ _DEFINITION_VARIANCE = 1e-8
 _MAX_KEYFRAMES = 40
 # So many refused clouds in a row that agree outvote a first one that nothing agrees with.
 _OUTVOTE = 3
+# A turn may be off what constant velocity predicts by the first of these, as by a prior, and by
+# all of the turn predicted, as where the target stops; but by no more than half a side of a prism
+# of eight: farther off a turn by a side less or more, which looks the same, is the likelier one.
+# After one that was refused for that only the first: what looks the same may come to lie nearer
+# as the prediction goes on.
+_UNSTEADY_RAD, _MOST_UNSTEADY_RAD = np.radians([10.0, 22.0])
+# A velocity is carried on for so many times what it was taken over, where enough fixes are kept,
+# and never for more than the second: of stamps as clouds arrive two may lie close together.
+_CARRIED_ON, _MOST_CARRIED_ON, _PATH = 4, 20, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +104,10 @@ class TargetTracker:
         """Forget everything; the next good cloud sets a new target frame, and says why."""
         self._keyframes: list[_Known] = []
         self._last: _Known | None = None
-        self._before: _Known | None = None
+        # Stamps and poses of the fixes before the last one, the latest first.
+        self._path: deque[tuple[int, np.ndarray]] = deque(maxlen=_PATH)
         self._refused = 0
+        self._strayed = False
         self._odd: TargetView | None = None
         self._flat: TargetView | None = None
         self._agreeing = 0
@@ -105,9 +118,9 @@ class TargetTracker:
         """Take one cloud, (H, W, 3) organised or (N, 3) plain, metres, in the sensor frame, and
         its stamp.
 
-        Bad data never raises; a refused cloud changes nothing but the count of refused ones. A
-        repeated stamp is refused; one that lies back in time forgets all there was before. Raises
-        ValueError for another shape.
+        Bad data never raises; a refused cloud changes nothing but the count of refused ones, and
+        how near the next one has to be to what is predicted. A repeated stamp is refused; one that
+        lies back in time forgets all there was before. Raises ValueError for another shape.
         """
         # Before anything is kept: a caller's bug changes nothing.
         points = cloud_of(points)
@@ -142,7 +155,7 @@ class TargetTracker:
     def _first_was_odd(self, view: TargetView) -> bool:
         """Take a cloud that does not fit the track; whether it and those refused before it agree
         with each other, and nothing has with the first."""
-        if self._before is not None:
+        if self._path:
             return False
         agrees = (
             self._odd is not None
@@ -195,27 +208,85 @@ class TargetTracker:
         assert last is not None
         predicted = self._predict(stamp_ns)
         tried = Registration(Status.POOR_FIT, "")
+        refused_by: list[_Known] = []
         for keyframe in self._candidates(last.pose if predicted is None else predicted):
             prior = None if predicted is None else predicted @ inverse_pose(keyframe.pose)
             found = register(keyframe.view, view, self.config.registration, prior)
+            if found.status is Status.OK:
+                found = self._believed(found, keyframe, predicted, refused_by, view)
             if not tried.reason or found.status is Status.OK:
                 tried = found
             if found.status is Status.OK:
                 return self._accept(keyframe, found, view, stamp_ns), tried
             if np.isfinite(found.part_off_m):
                 # From one cloud to the next the part would move too little to tell.
-                break
+                return None, found
+            refused_by.append(keyframe)
         return None, tried
+
+    def _believed(
+        self,
+        found: Registration,
+        keyframe: _Known,
+        predicted: np.ndarray | None,
+        refused_by: list[_Known],
+        view: TargetView,
+    ) -> Registration:
+        """The motion found from a keyframe; refused where it is not to be expected, or where a view
+        from which none was found speaks against it.
+
+        From one cloud to the next a part that moves otherwise, a wall for one, may be too little
+        off to tell: what the last view lets through must hold for the kept view too, or small
+        steps would add up to the wall's motion.
+        """
+        if predicted is not None:
+            found = self._expected(found, keyframe, predicted)
+        if found.status is not Status.OK:
+            return found
+        for kept in refused_by:
+            motion = found.pose_b_from_a @ keyframe.pose @ inverse_pose(kept.pose)
+            against = gainsaid(kept.view, view, motion, self.config.registration)
+            if against is not None:
+                return against
+        return found
 
     def _predict(self, stamp_ns: int) -> np.ndarray | None:
         """Pose from the last one and constant velocity; None before there is a velocity."""
-        last, before = self._last, self._before
-        if last is None or before is None:
+        last = self._last
+        if last is None or not self._path:
             return None
-        delta = inverse_pose(before.pose) @ last.pose
-        ratio = (stamp_ns - last.stamp_ns) / (last.stamp_ns - before.stamp_ns)
+        gap_ns = stamp_ns - last.stamp_ns
+        far = (each for each in self._path if _CARRIED_ON * (last.stamp_ns - each[0]) >= gap_ns)
+        before_ns, before = next(far, self._path[-1])
+        ratio = gap_ns / (last.stamp_ns - before_ns)
+        if ratio > _MOST_CARRIED_ON:
+            return None
+        delta = inverse_pose(before) @ last.pose
         turn = rotation_from_vector(vector_from_rotation(delta[:3, :3]) * ratio)
         return last.pose @ pose_matrix(turn, delta[:3, 3] * ratio)
+
+    def _expected(
+        self, found: Registration, keyframe: _Known, predicted: np.ndarray
+    ) -> Registration:
+        """The motion found from a keyframe; refused where the target would have turned otherwise
+        than constant velocity lets expect.
+
+        What a prior does not lead to is searched for about no turn, and on a nearly symmetric
+        target a turn by a side less, or by a right angle, agrees as well.
+        """
+        last = self._last
+        assert last is not None
+        off = _angle(found.pose_b_from_a @ keyframe.pose, predicted)
+        turn = _angle(last.pose, predicted)
+        most = min(_UNSTEADY_RAD + (0 if self._strayed else turn), _MOST_UNSTEADY_RAD)
+        if off <= most:
+            return found
+        self._strayed = True
+        reason = (
+            f"turned {np.degrees(off):.0f} deg away from the {np.degrees(turn):.0f} deg that"
+            f" constant velocity predicts, {np.degrees(most):.0f} allowed"
+        )
+        return found.refused(Status.POOR_FIT, reason)
 
     def _candidates(self, pose: np.ndarray) -> list[_Known]:
         """Keyframes to try: the oldest that the target has not turned too far from; else, and
@@ -244,7 +315,8 @@ class TargetTracker:
         # The next cloud is not likely to overlap this keyframe any better.
         if found.overlap < self.config.keyframe_overlap:
             self._keep(now)
-        self._before, self._last, self._refused, self._odd = last, now, 0, None
+        self._path.appendleft((last.stamp_ns, last.pose))
+        self._last, self._refused, self._strayed, self._odd = now, 0, False, None
         return TargetFix(
             Status.OK, "", stamp_ns, pose, covariance, delta, delta_covariance,
             (stamp_ns - last.stamp_ns) * 1e-9, False, found,
