@@ -31,12 +31,11 @@ _DEFINITION_VARIANCE = 1e-8
 _MAX_KEYFRAMES = 40
 # So many refused clouds in a row that agree outvote a first one that nothing agrees with.
 _OUTVOTE = 3
-# A turn may be off what constant velocity predicts by the first of these, as by a prior, and by
-# all of the turn predicted, as where the target stops; but by no more than half a side of a prism
-# of eight: farther off a turn by a side less or more, which looks the same, is the likelier one.
-# After one that was refused for that only the first: what looks the same may come to lie nearer
+# A turn may be off what constant velocity predicts by half a side of a prism of eight: farther off
+# a turn by a side less or more, which looks the same, is the likelier one. After one that was
+# refused for that, by no more than a prior may be off: what looks the same may come to lie nearer
 # as the prediction goes on.
-_UNSTEADY_RAD, _MOST_UNSTEADY_RAD = np.radians([10.0, 22.0])
+_UNSTEADY_RAD, _STRAYED_RAD = np.radians([22.0, 10.0])
 # A velocity is carried on for so many times what it was taken over, where enough fixes are kept,
 # and never for more than the second: of stamps as clouds arrive two may lie close together.
 _CARRIED_ON, _MOST_CARRIED_ON, _PATH = 4, 20, 8
@@ -278,7 +277,7 @@ class TargetTracker:
         assert last is not None
         off = _angle(found.pose_b_from_a @ keyframe.pose, predicted)
         turn = _angle(last.pose, predicted)
-        most = min(_UNSTEADY_RAD + (0 if self._strayed else turn), _MOST_UNSTEADY_RAD)
+        most = _STRAYED_RAD if self._strayed else _UNSTEADY_RAD
         if off <= most:
             return found
         self._strayed = True
