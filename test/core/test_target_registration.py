@@ -228,6 +228,33 @@ def test_the_covariance_of_strewn_returns_is_that_of_the_errors() -> None:
     assert np.median(squared) < 10
 
 
+def scanned(pose: np.ndarray, roll_deg: float, rng: np.random.Generator) -> np.ndarray:
+    """(N, 3) plain cloud of a bare cylinder from a lidar of uneven lines, denser along them."""
+    camera = ToFCamera(width=816, height=816, focal_length_m=4 * ToFCamera().focal_length_m)
+    points = camera.scan(cylinder(0.55, 1.4), pose, rng).points
+    rows = np.cumsum(np.random.default_rng(7).integers(4, 15, 90))
+    rows = rows[rows < len(points)]
+    columns = np.arange(0, 815, 2) + rng.integers(0, 2, (len(rows), 408))
+    lines = points[rows[:, None], columns].reshape(-1, 3).astype(float)
+    turn = Rotation.from_euler("z", roll_deg, degrees=True).as_matrix()
+    return lines[np.isfinite(lines[:, 0])] @ turn.T
+
+
+@pytest.mark.parametrize(("seed", "roll_deg"), [(0, 0.0), (3, 0.0), (1, 17.0), (3, 17.0)])
+def test_lines_of_a_lidar_are_no_edges(seed: int, roll_deg: float) -> None:
+    """The room between them was taken for ends of thin parts, which held a cylinder's roll."""
+    rng = np.random.default_rng(seed)
+    a = pose_matrix(Rotation.random(random_state=seed).as_matrix(), np.array([0, 0, 5.3]))
+    axis = rng.normal(size=3)
+    turn = rotation_from_vector(np.radians(3) * axis / np.linalg.norm(axis))
+    b = pose_matrix(turn @ a[:3, :3], a[:3, 3])
+    views = [target_view(scanned(pose, roll_deg, rng)) for pose in (a, b)]
+    assert register(*views).status is Status.ILL_CONDITIONED
+    for view in views:
+        assert not view.image.on_grid
+        assert view.image.in_lines.any()
+
+
 def test_there_and_back_are_inverse() -> None:
     a, b, _ = pair("n5", 3)
     there = register(target_view(a), target_view(b)).pose_b_from_a

@@ -118,7 +118,9 @@ def _ends(image: RangeImage, planes: Planes) -> Edges:
     """Ends of faces and thin parts, gathered into short lines.
 
     The round limb of a curved body is no edge of it (it moves over the surface as the body turns),
-    so only flat pixels count, and those of parts a few pixels thin.
+    so only flat pixels count, and those of parts a few pixels thin. These are told only where the
+    pixels are the sensor's own: elsewhere there are pixels that nothing fell in, and what lies
+    between two of them, or between two lines of a lidar, looks as thin.
     """
     inverse, unknown = image.inverse_depth.ravel(), image.unknown.ravel()
     width = image.inverse_depth.shape[1]
@@ -138,6 +140,9 @@ def _ends(image: RangeImage, planes: Planes) -> Edges:
         starts.append(margin + np.flatnonzero(beyond < limit))
     k = np.concatenate(starts)
     way = np.repeat(np.arange(4), [len(start) for start in starts])
+    # Between lines no return was to be expected.
+    across = ~image.in_lines[np.abs(_WAYS[way, 1])]
+    k, way = k[across], way[across]
     step, (du, dv) = steps[way], _WAYS[way].T
     q = k + step
     own, slope = level[k], du * slope_u[k] + dv * slope_v[k]
@@ -158,7 +163,7 @@ def _ends(image: RangeImage, planes: Planes) -> Edges:
     sharp = cosine[k] > _MIN_SHARP_COSINE
     backs = k - np.arange(1, _THIN_PX + 1)[:, None] * step
     past = inverse[k] - own + behind
-    thin = (inverse[backs] < past).any(axis=0)
+    thin = image.on_grid & (inverse[backs] < past).any(axis=0)
     keep &= sharp | thin
     # Of a cloud with holes all over, a part bounds the time.
     keep = np.flatnonzero(keep)
@@ -168,6 +173,7 @@ def _ends(image: RangeImage, planes: Planes) -> Edges:
     backs = k - np.arange(1, _THIN_PX + _HOLE_PX + 1)[:, None] * step[keep]
     gap = inverse.take(backs, mode="clip") < past[keep]
     thin = np.logical_and.reduce([gap[n : n + _THIN_PX] for n in range(_HOLE_PX + 1)]).any(axis=0)
+    thin &= image.on_grid
     row, column = np.divmod(k, width)
     spot = np.array([column, row]) + 0.5 * _WAYS[way].T
     end = np.where(sharp, own[keep] + 0.5 * slope[keep], inverse[k]).astype(float)

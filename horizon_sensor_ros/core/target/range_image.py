@@ -22,6 +22,10 @@ _ORGANISED_OFF_PX = 0.45
 # On a regular grid, square or twice as wide as high, the disc to this neighbour holds as many
 # points as it has room for, within a twentieth.
 _NEIGHBOURS = 12
+# Of returns strewn at random, two to a pixel, a seventh has an empty pixel next to it before the
+# next return on its surface, looked for so far along its row or column and up to such a slope; of
+# those on bars up to a fifth. Of lines that a lidar scans with room between, more.
+_LINE_GAPS, _LINE_REACH_PX, _LINE_SLOPE = 0.23, 5, 2.0
 # Smallest step of ranges that is still looked for, and the points it is looked for in.
 _SMALLEST_STEP_M, _STEP_POINTS = 5e-4, 2000
 # And of disparity, at the median depth.
@@ -42,6 +46,10 @@ class RangeImage:
     num_points : finite points in the cloud.  num_used : pixels with a return.
     centroid_m : (3,) of the finite points, in the view frame.
     range_step_m : of a sensor that tells ranges, depths or disparities in whole steps; 0: none.
+    on_grid : whether the pixels are the sensor's own; those made for a cloud that lies on no grid
+        were not all looked at.
+    in_lines : (2,) bool, whether along the rows, and along the columns, such a cloud has room
+        between lines of returns.
     rot_sensor_from_view : (3, 3); the image is taken along z of the view frame, which is the
         sensor's own unless the target lies more than 45 deg off its z axis (a lidar's frame with x
         forward).
@@ -57,6 +65,8 @@ class RangeImage:
     num_used: int
     centroid_m: np.ndarray
     range_step_m: float
+    on_grid: bool
+    in_lines: np.ndarray
     rot_sensor_from_view: np.ndarray
 
     def tangents(self) -> tuple[np.ndarray, np.ndarray]:
@@ -134,7 +144,19 @@ def _refused(status: Status, reason: str, num_points: int) -> RangeImage:
     empty = np.zeros((0, 0), np.float32)
     nowhere = np.full(3, np.nan)
     return RangeImage(
-        status, reason, empty, empty > 0, 1.0, np.zeros(2), num_points, 0, nowhere, 0.0, np.eye(3)
+        status,
+        reason,
+        empty,
+        empty > 0,
+        1.0,
+        np.zeros(2),
+        num_points,
+        0,
+        nowhere,
+        0.0,
+        True,
+        np.zeros(2, bool),
+        np.eye(3),
     )
 
 
@@ -169,13 +191,14 @@ def _larger(two: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Pixels of points: (2, N) int column and row; the direction of pixel (0, 0); and which points
-    (N,) bool lie on the grid."""
+    """Pixels of points: (2, N) int column and row; the direction of pixel (0, 0); which points
+    (N,) bool lie on the grid; whether it is the points' own, not made for them."""
 
     pixel: np.ndarray
     focal_px: float
     origin: np.ndarray
     on: np.ndarray
+    own: bool = True
 
 
 def _organised_grid(tangent: np.ndarray, place: np.ndarray, shape: tuple[int, int]) -> _Grid | None:
@@ -246,7 +269,7 @@ def _plain_grid(tangent: np.ndarray, focal_px: float | None) -> _Grid:
     pitch = max(2 * distance, extent / _MAX_SIDE_PX, np.sqrt(2 * area))
     origin = tangent.min(axis=1)
     pixel = np.rint((tangent - origin[:, None]) / pitch).astype(np.int64)
-    return _Grid(pixel, 1 / pitch, origin, np.ones(tangent.shape[1], bool))
+    return _Grid(pixel, 1 / pitch, origin, np.ones(tangent.shape[1], bool), False)
 
 
 def _spacing(tangent: np.ndarray, extent: float) -> tuple[float, float]:
@@ -313,6 +336,8 @@ def _assemble(
         count,
         centre,
         _range_step(used),
+        grid.own,
+        np.zeros(2, bool) if grid.own else _in_lines(inverse, focal),
         turn,
     )
 
@@ -333,6 +358,23 @@ def _range_step(points: np.ndarray) -> float:
         if grid is not None:
             return max(step, float(grid[0]))
     return step
+
+
+def _in_lines(inverse: np.ndarray, focal: float) -> np.ndarray:
+    """(2,) bool, whether along the rows and along the columns many returns have the next one of
+    their surface beyond empty pixels."""
+    share = np.zeros(2)
+    for way, image in enumerate((inverse, inverse.T)):
+        here = image[:, :-_LINE_REACH_PX]
+        alone = here > 0
+        met = []
+        for ahead in range(1, _LINE_REACH_PX + 1):
+            there = image[:, ahead : ahead - _LINE_REACH_PX or None]
+            near = np.abs(there - here) < here * np.float32(_LINE_SLOPE * ahead / focal)
+            met.append(np.count_nonzero(alone & near & (there > 0)))
+            alone &= there == 0
+        share[way] = 1 - met[0] / max(sum(met), 1)
+    return share > _LINE_GAPS
 
 
 def _likely_frame(inverse: np.ndarray) -> np.ndarray:
