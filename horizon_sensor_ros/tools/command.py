@@ -15,6 +15,7 @@ from types import FrameType
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_INTERRUPTED = 130  # exit code, as of a shell's command that SIGINT ended
 
 
 def run_command(name: str, work: Callable[[Callable[[], bool]], str]) -> int:
@@ -33,7 +34,7 @@ def run_command(name: str, work: Callable[[Callable[[], bool]], str]) -> int:
         print(work(stop.is_set), file=sys.stderr)
     except KeyboardInterrupt:
         print(f"{name}: interrupted, nothing written", file=sys.stderr)
-        return 130
+        return _INTERRUPTED
     except BagError as error:
         print(f"{name}: {error}", file=sys.stderr)
         return 1
@@ -44,22 +45,20 @@ def run_command(name: str, work: Callable[[Callable[[], bool]], str]) -> int:
 
 
 def run_computation(name: str, work: Callable[[], int]) -> int:
-    """Run a command's work, which a signal breaks off wherever it is, and return the exit code."""
-    previous = [signal.signal(number, _break_off) for number in _SIGNALS]
+    """Run a command's work, and return the exit code; a signal ends the process at once, with 130,
+    wherever it is.
+    """
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        # Raised just anywhere an exception may get lost: in modules that are being loaded it comes
+        # out as a failure to load them.
+        start = "\r\x1b[K" if os.isatty(2) else "\n"  # of a line on which a progress bar may be
+        os.write(2, f"{start}{name}: interrupted\n".encode())
+        os._exit(_INTERRUPTED)
+
+    previous = [signal.signal(number, end) for number in _SIGNALS]
     try:
         return work()
-    except KeyboardInterrupt:
-        pass
     finally:
         for number, handler in zip(_SIGNALS, previous, strict=True):
             signal.signal(number, handler)
-    # Not above: with the exception a progress bar goes, and wipes what it finds on its line.
-    print(f"{name}: interrupted", file=sys.stderr)
-    return 130
-
-
-def _break_off(_number: int, _frame: FrameType | None) -> None:
-    for number in _SIGNALS:
-        # Once is enough: the next one would interrupt what is said of the first.
-        signal.signal(number, signal.SIG_IGN)
-    raise KeyboardInterrupt
