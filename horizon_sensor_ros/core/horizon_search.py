@@ -4,8 +4,9 @@ something against themselves, and by what single ones find.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from horizon_sensor_ros.core.planet_figure import disc_of
 from horizon_sensor_ros.core.status import Status
 
 _MUCH_LESS_SURE = 2.0  # times the sigma of nadir
+# What a camera, by number, finds by itself, and what its limb comes to; looked for once.
+_Alone = Callable[[int], tuple[Detection, Judged]]
 
 
 class HorizonSearch:
@@ -47,6 +50,7 @@ class HorizonSearch:
         all frames and of the ground's limb.
         """
         limbs = list(unusable)
+        alone = self._each_alone(frames, aiding)
         everything = not any(limbs)
         while True:
             rest = [i for i, limb in enumerate(limbs) if limb is None]
@@ -66,11 +70,11 @@ class HorizonSearch:
                 for i, limb in zip(rest, fix.limbs, strict=True):
                     limbs[i] = limb
                 fix = replace(fix, reason=reason, limbs=tuple(_filled(limbs)))
-                contradicted = self._contradicted(frames, fix, aiding)
-                contradicted = contradicted or self._apart(frames, sighting, fix)
+                contradicted = self._contradicted(frames, fix, alone)
+                contradicted = contradicted or self._apart(frames, sighting, fix, alone)
                 if contradicted is not None:
                     return contradicted, None
-                return self._from_singles(frames, fix, aiding) or (
+                return self._from_singles(frames, fix, aiding, alone) or (
                     fix,
                     detection if everything and not fix.airglow_alone else None,
                 )
@@ -79,8 +83,16 @@ class HorizonSearch:
             for i, limb in judged.doubtful.items():
                 limbs[rest[i]] = limb
 
+    def _each_alone(self, frames: Sequence[Frame], aiding: Aiding) -> _Alone:
+        @cache
+        def alone(i: int) -> tuple[Detection, Judged]:
+            sighting = self._sighting([frames[i]], aiding)
+            return sighting.detection, self._any_sigma.judged(sighting)
+
+        return alone
+
     def _contradicted(
-        self, frames: Sequence[Frame], fix: HorizonFix, aiding: Aiding
+        self, frames: Sequence[Frame], fix: HorizonFix, alone: _Alone
     ) -> HorizonFix | None:
         """Refusal of one camera's fix where another camera, looked at alone, has a fix elsewhere.
 
@@ -89,13 +101,13 @@ class HorizonSearch:
         """
         if not fix.ok or len(fix.cameras_used) > 1:
             return None
-        for frame, limb in zip(frames, fix.limbs, strict=True):
+        for i, (frame, limb) in enumerate(zip(frames, fix.limbs, strict=True)):
             if limb.status in (Status.OK, Status.BAD_IMAGE):
                 continue
-            alone = self._any_sigma.judged(self._sighting([frame], aiding)).fix
-            if not alone.ok:
+            by_itself = alone(i)[1].fix
+            if not by_itself.ok:
                 continue
-            apart = disagreement_rad(alone.fit, fix.fit)
+            apart = disagreement_rad(by_itself.fit, fix.fit)
             if apart > 0.0:
                 reason = (
                     f"{frame.view.name} alone finds nadir {np.degrees(apart):.1f} deg "
@@ -105,7 +117,7 @@ class HorizonSearch:
         return None
 
     def _apart(
-        self, frames: Sequence[Frame], sighting: Sighting, fix: HorizonFix
+        self, frames: Sequence[Frame], sighting: Sighting, fix: HorizonFix, alone: _Alone
     ) -> HorizonFix | None:
         """Fix, or why there is none, by the limbs that cameras find by themselves, where these
         contradict each other; else None.
@@ -119,7 +131,13 @@ class HorizonSearch:
         # Nearly all edges of all frames lie on it.
         if consensus.unanimous and len(fix.cameras_used) == len(frames):
             return None
-        found = self._by_themselves(frames, fix, sighting.aiding)
+        if len(frames) < 2:
+            return None
+        found = {
+            i: alone(i)[0]
+            for i, limb in enumerate(fix.limbs)
+            if limb.status is not Status.BAD_IMAGE and alone(i)[1].fix.ok
+        }
         # Edges in glow and limbs that were separated from it lie on two cones anyway.
         separated = {one.limbs[0].glow_separated for one in found.values()}
         if len(found) < 2 or len(separated) > 1:
@@ -139,20 +157,8 @@ class HorizonSearch:
         known_rad = _MUCH_LESS_SURE * nadir_sigma_rad(fix.fit) if fix.reason else 0.0
         return replace(by_own, limbs=limbs) if nadir_sigma_rad(by_own.fit) > known_rad else None
 
-    def _by_themselves(
-        self, frames: Sequence[Frame], fix: HorizonFix, aiding: Aiding
-    ) -> dict[int, Detection]:
-        """What those cameras of several find that have a fix by themselves, by index."""
-        found = {}
-        for i, (frame, limb) in enumerate(zip(frames, fix.limbs, strict=True)):
-            if len(frames) > 1 and limb.status is not Status.BAD_IMAGE:
-                alone = self._sighting([frame], aiding)
-                if self._any_sigma.judged(alone).fix.ok:
-                    found[i] = alone.detection
-        return found
-
     def _from_singles(
-        self, frames: Sequence[Frame], fix: HorizonFix, aiding: Aiding
+        self, frames: Sequence[Frame], fix: HorizonFix, aiding: Aiding, alone: _Alone
     ) -> tuple[HorizonFix, Detection | None] | None:
         """Fix by what single cameras find by themselves, where all together have none; with the
         detection, if it is of them all.
@@ -169,23 +175,23 @@ class HorizonSearch:
         known = fix.status is Status.UNCERTAIN and seen == 1
         blind = not known and fix.status is not Status.CAMERAS_DISAGREE
         found, limbs = [], list(fix.limbs)
-        for i, frame in enumerate(frames):
+        for i in range(len(frames)):
             if fix.limbs[i].status is Status.BAD_IMAGE:
                 continue
-            judged = self._any_sigma.judged(self._sighting([frame], aiding))
-            alone = judged.fix
-            if alone.ok:
-                found.append(alone)
-            elif not judged.doubtful and alone.status is not Status.NO_LIMB:
+            judged = alone(i)[1]
+            by_itself = judged.fix
+            if by_itself.ok:
+                found.append(by_itself)
+            elif not judged.doubtful and by_itself.status is not Status.NO_LIMB:
                 blind = False
             # Of a camera that is left out, what it says by itself.
-            limbs[i] = judged.doubtful.get(0, alone.limbs[0])
+            limbs[i] = judged.doubtful.get(0, by_itself.limbs[0])
         found.sort(key=lambda one: nadir_sigma_rad(one.fit))
         if blind and len(found) == 1:
             sure = nadir_sigma_rad(found[0].fit) <= self._estimator.config.max_nadir_sigma_rad
             return (replace(found[0], limbs=tuple(limbs)), None) if sure else None
-        for alone in found:
-            disc = disc_of(alone.fit)
+        for by_itself in found:
+            disc = disc_of(by_itself.fit)
             near = disc.nadir, disc.rho_rad
             if not all(len(limb_in_sight(frame.view, *near)) for frame in frames):
                 continue

@@ -246,27 +246,26 @@ def test_a_namespace_that_the_answers_do_not_have_is_said(
     assert not page.exists()
 
 
+def text_of_replay(tmp_path: Path, flown: Path, source: Path) -> str:
+    """What the report on a bag's replay says, beside the frames of a source bag."""
+    params, out, page = (tmp_path / name for name in ("params.yaml", "out", "report.html"))
+    write_parameters(params)
+    assert replay([str(flown), str(out), "--params", str(params)]) == 0
+    assert main([str(a) for a in (out, "--input", source, "--out", page)]) == 0
+    return Reader(page).text
+
+
 def test_a_camera_of_another_namespace_is_not_ours(tmp_path: Path) -> None:
     ours = write_bag(tmp_path / "ours", recording(3))
     both = recording(3) + [(f"/other{topic}", time, msg) for topic, time, msg in recording(5)]
     source = write_bag(tmp_path / "both", both)
-    params = write_parameters(tmp_path / "params.yaml")
-    assert replay([str(ours), str(tmp_path / "out"), "--params", str(params)]) == 0
-    page = tmp_path / "report.html"
-    given = (tmp_path / "out", "--input", source, "--out", page)
-    assert main([str(a) for a in given]) == 0
-    assert "3 of 3" in Reader(page).text
+    assert "3 of 3" in text_of_replay(tmp_path, ours, source)
 
 
 def test_diagnostics_alone_say_why_there_was_no_answer(tmp_path: Path) -> None:
     flight = [(topic, time, msg) for topic, time, msg in recording(3) if "info" not in topic]
     source = write_bag(tmp_path / "flight", flight)
-    params = write_parameters(tmp_path / "params.yaml")
-    assert replay([str(source), str(tmp_path / "out"), "--params", str(params)]) == 0
-    page = tmp_path / "report.html"
-    given = (tmp_path / "out", "--input", source, "--out", page)
-    assert main([str(a) for a in given]) == 0
-    assert "no camera_info yet" in Reader(page).text
+    assert "no camera_info yet" in text_of_replay(tmp_path, source, source)
 
 
 def test_remapped_frames_are_the_cameras(tmp_path: Path) -> None:
