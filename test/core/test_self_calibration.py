@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.rigid import rotation_from_vector
+from horizon_sensor_ros.core.self_calibration import adjustment
 from horizon_sensor_ros.core.self_calibration.adjustment import (
     Calibration,
     CalibrationConfig,
@@ -221,6 +222,17 @@ def test_cameras_that_do_not_belong_together_are_refused() -> None:
     found = calibrate(frame_sets(swinging(40), rotations), ROTATIONS, PLANET)
     assert found.status is Status.POOR_FIT
     assert "scatter" in found.reason
+
+
+def test_an_adjustment_that_has_not_come_to_rest_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = mounted(np.radians([0.05, -0.05, 0.1]))
+    sets = frame_sets(swinging(40), truth, np.random.default_rng(2))
+    assert calibrate(sets, ROTATIONS, PLANET).ok
+    monkeypatch.setattr(adjustment, "_MAX_ROUNDS", 1)
+    found = calibrate(sets, ROTATIONS, PLANET)
+    assert found.status is Status.NOT_CONVERGED
+    assert found.reason.startswith("after 1 rounds the mountings still move by ")
+    assert np.isnan(found.values).all()
 
 
 def test_a_camera_that_is_turned_by_half_a_circle_is_no_calibration() -> None:

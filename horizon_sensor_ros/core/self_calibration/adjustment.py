@@ -28,6 +28,8 @@ MIN_SETS = 5
 _MAX_ROUNDS = 50
 # Squared length, in sigmas of the residuals, of the last step.
 _CONVERGED = 1e-8
+# What moves by more than this at the end has not come to rest; less is Tukey's weights swinging.
+_AT_REST = 1e-2
 _TUKEY = 4.685
 # Sets that scatter more than this many times what their limbs claim have no mounting in common.
 _MAX_SCALE = 10.0
@@ -141,6 +143,12 @@ def calibrate(
             "otherwise than the rotations say?"
         )
         return _none(Status.POOR_FIT, reason, unknowns, nominal, telling)
+    if adjustment.last_step2 > _AT_REST:
+        reason = (
+            f"after {_MAX_ROUNDS} rounds the mountings still move by "
+            f"{np.sqrt(adjustment.last_step2):.1f} sigma a round: the sets do not agree on any"
+        )
+        return _none(Status.NOT_CONVERGED, reason, unknowns, nominal, telling)
     return adjustment.result(telling, nominal)
 
 
@@ -162,7 +170,8 @@ def _none(
 class _Adjustment:
     """The iteration to its end.
 
-    scale : of the sets' residuals, over the claimed.
+    scale : of the sets' residuals, over the claimed. last_step2 : squared length of the last step,
+    in sigmas.
     """
 
     def __init__(
@@ -178,9 +187,9 @@ class _Adjustment:
         for _ in range(_MAX_ROUNDS):
             equations = [model.equations(state, i) for i in range(len(model.sets))]
             weight, scale = _weights(equations)
-            step, length2 = self._step(equations, weight)
+            step, self.last_step2 = self._step(equations, weight)
             state = model.stepped(state, step, equations)
-            if length2 < _CONVERGED:
+            if self.last_step2 < _CONVERGED:
                 break
         self.scale = scale
         self._state = state
