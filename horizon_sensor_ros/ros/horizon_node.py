@@ -6,7 +6,6 @@ from collections.abc import Hashable, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 
@@ -15,12 +14,9 @@ from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.debug_image import draw_fix
 from horizon_sensor_ros.ros.extrinsics import TfExtrinsics
 from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
+from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
 from horizon_sensor_ros.ros.image_feed import ImageFeed, ImageFeeds
-from horizon_sensor_ros.ros.messages import (
-    attitude_message,
-    local_vertical_message,
-)
 from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings, horizon_settings
 from horizon_sensor_ros.ros.parameters.parameter import Parameter
@@ -31,19 +27,18 @@ from horizon_sensor_ros.ros.sensor_messages import encoded_image
 class HorizonNode(ReportingNode[HorizonSettings]):
     """Publishes one kind of estimate of the horizon, a debug image and diagnostics.
 
+    kind : which estimate, a key of HORIZON_OUTPUTS and the node's name unless it is renamed.
     feeds : shared by the nodes of a process, so that each frame is processed once.
     """
 
-    topic: str
-    message: type
-
-    def __init__(self, name: str, feeds: ImageFeeds | None = None, **node_arguments: Any) -> None:
+    def __init__(self, kind: str, feeds: ImageFeeds | None = None, **node_arguments: Any) -> None:
+        self._output = HORIZON_OUTPUTS[kind]
         self._feeds = feeds or ImageFeeds()
         self._feed: ImageFeed | None = None
         self._tf: TfExtrinsics | None = None
         self._monitor: HorizonMonitor | None = None
         self._working = False
-        super().__init__(name, **node_arguments)
+        super().__init__(kind, **node_arguments)
 
     @property
     def node(self) -> Node:
@@ -63,10 +58,6 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         """Return validated settings; ParameterError says what is wrong with the values."""
         return horizon_settings(values)
 
-    def encode(self, result: HorizonResult) -> Any:
-        """Message of a result whose fix is OK."""
-        raise NotImplementedError
-
     def open(self) -> None:
         """Make the pipeline and the publishers."""
         settings = self.settings
@@ -78,7 +69,7 @@ class HorizonNode(ReportingNode[HorizonSettings]):
             node=self.get_fully_qualified_name(),
         )
         self._feed = self._feed_of(settings)
-        self._estimates = self.make_publisher(self.message, self.topic)
+        self._estimates = self.make_publisher(self._output.message, self._output.topic)
         self._pictures = self.make_publisher(Image, "~/debug_image")
         self.begin_reports(settings.diagnostics_period_s)
 
@@ -133,7 +124,7 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         self._monitor.on_step(step, now, max(now - arrived, 0))
         for result in step.results:
             if result.fix.status is Status.OK:
-                self._estimates.publish(self.encode(result))
+                self._estimates.publish(self._output.encode(result, self.settings))
                 self._monitor.on_published(result.stamp, self.now())
             if self._pictures.get_subscription_count():
                 self._show(result)
@@ -197,28 +188,12 @@ class HorizonNode(ReportingNode[HorizonSettings]):
 class LocalVerticalNode(HorizonNode):
     """Publishes the direction towards the planet in the base frame."""
 
-    topic = "local_vertical"
-    message = Vector3Stamped
-
     def __init__(self, **arguments: Any) -> None:
         super().__init__("local_vertical_node", **arguments)
-
-    def encode(self, result: HorizonResult) -> Vector3Stamped:
-        """Message of a result whose fix is OK."""
-        return local_vertical_message(
-            result.fix.fit, result.stamp, self.settings.pipeline.base_frame
-        )
 
 
 class AttitudeNode(HorizonNode):
     """Publishes the base frame's attitude and altitude in the level frame."""
 
-    topic = "attitude"
-    message = PoseWithCovarianceStamped
-
     def __init__(self, **arguments: Any) -> None:
         super().__init__("attitude_node", **arguments)
-
-    def encode(self, result: HorizonResult) -> PoseWithCovarianceStamped:
-        """Message of a result whose fix is OK."""
-        return attitude_message(result.fix.fit, result.stamp, self.settings.level_z)

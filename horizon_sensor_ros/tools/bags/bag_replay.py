@@ -17,6 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
+from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.parameters.file import misspelt_sections, read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
@@ -36,7 +37,6 @@ from horizon_sensor_ros.tools.bags.input_bag import STORAGE, bag_messages, open_
 from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU, POINT_CLOUD, POSE
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag, check_replaceable
 from horizon_sensor_ros.tools.bags.replayed_node import (
-    HORIZON_NODES,
     ReplayedHorizonNode,
     ReplayedNode,
     ReplayedTargetNode,
@@ -44,9 +44,9 @@ from horizon_sensor_ros.tools.bags.replayed_node import (
 )
 
 _TARGET_NODE = "target_pose_node"
-_NODES = (*HORIZON_NODES, _TARGET_NODE)
+_NODES = (*HORIZON_OUTPUTS, _TARGET_NODE)
 # Those of a kind share their sensors.
-_KINDS = (frozenset(HORIZON_NODES), frozenset([_TARGET_NODE]))
+_KINDS = (frozenset(HORIZON_OUTPUTS), frozenset([_TARGET_NODE]))
 # A topic and its type.
 _Input = tuple[str, str]
 _Made = TypeVar("_Made")

@@ -3,47 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
-from horizon_sensor_ros.ros.messages import attitude_message, local_vertical_message
+from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
+from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings
 from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS, TargetPipeline, TargetStep
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag
-
-
-class HorizonOutput(NamedTuple):
-    """What a horizon node publishes: topic, message type, and how to make the message."""
-
-    topic: str
-    message: type
-    encode: Callable[[HorizonResult, HorizonSettings], Any]
-
-
-HORIZON_NODES = {
-    "local_vertical_node": HorizonOutput(
-        "local_vertical",
-        Vector3Stamped,
-        lambda result, settings: local_vertical_message(
-            result.fix.fit, result.stamp, settings.pipeline.base_frame
-        ),
-    ),
-    "attitude_node": HorizonOutput(
-        "attitude",
-        PoseWithCovarianceStamped,
-        lambda result, settings: attitude_message(result.fix.fit, result.stamp, settings.level_z),
-    ),
-}
-
 
 _TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
@@ -169,7 +143,7 @@ class ReplayedHorizonNode(ReplayedNode):
         names: TopicNames,
         bag: OutputBag,
     ) -> None:
-        self._output = HORIZON_NODES[name]
+        self._output = HORIZON_OUTPUTS[name]
         self._settings = settings
         self._topic = names(self._output.topic)
         monitor = HorizonMonitor(

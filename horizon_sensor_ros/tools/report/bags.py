@@ -17,15 +17,16 @@ from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
 from horizon_sensor_ros.ros.aiding_sources import IMU_TOPIC
+from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
 from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag
 from horizon_sensor_ros.tools.bags.message_types import DIAGNOSTICS, IMAGE, IMU, POINT_CLOUD
-from horizon_sensor_ros.tools.bags.replayed_node import HORIZON_NODES, TopicNames
+from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.truth.topics import TRUTH_TOPICS
 
-ANSWER_TOPICS = (*(output.topic for output in HORIZON_NODES.values()), *TARGET_TOPICS)
+ANSWER_TOPICS = (*(output.topic for output in HORIZON_OUTPUTS.values()), *TARGET_TOPICS)
 _IMAGE_SUFFIX = "/image_raw"
 
 
