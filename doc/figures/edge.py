@@ -40,7 +40,7 @@ def draw(folder: Path) -> None:
         found_px = float(
             rays.residuals_px(truth.nadir_cam @ view.rot_base_from_cam.T, truth.rho_rad)[i]
         )
-        sigma_px = float(np.hypot(limb.sigma_px[i], limb.coherent_px))
+        sigma_px = float(np.hypot(limb.sigma_px[i], limb.shared.coherent_px))
         axes.plot(
             d_px + found_px, profile, ".-", color=BLUE, markersize=4, lw=1, label="gray level"
         )

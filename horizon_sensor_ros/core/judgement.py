@@ -23,7 +23,7 @@ from horizon_sensor_ros.core.symmetric3 import largest_eigenvalue
 _DISAGREEMENT_SIGMAS = 5.0
 _DISAGREEMENT_RAD = np.radians(0.25)
 # An edge is no limb where its stretches lie off the best cone (RMS) by more than this multiple of
-# the error that neighbours share (`LimbPoints.coherent_px`), and by more than this many pixels.
+# the error that neighbours share (`SharedError.coherent_px`), and by more than this many pixels.
 _MAX_BEND, _LEAST_BEND_PX = 4.5, 0.75
 # Residual of edges that follow no model, over their claimed sigma; beyond it other cones fit too.
 _MOST_SCATTER = 1.5
@@ -229,7 +229,7 @@ def _by_itself(observation: LimbObservation, alone: Sequence[HorizonFit]) -> Hor
 def _to_be_held(observation: LimbObservation, fit: HorizonFit) -> bool:
     """Whether a camera's edges are of a fit, and lie off its cone by more than their own errors."""
     return (
-        observation.limb.coherent_px > 0.0
+        observation.limb.shared.coherent_px > 0.0
         and len(gather([observation])) >= MIN_POINTS
         and observation.view.name in fit.cameras
     )
@@ -238,7 +238,7 @@ def _to_be_held(observation: LimbObservation, fit: HorizonFit) -> bool:
 def _bends(observation: LimbObservation, cone: HorizonFit) -> str:
     """Why a camera's edges are no limb's, by how they lie to a cone; empty if they may be."""
     bend = bend_px(cone, gather([observation]))
-    if not bend > max(_MAX_BEND * observation.limb.coherent_px, _LEAST_BEND_PX):
+    if not bend > max(_MAX_BEND * observation.limb.shared.coherent_px, _LEAST_BEND_PX):
         return ""
     return f"the edge in {observation.view.name} bends unlike a limb, by {bend:.2f} px"
 

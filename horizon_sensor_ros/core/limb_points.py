@@ -19,17 +19,27 @@ def _empty(columns: int) -> np.ndarray:
 class SharedError(NamedTuple):
     """One-sigma errors that the points of one camera's limb share, pixels along the normal.
 
-    coherent_px : of a stretch of limb, independent of the other stretches. shift_px : of the whole
-    limb. slope_px : of its ends, one outwards and one inwards, which turns the limb.
+    coherent_px : of a stretch of limb, independent of the other stretches (air glow bends long
+    ones). shift_px : of the whole limb (cameras see different air). slope_px : of its ends, one
+    outwards and one inwards, which turns the limb. height_px : of the whole limb, the same in the
+    limbs of all cameras (overexposed air, or below airglow).
     """
 
-    coherent_px: float
-    shift_px: float
+    coherent_px: float = 0.0
+    shift_px: float = 0.0
     slope_px: float = 0.0
+    height_px: float = 0.0
 
     def besides(self, other: SharedError) -> SharedError:
         """Both errors together, independent of each other: the roots of the sums of squares."""
         return SharedError(*(math.hypot(a, b) for a, b in zip(self, other, strict=True)))
+
+    def times(self, factor: float) -> SharedError:
+        """All of them multiplied by a factor."""
+        return SharedError(*(factor * each for each in self))
+
+
+NOTHING_SHARED = SharedError()
 
 
 @dataclass(frozen=True)
@@ -39,9 +49,7 @@ class LimbPoints:
     px : (N, 2) float64, raw (distorted) pixels, x right, y down, pixel centres at integers.
     normal_px : (N, 2) unit vectors in the image, across the limb, towards space.
     sigma_px : (N,) one sigma of each point along its normal, on its own.
-    coherent_px : one sigma of the error that neighbours share (air glow bends long stretches).
-    shift_px : one sigma of what the whole limb is off by besides (cameras see different air).
-    slope_px : one sigma of what its ends are off by besides, one of them outwards, one inwards.
+    shared : errors that they share besides.
     spacing_px : length of limb that each point stands for.
     jumps_px : by how much neighbouring edges differ, one sigma, before any model smooths them;
     infinite where that was not measured.
@@ -52,8 +60,7 @@ class LimbPoints:
     independent of the other columns; column k is the same error in the limbs of all cameras. Such
     points lie on the ground's limb; edges found one by one lie in its glow, a pixel or two higher.
     modelled : False where these are sharp edges that follow no model of an edge.
-    height_px : one sigma of an error that is the same in the limbs of all cameras (overexposed air,
-    or below airglow). above_m : how far above the ground these may lie, in air that hides it.
+    above_m : how far above the ground these may lie, in air that hides it.
     steepness : (S,) largest fall of brightness from pixel to pixel near the predicted limb, over
     the step there, in S stretches along it; empty where air glows.
     blur_px : one sigma of the blur of sharp edges, by their model; NaN without one, or under glow.
@@ -65,16 +72,13 @@ class LimbPoints:
     px: np.ndarray = field(default_factory=lambda: _empty(2))
     normal_px: np.ndarray = field(default_factory=lambda: _empty(2))
     sigma_px: np.ndarray = field(default_factory=lambda: np.empty(0))
-    coherent_px: float = 0.0
-    shift_px: float = 0.0
-    slope_px: float = 0.0
+    shared: SharedError = NOTHING_SHARED
     spacing_px: float = 1.0
     jumps_px: float = np.inf
     predicted: LimbCurve | None = None
     offset_px: np.ndarray = field(default_factory=lambda: np.empty(0))
     cone_errors: np.ndarray | None = None
     modelled: bool = True
-    height_px: float = 0.0
     above_m: float = 0.0
     steepness: np.ndarray = field(default_factory=lambda: np.empty(0))
     blur_px: float = np.nan
@@ -89,10 +93,7 @@ class LimbPoints:
         errors = self.cone_errors
         return replace(
             self,
-            coherent_px=times * self.coherent_px,
-            shift_px=times * self.shift_px,
-            slope_px=times * self.slope_px,
-            height_px=times * self.height_px,
+            shared=self.shared.times(times),
             cone_errors=None if errors is None else times * errors,
         )
 

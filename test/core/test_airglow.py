@@ -77,7 +77,7 @@ def test_the_edge_is_found_where_the_layers_light_falls_off(
     assert steepest_m == pytest.approx(95e3 + 6e3 / np.sqrt(2.0), abs=2.5e3)
     assert np.median(height_m) == pytest.approx(steepest_m, abs=0.6e3)
     assert np.quantile(np.abs(height_m - np.median(height_m)), 0.9) < 2.5e3
-    assert 0.0 < edge.coherent_px < edge.slope_px
+    assert 0.0 < edge.shared.coherent_px < edge.shared.slope_px
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from horizon_sensor_ros.core.fits import LimbObservation, fit_horizon
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.judgement import disagreement_rad, refusal
+from horizon_sensor_ros.core.limb_points import SharedError
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
@@ -30,7 +31,7 @@ def seen(scatter_px: float, modelled: bool, cameras: int = 1) -> list[LimbObserv
             exact.limb,
             px=exact.limb.px + off[:, None] * exact.limb.normal_px,
             sigma_px=np.full(len(off), 0.1),
-            coherent_px=0.1,
+            shared=SharedError(0.1),
             modelled=modelled,
         )
         observations.append(LimbObservation(view, limb))

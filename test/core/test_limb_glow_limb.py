@@ -81,9 +81,9 @@ def test_limbs_lie_as_near_to_the_true_ones_as_they_claim() -> None:
     for seed in range(5):
         limb, off_px = _fitted(_air(seed), 400e3, seed, off_rad=8e-4)
         assert isinstance(limb, GlowPoints)
-        mean_px = np.hypot(limb.shift_px, 0.41 * limb.coherent_px)
+        mean_px = np.hypot(limb.shared.shift_px, 0.41 * limb.shared.coherent_px)
         means.append(off_px.mean() / mean_px)
-        slopes.append(0.5 * (off_px[-1] - off_px[0]) / (0.72 * limb.coherent_px))
+        slopes.append(0.5 * (off_px[-1] - off_px[0]) / (0.72 * limb.shared.coherent_px))
         assert np.abs(off_px).max() < 1.0
     assert np.sqrt(np.mean(np.square(means))) < 2.0
     assert np.sqrt(np.mean(np.square(slopes))) < 2.0
@@ -151,8 +151,10 @@ def test_towards_the_terminator_the_lit_part_lies_where_it_does(air_light: str) 
                 continue
             assert limb.alone is not None
             slope_px = 0.5 * (off_px[-1] - off_px[0])
-            chi.append(off_px.mean() / np.hypot(limb.shift_px, 0.41 * limb.coherent_px))
-            chi.append(slope_px / (0.72 * limb.coherent_px))
+            chi.append(
+                off_px.mean() / np.hypot(limb.shared.shift_px, 0.41 * limb.shared.coherent_px)
+            )
+            chi.append(slope_px / (0.72 * limb.shared.coherent_px))
             if limb.alone.air.part is not None:
                 first, last = limb.alone.air.part
                 parts.append(last - first)
@@ -173,7 +175,7 @@ def test_a_limb_below_the_sun_lies_where_it_would_without(height_rad: float) -> 
         scene = _air(1, sun_direction=sun, even_light=True, sun_dn=sun_dn)
         limb, off_px = _fitted(scene, altitude_m, 0)
         assert isinstance(limb, GlowPoints)
-        assert np.abs(off_px).max() < 3.0 * np.hypot(limb.shift_px, limb.coherent_px)
+        assert np.abs(off_px).max() < 3.0 * np.hypot(limb.shared.shift_px, limb.shared.coherent_px)
         places.append(off_px.mean())
     assert abs(places[1] - places[0]) < 0.15
 

@@ -150,8 +150,8 @@ def test_clouds_of_full_contrast_move_a_whole_limb_as_far_as_claimed() -> None:
                 continue
             weight = limb.sigma_px**-2.0
             off_px = np.average(distance_px(frame.truth.limb, limb.px), weights=weight)
-            own2 = 1.0 / weight.sum() + limb.coherent_px**2 / 6.0
-            squares.append(off_px**2 / (limb.shift_px**2 + own2))
+            own2 = 1.0 / weight.sum() + limb.shared.coherent_px**2 / 6.0
+            squares.append(off_px**2 / (limb.shared.shift_px**2 + own2))
     assert len(squares) >= 20
     assert 0.2 < np.mean(squares) < 3.0
 

@@ -16,7 +16,7 @@ from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.edge.width import smear_from_parts, smear_of, widened_one_way
 from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
 from horizon_sensor_ros.core.limb_curve import limb_curve
-from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import SimFrame
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
@@ -182,9 +182,9 @@ def test_following_looks_again_where_motion_begins() -> None:
 
 
 def test_errors_that_points_share_are_larger_where_motion_smeared() -> None:
-    limb = LimbPoints(Status.OK, coherent_px=0.2, shift_px=0.1, slope_px=0.3, cone_errors=np.eye(4))
+    limb = LimbPoints(Status.OK, shared=SharedError(0.2, 0.1, 0.3, 0.4), cone_errors=np.eye(4))
     more = limb.with_shared_errors_times(2.0)
-    assert (more.coherent_px, more.shift_px, more.slope_px) == (0.4, 0.2, 0.6)
+    assert more.shared == SharedError(0.4, 0.2, 0.6, 0.8)
     assert more.cone_errors is not None
     np.testing.assert_array_equal(more.cone_errors, 2.0 * np.eye(4))
     assert LimbPoints(Status.OK).with_shared_errors_times(2.0).cone_errors is None

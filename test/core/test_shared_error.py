@@ -11,6 +11,7 @@ from limb_samples import PINHOLE, observe, view_at_limb
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.covariance.shared_error import with_shared_error
 from horizon_sensor_ros.core.fits import LimbObservation, fit_horizon
+from horizon_sensor_ros.core.limb_points import SharedError
 from horizon_sensor_ros.core.planet import Planet
 
 NADIR, PLANET = np.array([0.0, 0.0, 1.0]), Planet()
@@ -36,10 +37,10 @@ def drawn(exact: LimbObservation, rng: np.random.Generator) -> LimbObservation:
     """The limb with the errors that it claims."""
     limb = exact.limb
     num = len(limb.px)
-    off = limb.sigma_px * rng.standard_normal(num) + limb.shift_px * rng.standard_normal()
+    off = limb.sigma_px * rng.standard_normal(num) + limb.shared.shift_px * rng.standard_normal()
     stretch = np.minimum(np.arange(num) * STRETCHES // num, STRETCHES - 1)
-    off += limb.coherent_px * rng.standard_normal(STRETCHES)[stretch]
-    off += limb.slope_px * rng.standard_normal() * np.linspace(-1.0, 1.0, num)
+    off += limb.shared.coherent_px * rng.standard_normal(STRETCHES)[stretch]
+    off += limb.shared.slope_px * rng.standard_normal() * np.linspace(-1.0, 1.0, num)
     return replace(exact, limb=replace(limb, px=limb.px + off[:, None] * limb.normal_px))
 
 
@@ -56,8 +57,8 @@ def cov_of_cone(cov: np.ndarray) -> np.ndarray:
 def test_errors_are_as_large_as_claimed(cameras: int, even: bool, slope_px: float) -> None:
     """Also where few points of the limb, or those of one camera, weigh most in the fit."""
     rng = np.random.default_rng(20 + cameras)
-    claims = {"shift_px": 0.1, "slope_px": slope_px}
-    exact = [limb_of(i, coherent_px=(0.15, 0.4)[i], **claims) for i in range(cameras)]
+    shared = [SharedError(coherent_px, 0.1, slope_px) for coherent_px in (0.15, 0.4)]
+    exact = [limb_of(i, shared=shared[i]) for i in range(cameras)]
     if not even:
         exact = [
             replace(one, limb=replace(one.limb, sigma_px=unequal(len(one.limb.px))))
@@ -80,6 +81,6 @@ def test_one_cameras_cone_is_known_as_it_says() -> None:
     root = np.array([[1.0, 0.0, 0.0], [0.3, 0.8, 0.0], [0.5, -0.2, 0.4]]) * 1e-4
     to_base = np.zeros((4, 3))
     to_base[:3, :2], to_base[3, 2] = BASIS, 1.0
-    seen = [limb_of(0, coherent_px=0.1, shift_px=0.1, cone_errors=to_base @ root)]
+    seen = [limb_of(0, shared=SharedError(0.1, 0.1), cone_errors=to_base @ root)]
     fit = with_shared_error(fit_horizon(seen, PLANET), seen, PLANET)
     assert np.allclose(cov_of_cone(fit.cov_nadir_altitude), root @ root.T, rtol=1e-4, atol=1e-13)

@@ -93,7 +93,9 @@ def cone_of_airglow(
     found = fit_maximum_likelihood(on_it, layer, (found.nadir_base, found.rho_rad))
     if not found.ok:
         return None
-    bends = (bend_px(found, one.rays) / one.limb.coherent_px for one in on_it if len(one.rays))
+    bends = (
+        bend_px(found, one.rays) / one.limb.shared.coherent_px for one in on_it if len(one.rays)
+    )
     if any(bend > most_bend for bend in bends):
         return None
     return with_shared_error(found, on_it, layer), on_it
@@ -105,7 +107,7 @@ def _of_layer(seen: LimbObservation, found: HorizonFit) -> LimbObservation:
     if limb.status is not Status.OK:
         return seen
     off_px = np.abs(seen.rays.residuals_px(found.nadir_base, found.rho_rad))
-    on_it = off_px < _OFF * np.hypot(limb.sigma_px, limb.coherent_px)
+    on_it = off_px < _OFF * np.hypot(limb.sigma_px, limb.shared.coherent_px)
     return LimbObservation(seen.view, limb.take(on_it))
 
 

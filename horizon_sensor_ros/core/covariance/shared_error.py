@@ -30,7 +30,7 @@ def with_shared_error(
 ) -> HorizonFit:
     """Add to a fit's covariance the errors that points share.
 
-    Of each camera: what stretches of its limb have in common (`LimbPoints.coherent_px`), or the
+    Of each camera: what stretches of its limb have in common (`LimbPoints.shared`), or the
     errors of the cone that its points lie on (`LimbPoints.cone_errors`).
     """
     return replace(fit, cov_nadir_altitude=_with_shared(fit, observations, sphere))
@@ -68,7 +68,7 @@ def _with_shared(
         if len(rays) == 0 or observation.view.name not in fit.cameras:
             continue
         limb = observation.limb
-        claimed_px = limb.coherent_px if len(rays) >= 2 * _STRETCHES else 0.0
+        claimed_px = limb.shared.coherent_px if len(rays) >= 2 * _STRETCHES else 0.0
         own2 = _MEDIAN_VARIANCE * median(rays.sigma_px) ** 2 * _STRETCHES / len(rays)
         if limb.cone_errors is not None:
             negligible = False
@@ -97,15 +97,15 @@ def _with_shared(
             left = _left(a[order] * rays.sigma_px[order, None], by_px[order])
             coherent2 = max(claimed2, bend_px(fit, rays) ** 2 / left - _SURE * own2)
         if limb.cone_errors is not None:
-            more = math.sqrt(max(coherent2 / limb.coherent_px**2, 1.0))
+            more = math.sqrt(max(coherent2 / limb.shared.coherent_px**2, 1.0))
             of_cones = of_cones + more * by_sigma.T @ a @ to_tangent @ limb.cone_errors
             continue
         of_all = by_px.sum(axis=0)
-        shift = limb.shift_px * of_all
-        height += limb.height_px * of_all
+        shift = limb.shared.shift_px * of_all
+        height += limb.shared.height_px * of_all
         cov += more_own * by_sigma.T @ by_sigma + np.outer(shift, shift)
-        if limb.slope_px > 0.0:
-            ends = limb.slope_px * np.linspace(-1.0, 1.0, len(rays)) @ by_px[order]
+        if limb.shared.slope_px > 0.0:
+            ends = limb.shared.slope_px * np.linspace(-1.0, 1.0, len(rays)) @ by_px[order]
             cov += np.outer(ends, ends)
         cov += coherent2 * len(rays) / _STRETCHES * by_px.T @ by_px
     cov += np.outer(height, height) + of_cones @ of_cones.T

@@ -15,7 +15,7 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.profiles import pixel_rad_across, sample_profiles, scatter_px
 from horizon_sensor_ros.core.limb.sample import thinning
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
-from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
@@ -90,9 +90,7 @@ def airglow_edge(
         px=curve.px[middle] + offset_px[:, None] * normal_px,
         normal_px=normal_px,
         sigma_px=np.full(len(middle), max(own_px, _LEAST_SIGMA_PX)),
-        coherent_px=_STRETCH_M / px_m,
-        slope_px=_ENDS_M / px_m,
-        shift_px=_ALL_M / px_m,
+        shared=SharedError(_STRETCH_M / px_m, _ALL_M / px_m, _ENDS_M / px_m),
         spacing_px=_TOGETHER * spacing_px,
         predicted=curve,
         offset_px=offset_px,

@@ -30,7 +30,7 @@ from horizon_sensor_ros.core.limb.sample import (
 )
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
 from horizon_sensor_ros.core.limb.texture.kriged_limb import KrigedLimb
-from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError
+from horizon_sensor_ros.core.limb_points import NOTHING_SHARED, LimbPoints, SharedError
 from horizon_sensor_ros.core.robust import median, stretches
 from horizon_sensor_ros.core.status import Status
 
@@ -61,7 +61,6 @@ _COHERENT_PX = {
     (True, False): 0.2,
     (True, True): 0.4,
 }
-_NOTHING_SHARED = SharedError(0.0, 0.0)
 # An edge as sharp as the sharpest modelled one may be sharper, and then lies beside where the model
 # has it: as measured of simulated lenses without blur, so much of pixels alone.
 _TOO_SHARP = SharedError(0.02, 0.05)
@@ -88,7 +87,7 @@ class LimbEdges:
     places: EdgePlaces
     good: np.ndarray
     model_free: bool = True
-    shared: SharedError = _NOTHING_SHARED
+    shared: SharedError = NOTHING_SHARED
 
     @cached_property
     def jumps_px(self) -> float:
@@ -197,7 +196,7 @@ def limb_of_edges(
         points = _points(sample, px, normal_px, places, shared, jumps_px, np.empty(0), np.nan)
         overexposed = float(np.mean(sample.clipped))
         height_px = _CLIPPED_HEIGHT * overexposed * usual_length_px(view, rho_rad)
-        points = replace(points, height_px=height_px)
+        points = replace(points, shared=points.shared._replace(height_px=height_px))
     else:
         steepness = _steepness(_falls(profiles), sample.grid)
         blur_px = np.nan if edges.model_free else sample.factor * looks[0].psf_px
@@ -239,7 +238,7 @@ def _with_feet(
     """
     clipped = sample.clipped
     if not clipped.any() or any(look.glow_px > 0 for look in looks):
-        return edges.places, edges.good, _NOTHING_SHARED
+        return edges.places, edges.good, NOTHING_SHARED
     places, shared = _with_clipped(sample, clipped, edges.places)
     return places, (edges.good & ~clipped) | (clipped & believable(places)), shared
 
@@ -350,7 +349,7 @@ def _with_clipped(
     sigma_px = np.hypot(found.places.sigma_px, places.sigma_px[clipped])
     by = replace(found.places, sigma_px=sigma_px)
     share = float(np.mean(clipped))
-    return places.replaced(clipped, by), SharedError(*(share * error for error in found.shared))
+    return places.replaced(clipped, by), found.shared.times(share)
 
 
 def _points(
@@ -370,17 +369,14 @@ def _points(
     offset_px = places.offset_px * factor
     return LimbPoints(
         Status.OK,
-        "",
-        px + offset_px[:, None] * normal_px,
-        normal_px,
-        places.sigma_px * factor,
-        shared.coherent_px * factor,
-        shared.shift_px * factor,
-        shared.slope_px * factor,
-        sample.stretch_px * factor,
-        jumps_px * factor,
-        sample.curve,
-        offset_px,
+        px=px + offset_px[:, None] * normal_px,
+        normal_px=normal_px,
+        sigma_px=places.sigma_px * factor,
+        shared=shared.times(factor),
+        spacing_px=sample.stretch_px * factor,
+        jumps_px=jumps_px * factor,
+        predicted=sample.curve,
+        offset_px=offset_px,
         steepness=steepness,
         blur_px=blur_px,
     )

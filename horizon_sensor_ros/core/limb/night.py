@@ -34,8 +34,9 @@ def by_night(found: Detection) -> Detection:
             doubted = beside_dark or (below_layer and not limb.glow_separated)
             return limb.with_shared_errors_times(_MODELLED) if doubted else limb
         if below_layer:
-            height_px = math.hypot(limb.height_px, _HEIGHT_PX)
-            return replace(limb.with_shared_errors_times(_BELOW_LAYER), height_px=height_px)
+            height_px = math.hypot(limb.shared.height_px, _HEIGHT_PX)
+            enlarged = limb.with_shared_errors_times(_BELOW_LAYER)
+            return replace(enlarged, shared=enlarged.shared._replace(height_px=height_px))
         return limb.with_shared_errors_times(_BESIDE_DARK) if beside_dark else limb
 
     return found.with_limbs([known(limb) for limb in found.limbs])

@@ -107,7 +107,8 @@ def camera_horizon(
             change = np.append(moved.nadir_base @ basis, moved.rho_rad)
             slope += sign / (2.0 * _FOCAL_STEP) * change
     shared = _positive_part(cov - noise)
-    steady = _MOST_STEADY * limb.coherent_px / (limb.coherent_px + _STEADY_FROM_PX)
+    coherent_px = limb.shared.coherent_px
+    steady = _MOST_STEADY * coherent_px / (coherent_px + _STEADY_FROM_PX)
     return CameraHorizon(view.name, initial[0], fix.fit.rho_rad, noise, shared, steady, slope)
 
 

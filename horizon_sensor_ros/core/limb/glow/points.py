@@ -20,7 +20,7 @@ from horizon_sensor_ros.core.limb.glow.air import (
 from horizon_sensor_ros.core.limb.glow.brightness import powers
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb
 from horizon_sensor_ros.core.limb.glow.one_sky import Together, under_one_sky
-from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError
 from horizon_sensor_ros.core.status import Status
 
 # One sigma of the shape of a limb whose six stretches are off independently by one.
@@ -119,8 +119,7 @@ def _points(limb: GlowLimb, together: Together, index: int) -> dict[str, Any]:
         "px": limb.px + (factor * (rows @ change))[:, None] * limb.normal_px,
         "normal_px": limb.normal_px,
         "sigma_px": np.full(len(rows), _POINT_SHARE * sigma * factor),
-        "coherent_px": coherent * factor,
-        "shift_px": math.sqrt(max(shift2, 0.0)) * factor,
+        "shared": SharedError(coherent, math.sqrt(max(shift2, 0.0))).times(factor),
         "spacing_px": limb.stretch_px * factor,
         "cone_errors": to_cone @ errors,
     }

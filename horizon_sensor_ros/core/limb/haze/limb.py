@@ -26,7 +26,7 @@ from horizon_sensor_ros.core.limb.edges import believable
 from horizon_sensor_ros.core.limb.haze.sample import HazySample
 from horizon_sensor_ros.core.limb.profiles import scatter_px
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES
-from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
 
@@ -95,16 +95,13 @@ def hazy_limb(sample: HazySample, look: EdgeLook) -> LimbPoints:
     size_px = look.glow_px * sample.factor
     return LimbPoints(
         Status.OK,
-        "",
-        sample.curve.px[good] + offset_px[:, None] * unit,
-        unit,
-        np.hypot(places.sigma_px[good], _LEAST_SIGMA_PX) * step_px * sample.factor,
-        _COHERENT * size_px,
-        _SHIFT * size_px,
-        _SLOPE * size_px,
-        sample.stretch_px * sample.factor,
-        scatter_px(places.offset_px[good]) * sample.factor,
-        sample.predicted,
-        offset_px,
+        px=sample.curve.px[good] + offset_px[:, None] * unit,
+        normal_px=unit,
+        sigma_px=np.hypot(places.sigma_px[good], _LEAST_SIGMA_PX) * step_px * sample.factor,
+        shared=SharedError(_COHERENT, _SHIFT, _SLOPE).times(size_px),
+        spacing_px=sample.stretch_px * sample.factor,
+        jumps_px=scatter_px(places.offset_px[good]) * sample.factor,
+        predicted=sample.predicted,
+        offset_px=offset_px,
         above_m=_ABOVE_M,
     )
