@@ -25,6 +25,7 @@ from horizon_messages import (
     write_bag,
     write_parameters,
 )
+from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import Imu
 from target_messages import FRAME_ID, cloud_of, scan, stamp_of, truth_at
 
@@ -260,6 +261,24 @@ def test_a_camera_of_another_namespace_is_not_ours(tmp_path: Path) -> None:
     both = recording(3) + [(f"/other{topic}", time, msg) for topic, time, msg in recording(5)]
     source = write_bag(tmp_path / "both", both)
     assert "3 of 3" in text_of_replay(tmp_path, ours, source)
+
+
+def test_what_another_craft_says_of_itself_is_not_ours(tmp_path: Path) -> None:
+    """All write to one /diagnostics."""
+    params = str(write_parameters(tmp_path / "params.yaml"))
+    ours, mute = recording(3), [each for each in recording(3) if "info" not in each[0]]
+    both: list[tuple[str, int, Any]] = []
+    for name, flight in (("ours", ours), ("other", mute)):
+        source = write_bag(tmp_path / name, [(f"/{name}{t}", time, m) for t, time, m in flight])
+        out = tmp_path / f"{name}_out"
+        assert replay([str(source), str(out), "--params", params, "--namespace", name]) == 0
+        with AnyReader([out]) as bag:
+            both += [(c.topic, time, (c.msgtype, raw)) for c, time, raw in bag.messages()]
+    together = write_bag(tmp_path / "together", both)
+    for name, missing in (("ours", False), ("other", True)):
+        page = tmp_path / f"{name}.html"
+        assert main([str(together), "--namespace", name, "--out", str(page)]) == 0
+        assert ("no camera_info yet" in Reader(page).text) == missing
 
 
 def test_diagnostics_alone_say_why_there_was_no_answer(tmp_path: Path) -> None:

@@ -42,9 +42,13 @@ class TopicFacts:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """A status on /diagnostics at a time (ns): level 0 ok to 3 stale, its message and values."""
+    """A status on /diagnostics at a time (ns): level 0 ok to 3 stale, its message and values.
+
+    hardware_id : of these nodes, the full name of the one whose it is.
+    """
 
     time_ns: int
+    hardware_id: str
     level: int
     message: str
     values: dict[str, str]
@@ -123,7 +127,42 @@ def read_bags(
             "Make them with horizon_replay IN_BAG OUT_BAG, then: horizon_report OUT_BAG --input "
             "IN_BAG"
         )
+    found.diagnostics = _without_other_craft(found.diagnostics, names)
     return found
+
+
+def _without_other_craft(
+    diagnostics: dict[str, list[Diagnosis]], names: TopicNames
+) -> dict[str, list[Diagnosis]]:
+    """Leave out what nodes of the same names in other namespaces say on the one /diagnostics.
+
+    All of it stays where nothing is of the nodes that the names are for: they may have been renamed
+    in ways that are not told here.
+    """
+    if not _have_own(diagnostics, names):
+        return diagnostics
+    kept = {
+        name: [d for d in found if not _is_namesake(d.hardware_id, _node_of(name, names))]
+        for name, found in diagnostics.items()
+    }
+    return {name: found for name, found in kept.items() if found}
+
+
+def _have_own(diagnostics: dict[str, list[Diagnosis]], names: TopicNames) -> bool:
+    """Whether some are of the nodes that the names are for."""
+    return any(
+        d.hardware_id == _node_of(name, names) for name, found in diagnostics.items() for d in found
+    )
+
+
+def _node_of(status_name: str, names: TopicNames) -> str:
+    """Full name of the node, among those that the names are for, that reports under a name."""
+    return names.of_node(status_name.partition(":")[0])
+
+
+def _is_namesake(hardware_id: str, node: str) -> bool:
+    """Whether that is the full name of another node whose last part is the same."""
+    return hardware_id != node and hardware_id.endswith("/" + node.rpartition("/")[2])
 
 
 class _Wanted:
@@ -166,8 +205,11 @@ class _Wanted:
     def may_be_diagnosed(self) -> bool:
         """Whether /diagnostics, which is the same in all namespaces, may be these nodes'.
 
-        Not where the bags have answers of other names and none, not even a silent topic, of these.
+        Not where no node there has the name of one, and the bags have answers of other names and
+        none, not even a silent topic, of these.
         """
+        if _have_own(self.found.diagnostics, self._names):
+            return True
         topics = {facts.topic for facts in self.found.topics}
         if not topics.isdisjoint(self._answers):
             return True
@@ -194,7 +236,13 @@ class _Wanted:
             for status in msg.status:
                 values = {pair.key: pair.value for pair in status.values}
                 found.diagnostics.setdefault(status.name, []).append(
-                    Diagnosis(_time_of(msg, time), int(status.level), status.message, values)
+                    Diagnosis(
+                        _time_of(msg, time),
+                        status.hardware_id,
+                        int(status.level),
+                        status.message,
+                        values,
+                    )
                 )
             return
         stamp = stamp_ns(msg)
