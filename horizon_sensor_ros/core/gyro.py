@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 from collections import deque
+from itertools import islice
 
 import numpy as np
 
@@ -50,11 +51,12 @@ class RateHistory:
 
         It takes the components of a vector that does not turn from the frame at `start` to the
         frame at `end`. Between samples the rate changes evenly; before the first and after the last
-        it is held, for no longer than the largest gap.
+        it is held, for no longer than the largest gap. As in `rate` later samples do not count.
         """
-        if end < start or not self._stamps:
+        known_yet = bisect.bisect_right(self._stamps, end)
+        if end < start or known_yet == 0:
             return None
-        stamps = np.array(self._stamps, dtype=np.int64)
+        stamps = np.fromiter(islice(self._stamps, known_yet), np.int64, known_yet)
         # Exact differences: as floats, stamps would be good to a quarter of a microsecond only.
         times = np.concatenate(([start], stamps[(stamps > start) & (stamps < end)], [end])) - start
         before = np.searchsorted(stamps, start, side="right") - 1
@@ -64,7 +66,7 @@ class RateHistory:
         if np.diff(edges).max() > self.max_gap_ns:
             return None
         known = (stamps - start).astype(float)
-        rates = np.array(self._rates)
+        rates = np.array(list(islice(self._rates, known_yet)))
         at = np.stack([np.interp(times, known, rates[:, axis]) for axis in range(3)], axis=1)
         turn = 0.5 * (at[1:] + at[:-1]) * (np.diff(times) * _NANOSECOND)[:, None]
         rotation = np.eye(3)
@@ -73,8 +75,9 @@ class RateHistory:
         return rotation
 
     def rate(self, stamp: int) -> tuple[np.ndarray, float] | None:
-        """The rate (3,) last told up to a stamp, and half of what the last ones differ by; None
-        where there are too few of them, or the last is longer ago than the largest gap.
+        """The rate (3,) last told up to a stamp, and what it may have changed by since, as fast as
+        the last ones changed; None where there are too few of them, or the last is longer ago than
+        the largest gap.
 
         It is their median: a single one may be a glitch. Later ones do not count, though they may
         be known: whether they are depends on who is faster.
@@ -86,7 +89,10 @@ class RateHistory:
         if stamp - self._stamps[first] > _FOR_A_RATE * self.max_gap_ns:
             return None
         last = np.array([self._rates[i] for i in range(first, end)])
-        return np.median(last, axis=0), 0.5 * float(np.ptp(last, axis=0).max())
+        # The median is as old as the one in the middle.
+        middle = self._stamps[first + _FOR_A_RATE // 2]
+        age = (stamp - middle) / max(self._stamps[end - 1] - self._stamps[first], 1)
+        return np.median(last, axis=0), max(age, 0.5) * float(np.ptp(last, axis=0).max())
 
     def forget_before(self, stamp: int) -> None:
         """Drop what no rotation from `stamp` on, and no rate at it, needs."""

@@ -21,12 +21,14 @@ _LESS_SURE = "the other camera is surer without it"
 class Frame:
     """One image and the camera that took it.
 
-    gray : (H, W) uint8 or uint16. after_s : its time after that of the set of frames.
+    gray : (H, W) uint8 or uint16. after_s : its time after that of the set of frames. unusable :
+    why it is not to be looked at; empty where it is.
     """
 
     view: CameraView
     gray: np.ndarray
     after_s: float = 0.0
+    unusable: str = ""
 
     @property
     def late_s(self) -> float:
@@ -50,7 +52,8 @@ class HorizonFix:
     the limb was expected, if it was followed and not searched for. airglow : the edge of the
     airglow above the limb, as a fit of its own, where nadir is by that too. airglow_alone : all is
     by that edge, and limbs are points of it. views : one per frame, as they see the horizon at the
-    set's time, where frames are not of that moment; else empty.
+    set's time, where frames are not of that moment; else empty. contradicting : names of those that
+    were searched and see, each by itself, a limb where others do not.
     """
 
     status: Status
@@ -63,6 +66,7 @@ class HorizonFix:
     airglow_alone: bool = False
     cameras_spared: tuple[str, ...] = ()
     views: tuple[CameraView, ...] = ()
+    contradicting: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:

@@ -17,6 +17,8 @@ from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix, told_by
 from horizon_sensor_ros.core.judgement import disagreement_rad, nadir_sigma_rad
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb, joined
+from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
+from horizon_sensor_ros.core.limb.search.selection import limb_consensus, rays_of_candidates
 from horizon_sensor_ros.core.limb_curve import limb_in_sight
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet_figure import disc_of
@@ -70,6 +72,7 @@ class HorizonSearch:
                 for i, limb in zip(rest, fix.limbs, strict=True):
                     limbs[i] = limb
                 fix = replace(fix, reason=reason, limbs=tuple(_filled(limbs)))
+                fix = replace(fix, contradicting=_contradicting(frames, fix, alone))
                 contradicted = self._contradicted(frames, fix, alone)
                 contradicted = contradicted or self._apart(frames, sighting, fix, alone)
                 if contradicted is not None:
@@ -82,6 +85,16 @@ class HorizonSearch:
             everything = False
             for i, limb in judged.doubtful.items():
                 limbs[rest[i]] = limb
+
+    def agreeing(self, frame: Frame) -> int:
+        """Number of edges beside space in one frame that agree on a disc, whether or not it is the
+        planet's; 0 where too few do.
+        """
+        found = rays_of_candidates(
+            [frame.view], [space_boundary_candidates(frame.gray, mask=frame.view.mask)]
+        )
+        consensus = limb_consensus(found, rho_min_rad=self._rho_min, rho_max_rad=self._rho_max)
+        return int(np.count_nonzero(consensus.inliers))
 
     def _each_alone(self, frames: Sequence[Frame], aiding: Aiding) -> _Alone:
         @cache
@@ -113,7 +126,10 @@ class HorizonSearch:
                     f"{frame.view.name} alone finds nadir {np.degrees(apart):.1f} deg "
                     f"from that of {fix.cameras_used[0]}"
                 )
-                return self._estimator.refused(Status.CAMERAS_DISAGREE, reason, fix.fit, fix.limbs)
+                refused = self._estimator.refused(
+                    Status.CAMERAS_DISAGREE, reason, fix.fit, fix.limbs
+                )
+                return replace(refused, contradicting=(frame.view.name, *fix.cameras_used))
         return None
 
     def _apart(
@@ -138,6 +154,10 @@ class HorizonSearch:
             for i, limb in enumerate(fix.limbs)
             if limb.status is not Status.BAD_IMAGE and alone(i)[1].fix.ok
         }
+        # One that is left out by two that agree, each by itself too, is outvoted.
+        agree = {*fix.cameras_used, *fix.cameras_spared}
+        voters = {i: one for i, one in found.items() if frames[i].view.name in agree}
+        found = voters if len(voters) > 1 else found
         # Edges in glow and limbs that were separated from it lie on two cones anyway.
         separated = {one.limbs[0].glow_separated for one in found.values()}
         if len(found) < 2 or len(separated) > 1:
@@ -150,7 +170,8 @@ class HorizonSearch:
         limbs = tuple(of_own.get(i, limb) for i, limb in enumerate(fix.limbs))
         if by_own.status in (Status.CAMERAS_DISAGREE, Status.POOR_FIT):
             reason = f"each camera by itself sees a limb, but no common cone fits: {by_own.reason}"
-            return self._estimator.refused(Status.CAMERAS_DISAGREE, reason, fix.fit, limbs)
+            refused = self._estimator.refused(Status.CAMERAS_DISAGREE, reason, fix.fit, limbs)
+            return replace(refused, contradicting=tuple(frames[i].view.name for i in found))
         if not (by_own.ok and by_own.reason):
             return None
         # What contradicts itself already is only followed no longer where it is far worse.
@@ -223,6 +244,27 @@ class HorizonSearch:
         if np.isfinite(detection.rho_rad):
             figure = figure.aligned(detection.nadir_base)
         return Sighting(frames, detection, figure, aiding)
+
+
+def _contradicting(frames: Sequence[Frame], fix: HorizonFix, alone: _Alone) -> tuple[str, ...]:
+    """Names of the cameras that see a limb, each by itself, elsewhere than the others together."""
+    if not fix.ok:
+        seen = zip(frames, fix.limbs, strict=True)
+        of_limb = tuple(frame.view.name for frame, limb in seen if limb.status is Status.OK)
+        return of_limb if fix.status is Status.CAMERAS_DISAGREE else ()
+    if len(fix.cameras_used) < 2 or fix.airglow_alone:
+        return ()
+    left_out = [
+        i
+        for i, (frame, limb) in enumerate(zip(frames, fix.limbs, strict=True))
+        if frame.view.name not in (*fix.cameras_used, *fix.cameras_spared)
+        and limb.status is not Status.BAD_IMAGE
+    ]
+    return tuple(
+        frames[i].view.name
+        for i in left_out
+        if alone(i)[1].fix.ok and disagreement_rad(alone(i)[1].fix.fit, fix.fit) > 0.0
+    )
 
 
 def _no_fix(frames: Sequence[Frame], limbs: Sequence[LimbPoints | None]) -> HorizonFix:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
+from horizon_sensor_ros.core.doubts import Doubts
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Sighting
@@ -18,10 +19,12 @@ from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_search import HorizonSearch
 from horizon_sensor_ros.core.judgement import nadir_sigma_rad
 from horizon_sensor_ros.core.limb.detector import follow_limb
+from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.nadir_rate import NadirRate, contradicted
 from horizon_sensor_ros.core.planet_figure import Disc
 from horizon_sensor_ros.core.readout import view_at_stamp
+from horizon_sensor_ros.core.repeated_images import RepeatedImages
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.track import Track
 from horizon_sensor_ros.core.turn_rate import GYRO_SIGMA_RAD_S, TurnRate
@@ -31,8 +34,12 @@ _MOST_LENGTHY = 100.0
 # Sets of frames followed before the whole frames are searched again: a track that had slipped off
 # the limb, or a camera that has come to see it, is noticed after so many at the latest.
 _LONGEST_TRACK = 50
+_MANY_MORE = 2.0  # times the edges that agreed on a disc when a camera was searched
 _MOST_TURN_RAD = 0.1  # within a set: farther, and rays have no one row in which they are seen
 _OF_SIGMA = 0.3  # of nadir: what an unknown rate makes that is told
+# How frames end that are brought together by a rate that is not theirs.
+_OF_A_WRONG_RATE = (Status.CAMERAS_DISAGREE, Status.POOR_FIT)
+_NOT_THE_GYROS = "with the rate on imu no horizon fits, without it one does: it is not used"
 _NO_TIME = "which cameras see a limb depends on the time at which they are asked"
 _NO_RATE = "frames are not of one moment, and how fast the craft turns is not known"
 
@@ -46,12 +53,16 @@ class HorizonSensor:
         self._search = HorizonSearch(self._estimator)
         self._track: Track | None = None
         self._nadir_rate = NadirRate()
+        self._doubts = Doubts()
+        self._images = RepeatedImages()
         self._timed_by, self._time_s = "", 0.0  # the last fix's, its time after that of its set
 
     def reset(self) -> None:
         """Forget where the limb was: the next frames are searched."""
         self._track = None
         self._nadir_rate.reset()
+        self._doubts.reset()
+        self._images.reset()
         self._timed_by, self._time_s = "", 0.0
 
     @property
@@ -71,11 +82,15 @@ class HorizonSensor:
         """
         if len(frames) == 0:
             raise ValueError("frames must hold at least one frame")
+        frames = self._images.marked(frames, aiding)
         before_s, self._time_s = self._time_s, 0.0
         if any(frame.takes_s > 0.0 for frame in frames):
             fix = self._brought_together(frames, aiding)
         else:
             fix = self._processed(frames, frames, aiding)
+        believed = self._doubts.judged(fix, followed=fix.predicted is not None)
+        if believed is not fix:
+            fix, self._track = believed, None
         since_last_s = aiding.since_last_s
         if since_last_s is not None:
             # From fix to fix, each at the time of its own first camera.
@@ -86,7 +101,23 @@ class HorizonSensor:
 
     def _brought_together(self, frames: Sequence[Frame], aiding: Aiding) -> HorizonFix:
         """Fix of frames that are not of one moment, at that of the first camera that is in it."""
-        told = self._turn_rate(aiding)
+        by_fixes = self._nadir_rate.now(self.config.rate_sigma_rad_s)
+        told = _by_gyro(aiding)
+        if told is None or (by_fixes is not None and contradicted(told, by_fixes)):
+            return self._at_rate(frames, by_fixes, aiding)
+        fix = self._at_rate(frames, told, aiding)
+        if fix.status not in _OF_A_WRONG_RATE:
+            return fix
+        # Only fixes contradict a gyro, and with one that is far off there may never be any.
+        without = self._at_rate(frames, by_fixes, aiding)
+        if not without.ok:
+            return fix
+        return _told_besides(without, _NOT_THE_GYROS)
+
+    def _at_rate(
+        self, frames: Sequence[Frame], told: TurnRate | None, aiding: Aiding
+    ) -> HorizonFix:
+        """The same, of a craft that turns so fast. told : None where that is not known."""
         rate = told or TurnRate(np.zeros(3), self.config.rate_sigma_rad_s)
         turn_rad = max(frame.takes_s for frame in frames) * float(
             np.linalg.norm(rate.rate_base_rad_s)
@@ -97,7 +128,7 @@ class HorizonSensor:
         fix = self._at_its_own(frames, rate, aiding)
         open_rad = max(frame.late_s for frame in frames) * rate.sigma_rad_s
         if fix.ok and told is None and open_rad > _OF_SIGMA * nadir_sigma_rad(fix.fit):
-            return replace(fix, reason="; ".join(filter(None, (fix.reason, _NO_RATE))))
+            return _told_besides(fix, _NO_RATE)
         return fix
 
     def _at_its_own(self, frames: Sequence[Frame], rate: TurnRate, aiding: Aiding) -> HorizonFix:
@@ -142,15 +173,6 @@ class HorizonSensor:
         fix = self._processed(frames, seen, aiding)
         return replace(fix, views=tuple(frame.view for frame in seen))
 
-    def _turn_rate(self, aiding: Aiding) -> TurnRate | None:
-        """How fast the craft turns between frames and while they are read out, if that is known."""
-        by_fixes = self._nadir_rate.now(self.config.rate_sigma_rad_s)
-        if aiding.rate_base_rad_s is None:
-            return by_fixes
-        sigma = math.hypot(GYRO_SIGMA_RAD_S, aiding.rate_spread_rad_s)
-        told = TurnRate(aiding.rate_base_rad_s, sigma)
-        return by_fixes if by_fixes is not None and contradicted(told, by_fixes) else told
-
     def _processed(
         self, given: Sequence[Frame], frames: Sequence[Frame], aiding: Aiding
     ) -> HorizonFix:
@@ -170,15 +192,24 @@ class HorizonSensor:
             and detection.modelled
         ):
             shows = detection.layer_rad > 0.0 or fix.airglow is not None
+            cameras = fix.cameras_on_cone(views)
             self._track = Track.started(
-                views, replace(detection, airglow=shows), fix.fit, fix.cameras_on_cone(views)
+                views,
+                replace(detection, airglow=shows),
+                fix.fit,
+                cameras,
+                {
+                    frame.view.name: self._search.agreeing(frame)
+                    for frame in given
+                    if frame.view.name not in cameras
+                },
             )
         return fix
 
     def _follow(self, frames: Sequence[Frame], track: Track, aiding: Aiding) -> HorizonFix | None:
         """Fix from where the limb is expected; None where a search has to say what is there."""
         views = [frame.view for frame in frames]
-        if track.age >= _LONGEST_TRACK:
+        if track.age >= _LONGEST_TRACK or self._sees_more(frames, track):
             return None
         nadir, rho = track.predicted_cone(aiding.rot_now_from_last)
         figure = self._estimator.figure(aiding).aligned(nadir)
@@ -207,6 +238,30 @@ class HorizonSensor:
         self._track = track.continued(detection, fix.fit)
         return replace(fix, predicted=Disc(figure, nadir, rho))
 
+    def _sees_more(self, frames: Sequence[Frame], track: Track) -> bool:
+        """Whether a camera that is not in the track has come to see what may be a limb.
+
+        It need not be the one that is followed. They are asked in turn, one a set.
+        """
+        outside = [frame for frame in frames if frame.view.name in track.outside]
+        if not outside:
+            return False
+        frame = outside[track.age % len(outside)]
+        most = _MANY_MORE * track.outside[frame.view.name] + MIN_INLIERS
+        return self._search.agreeing(frame) > most
+
+
+def _by_gyro(aiding: Aiding) -> TurnRate | None:
+    """How fast the craft turns by the gyro, if there is one."""
+    if aiding.rate_base_rad_s is None:
+        return None
+    return TurnRate(aiding.rate_base_rad_s, math.hypot(GYRO_SIGMA_RAD_S, aiding.rate_spread_rad_s))
+
+
+def _told_besides(fix: HorizonFix, reason: str) -> HorizonFix:
+    """Fix with one more thing that makes it less certain."""
+    return replace(fix, reason="; ".join(filter(None, (fix.reason, reason))))
+
 
 def _unusable(frame: Frame) -> LimbPoints | None:
     gray, camera = frame.gray, frame.view.camera
@@ -223,6 +278,8 @@ def _unusable(frame: Frame) -> LimbPoints | None:
             f"image of {gray.shape[1]} x {gray.shape[0]}, "
             f"camera of {camera.width} x {camera.height}",
         )
+    if frame.unusable:
+        return LimbPoints.none(Status.BAD_IMAGE, frame.unusable)
     # Much longer than wide, nothing is left of the width in the size that limbs are looked for in.
     if min(gray.shape) < max(16, max(gray.shape) / _MOST_LENGTHY):
         size = f"{gray.shape[1]} x {gray.shape[0]}"

@@ -8,6 +8,7 @@ sphere's, exactly, and the result is brought back. Without it the mean sphere is
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
@@ -120,7 +121,8 @@ class MeanSphere:
 class StretchedEllipsoid:
     """An ellipsoid whose axis a coarse pose gives, stretched to a sphere of its mean limb.
 
-    pole_base : (3,) unit vector along the axis; by default as the pose has it.
+    pole_base : (3,) unit vector along the axis; by default as the pose has it. heading_sigma_rad :
+    what the heading is off by, where that is more than the pose claims.
     """
 
     def __init__(
@@ -129,11 +131,13 @@ class StretchedEllipsoid:
         vertical: str,
         pose: CoarsePose,
         pole_base: np.ndarray | None = None,
+        heading_sigma_rad: float = 0.0,
     ) -> None:
         self._planet = planet
         self._vertical = vertical
         self._pose = pose
         self._pole = pose.rot_ecef_from_base[2] if pole_base is None else pole_base
+        self._heading_sigma = max(heading_sigma_rad, pose.rotation_sigma_rad)
         self.sphere = mean_sphere(planet)
         self.shortfall = ""
         equator = planet.radius_m + planet.limb_height_m
@@ -154,7 +158,8 @@ class StretchedEllipsoid:
         """Return the figure turned, by the shortest way, to the vertical that was measured.
 
         What is left of the coarse attitude is the heading. Where it contradicts the vertical it is
-        not believed, and the mean sphere is returned.
+        not believed, and the mean sphere is returned. Before that an attitude that is far off the
+        vertical is taken to be as far off about it: of a turn about any axis two components show.
         """
         up = self._unstretched(-nadir_base)
         up /= np.linalg.norm(up)
@@ -167,7 +172,9 @@ class StretchedEllipsoid:
             return MeanSphere(self._planet, self._vertical, why)
         pole = self._pose.rot_ecef_from_base[2]
         pole = cosine * pole + np.cross(axis, pole) + axis * (axis @ pole) / (1.0 + cosine)
-        return StretchedEllipsoid(self._planet, self._vertical, self._pose, pole)
+        return StretchedEllipsoid(
+            self._planet, self._vertical, self._pose, pole, float(off) * math.sqrt(0.5)
+        )
 
     def covariance(self, fit: HorizonFit, observations: Sequence[LimbObservation]) -> np.ndarray:
         """Error that the pose's leaves: its position's in latitude, its attitude's in heading."""
@@ -177,7 +184,7 @@ class StretchedEllipsoid:
             fit.nadir_base,
             self._pole,
             self._pose.position_sigma_m / distance,
-            self._pose.rotation_sigma_rad,
+            self._heading_sigma,
         )
         return figure_covariance(fit, influence, of_pole)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,9 @@ class Track:
     """The limb of the last set of frames, and what it looked like.
 
     views : of that set. cameras : names of those whose limbs lie on one cone. nadir_base,
-    rho_rad : its disc's cone. last_cone : those of the set before, None right after a search.
+    rho_rad : its disc's cone. outside : of the other cameras, by name, how many edges agreed on one
+    disc, a limb or not, when they were searched. last_cone : nadir and rho of the set before, None
+    right after a search.
     state : what the limb looked like. working : the search's images of the frames, one per frame.
     layer_rad : height of airglow above the limb. airglow : whether it shows. age : sets since the
     search.
@@ -32,6 +34,7 @@ class Track:
     working: tuple[WorkingImage, ...]
     layer_rad: float
     airglow: bool
+    outside: Mapping[str, int]
     last_cone: tuple[np.ndarray, float] | None = None
     age: int = 0
 
@@ -42,8 +45,11 @@ class Track:
         detection: Detection,
         fit: HorizonFit,
         cameras: tuple[str, ...],
+        outside: Mapping[str, int],
     ) -> Track:
-        """Track from a fit, with its disc, of what a search found. cameras : as of the track."""
+        """Track from a fit, with its disc, of what a search found. cameras, outside : as of the
+        track.
+        """
         assert fit.disc is not None
         disc = fit.disc
         return cls(
@@ -55,6 +61,7 @@ class Track:
             detection.working,
             detection.layer_rad,
             detection.airglow,
+            outside,
         )
 
     def continued(self, detection: Detection, fit: HorizonFit) -> Track:

@@ -74,7 +74,8 @@ def test_rotations_follow_each_other() -> None:
     [
         ([], 0, 1, False),
         ([0, 0.1, 0.2], 0.05, 0.15, True),
-        ([0, 0.1, 0.4], 0.05, 0.3, False),  # a hole in the middle
+        ([0, 0.1, 0.4], 0.05, 0.45, False),  # a hole in the middle
+        ([0, 0.1, 0.4], 0.05, 0.3, True),  # whether a later one is known yet does not count
         ([0, 0.1, 0.4, 0.5, 0.6], 0.45, 0.6, True),  # the hole lies before
         ([0, 0.1, 0.2], 0.1, 0.35, True),  # held after the last one
         ([0, 0.1, 0.2], 0.1, 0.45, False),  # but not for ever

@@ -290,6 +290,25 @@ def test_the_error_of_coarse_poses_is_in_the_covariance(vertical: str) -> None:
     assert np.mean(np.array(found) > 11.8) < 0.05
 
 
+@pytest.mark.parametrize("off_deg", [30.0, 45.0])
+def test_an_attitude_far_off_the_vertical_is_not_sure_of_its_heading(off_deg: float) -> None:
+    """A pose of a minute ago, say. Its heading was claimed to the ten degrees of a good one.
+
+    A turn about the vertical alone shows itself to nobody.
+    """
+    rng = np.random.default_rng(51)
+    found = []
+    for seed in range(60):
+        craft = Craft(seed, cameras=(BARREL,) * (1 + seed % 2))
+        axis = rng.standard_normal(3)
+        turn = Rotation.from_rotvec(np.radians(off_deg) * axis / np.linalg.norm(axis)).as_matrix()
+        pose = CoarsePose(craft.position, craft.rot_ecef_from_base @ turn)
+        estimate, cov, _ = solved(StretchedEllipsoid(WGS84, "geodetic", pose), craft.observations())
+        found.append(nees(estimate, cov, craft.nadir("geodetic")))
+    assert np.median(found) < 2.5
+    assert np.mean(np.array(found) > 11.8) < 0.15
+
+
 @pytest.mark.parametrize("vertical", VERTICALS)
 @pytest.mark.parametrize("cameras", [1, 2])
 @pytest.mark.parametrize("altitudes_m", [(300e3, 800e3), (2000e3, 6000e3)])

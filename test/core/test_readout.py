@@ -284,6 +284,19 @@ def test_a_gyro_that_the_fixes_contradict_is_not_believed() -> None:
     np.testing.assert_array_equal(wrong.fit.nadir_base, fix.fit.nadir_base)
 
 
+@pytest.mark.parametrize("rate_rad_s", [0.4, 0.8, -1.2])
+def test_a_gyro_that_is_far_off_from_the_start_does_not_take_all_fixes(rate_rad_s: float) -> None:
+    """In deg/s, say. Only fixes contradict it, and there were none."""
+    (first, second) = flight(0.0, 6, 1)[1][0]
+    views = limb_views(ALTITUDE_M, azimuths_rad=(0.3, 1.8))
+    shown = [Frame(views[0], first.image), Frame(views[1], second.image, 0.05)]
+    rate = rate_rad_s * np.array([0.6, -0.8, 0.0])
+    fix = HorizonSensor().process(shown, Aiding(rate_base_rad_s=rate))
+    assert fix.cameras_used == ("camera_1", "camera_2")
+    assert "with the rate on imu no horizon fits" in fix.reason
+    assert nadir_nees(fix.fit, first.truth.nadir_base) < 11.8
+
+
 def test_a_still_craft_loses_nothing_by_its_rolling_shutter() -> None:
     _, sets = flight(0.0, 4, 2)
     still = np.zeros(3)

@@ -1,0 +1,78 @@
+"""Cameras that show one image again and again."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from limb_frames import as_frames, clouds, draw, limb_views
+from scipy.spatial.transform import Rotation
+
+from horizon_sensor_ros.core.aiding import Aiding
+from horizon_sensor_ros.core.horizon_fix import Frame
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.repeated_images import RepeatedImages
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.sim.earth_scene import Imaging
+
+PERIOD_S = 0.1
+VIEWS = limb_views(500e3, azimuths_rad=(0.0, 1.5))
+FRAMES = as_frames(VIEWS, draw(VIEWS, 500e3, clouds(2), Imaging(noise_dn=1.5), 1))
+
+
+def turning(rate_deg_s: float) -> Aiding:
+    """What a gyro tells of a set."""
+    turn = Rotation.from_rotvec((0.0, -np.radians(rate_deg_s) * PERIOD_S, 0.0)).as_matrix()
+    return Aiding(rot_now_from_last=turn, since_last_s=PERIOD_S)
+
+
+def noisy(frame: Frame, seed: int) -> Frame:
+    """The same scene in another image."""
+    noise = np.random.default_rng(seed).integers(0, 2, frame.gray.shape, dtype=np.uint8)
+    return Frame(frame.view, np.minimum(frame.gray, 254) + noise)
+
+
+def test_a_picture_that_is_published_again_and_again_is_answered() -> None:
+    sensor = HorizonSensor()
+    assert all(sensor.process(FRAMES, Aiding(since_last_s=PERIOD_S)).ok for _ in range(8))
+
+
+@pytest.mark.parametrize("rate_deg_s", [0.05, 0.2])
+def test_a_gyros_bias_is_no_turn(rate_deg_s: float) -> None:
+    images = RepeatedImages()
+    for _ in range(100):
+        assert not any(one.unusable for one in images.marked(FRAMES, turning(rate_deg_s)))
+
+
+@pytest.mark.parametrize("rate_deg_s", [1.0, 5.0])
+def test_a_camera_is_frozen_where_the_craft_turns(rate_deg_s: float) -> None:
+    sensor = HorizonSensor()
+    fixes = [sensor.process(FRAMES[:1], turning(rate_deg_s)) for _ in range(6)]
+    # No fix is of an image by which the craft had turned a pixel beyond what the gyro leaves open.
+    ok = [fix.ok for fix in fixes]
+    assert ok[0]
+    assert not any(ok[3:])
+    assert all(before or not after for before, after in pairwise(ok))
+    assert fixes[-1].status is Status.BAD_IMAGE
+    assert "the very same image again, though the craft has turned by" in fixes[-1].reason
+    # A live image ends it.
+    assert sensor.process([noisy(FRAMES[0], 1)], turning(rate_deg_s)).ok
+
+
+def test_a_camera_is_frozen_where_another_ones_images_change() -> None:
+    sensor = HorizonSensor()
+    for step in range(8):
+        fix = sensor.process([FRAMES[0], noisy(FRAMES[1], step)])
+        assert fix.cameras_used == (("camera_1", "camera_2") if step < 2 else ("camera_2",))
+    assert fix.limbs[0].status is Status.BAD_IMAGE
+    assert "other cameras' images have changed" in fix.limbs[0].reason
+
+
+def test_images_that_differ_in_one_pixel_are_not_the_same() -> None:
+    images = RepeatedImages()
+    for step in range(20):
+        gray = FRAMES[0].gray.copy()
+        gray[100 + step, 7] += 1
+        marked = images.marked([Frame(VIEWS[0], gray)], turning(10.0))
+        assert marked[0].unusable == ""
