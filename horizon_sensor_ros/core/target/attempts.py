@@ -53,13 +53,14 @@ _SECOND_GATES = np.array([0.16, 0.12, 0.1, 0.08])
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A refined motion to view ``b``, and how well the views agree with it.
+    """A refined motion from view ``a`` to ``b``, and how well the views agree with it.
 
     searched : whether the search was needed.  expected : whether it lies near a prior.
     known : its uncertainty, where the refinement asked for it.
     """
 
     refined: Refined
+    a: SurfaceView
     b: SurfaceView
     score: float
     overlap: float
@@ -75,7 +76,7 @@ class Found:
     @cached_property
     def uncertainty(self) -> Uncertainty:
         """How well the motion is known."""
-        return self.known or uncertainty(self.refined.pairs, self.refined.robust, self.b)
+        return self.known or uncertainty(self.refined.pairs, self.refined.robust, self.a, self.b)
 
     def sound(self, config: RegistrationConfig) -> bool:
         """Whether it came to rest where every direction is observed."""
@@ -157,7 +158,7 @@ class Finder:
         asked = self._asked
         known = asked[1] if asked is not None and asked[0] is refined.robust else None
         expected = prior_rotation is not None and _near(refined.rotation, prior_rotation)
-        return Found(refined, self._b, score, overlap, searched, expected, known)
+        return Found(refined, self._a, self._b, score, overlap, searched, expected, known)
 
     def _hopeless(self, information: np.ndarray, pairs: Pairs, robust: np.ndarray) -> bool:
         """Whether some direction is known so badly that no further step can mend it."""
@@ -165,7 +166,7 @@ class Finder:
         scale = np.repeat([config.max_rotation_std_rad, config.max_shift_std_m], 3)
         if np.linalg.eigvalsh(information * np.outer(scale, scale))[0] > _DOUBTFUL:
             return False
-        known = uncertainty(pairs, robust, self._b)
+        known = uncertainty(pairs, robust, self._a, self._b)
         self._asked = robust, known
         covariance = known.covariance
         worst = worst_known(covariance, config.max_rotation_std_rad, config.max_shift_std_m)

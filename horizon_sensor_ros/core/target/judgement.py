@@ -19,6 +19,9 @@ _BLOCK_PX = 12.0
 # kinds.
 _MEASURED = 0.72
 
+# Normals lean alike in both views over about half of a window.
+_LEAN_PX = 2.0
+
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
@@ -36,14 +39,15 @@ class Uncertainty:
     rms_residual_m: float
 
 
-def uncertainty(pairs: Pairs, robust: np.ndarray, b: SurfaceView) -> Uncertainty:
+def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView) -> Uncertainty:
     """Covariance of a refined motion from its pairs and their robust weights.
 
     The normals of both views carry independent noise, so the products of one view's Jacobian with
     the other's have the true information as their mean; the usual J^T J adds the noise of the
     normals, and lets a body of revolution look observable about its axis. To the inverse of that
     comes a sandwich of the residuals, summed over blocks of surface within which they err alike;
-    it carries what no noise model knows.
+    it carries what no noise model knows. And, squared, by how much the motion may have been drawn
+    towards none.
     """
     centre = b.image.centroid_m
     weight = robust * pairs.weight / pairs.sigma_m**2
@@ -69,7 +73,27 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, b: SurfaceView) -> Uncertainty
     values = np.maximum(values, 1 / b.size_m**2)
     inverse = (vectors / values) @ vectors.T * np.outer(scale, scale)
     covariance = _MEASURED * (inverse + inverse @ (sums @ sums.T) @ inverse)
+    drawn = inverse @ _drawn_back(pairs, weight, a, b)
+    covariance += np.outer(drawn, drawn)
     return Uncertainty((covariance + covariance.T) / 2, information, centre, rms)
+
+
+def _drawn_back(pairs: Pairs, weight: np.ndarray, a: SurfaceView, b: SurfaceView) -> np.ndarray:
+    """(6,) gradient by which the true motion may differ from none, where normals lean alike in both
+    views.
+
+    A surface that leans by how it is seen, and not by what it is, stays with the outline while the
+    body turns under it: it fits best where nothing moved. What it weighs in that is the squared
+    lean, times how far the body has slipped under it; of two places farther apart than a window is
+    wide the leans differ.
+    """
+    still = b.image.rot_sensor_from_view.T @ a.image.rot_sensor_from_view
+    before = pairs.rotation.T @ (pairs.point_a - pairs.translation_m[:, None])
+    arm = pairs.point_a - b.image.centroid_m[:, None]
+    slip = arm - still @ (before - a.image.centroid_m[:, None])
+    reach = _LEAN_PX * b.footprint_m
+    slip *= weight * pairs.tilt2 * reach / np.maximum(np.sqrt((slip * slip).sum(axis=0)), reach)
+    return np.concatenate([np.cross(arm.T, slip.T).sum(axis=0), slip.sum(axis=1)])
 
 
 def _feigned(arm: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -43,6 +43,7 @@ class Pairs:
         and the other view from the other; it is as thick as the others, and nobody knows how thick.
         EDGE_ON: a plate's face, and its rim or either face in the other view.
     plate_m : thickness to be expected of a plate before it is measured.
+    rotation, translation_m : the motion that moved a's points.
     """
 
     point_a: np.ndarray
@@ -54,6 +55,8 @@ class Pairs:
     tilt2: np.ndarray
     kind: np.ndarray
     plate_m: float
+    rotation: np.ndarray
+    translation_m: np.ndarray
 
     @cached_property
     def _behind(self) -> list[tuple[np.ndarray, float, float]]:
@@ -96,7 +99,8 @@ class Pairs:
         """The same pairs after a small further motion of a."""
         return replace(
             self, point_a=rotation @ self.point_a + translation_m[:, None],
-            normal_a=rotation @ self.normal_a,
+            normal_a=rotation @ self.normal_a, rotation=rotation @ self.rotation,
+            translation_m=rotation @ self.translation_m + translation_m,
         )  # fmt: skip
 
 
@@ -135,7 +139,7 @@ class Matcher:
         sigma, weight, tilt2, kind = parts[4:]
         return Pairs(
             point_a, point_b, normal_a, normal_b, sigma, weight, tilt2, kind,
-            _PLATE_PX * b.footprint_m,
+            _PLATE_PX * b.footprint_m, rotation, translation,
         )  # fmt: skip
 
     def _edges(
@@ -234,7 +238,7 @@ def _to_planes(
     turned = surfels.points[::step] @ rotation.T
     point = turned + translation
     index = project(b, *point.T)
-    seen = np.flatnonzero(b.plane[index])
+    seen = np.flatnonzero(b.steady[index])
     index, point, near = index[seen], point.take(seen, axis=0), seen * step
     other, n = b.point_map.take(index, axis=0), b.normal_map.take(index, axis=0)
     off = _dots(point - other, n)
@@ -268,6 +272,7 @@ def _to_planes(
     plate = np.flatnonzero(kind)
     variance[plate] += (_ROUGH_PX[kind[plate]] * np.float32(b.footprint_m)) ** 2
     tilt = b.tilt_rad[index]
-    tilt[planes:] = b.normal_noise_rad
-    tilt *= surfels.tilt_rad[near]
-    return point, other, normal, n, np.sqrt(variance), step * surfels.weight[near], tilt, kind
+    tilt2 = tilt * surfels.tilt_rad[near]
+    # Both normals of a bare return are the plane's.
+    tilt2[planes:] = tilt[planes:] ** 2 + np.float32(b.normal_noise_rad) ** 2
+    return point, other, normal, n, np.sqrt(variance), step * surfels.weight[near], tilt2, kind

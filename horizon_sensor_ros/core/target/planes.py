@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from horizon_sensor_ros.core.target.holes import without_holes
 from horizon_sensor_ros.core.target.range_image import RangeImage
 
 # A plane is trusted down to this cosine between ray and normal; a borrowed one down to the second.
@@ -82,7 +83,7 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
         guess = _stepped_noise(inverse, seen, image.range_step_m)
     sigma = max(guess, 1e-3 * footprint)
     radius = _window_radius(sigma / footprint)
-    fit = _plane_fit(inverse, seen, middle, radius)
+    fit = _plane_fit(without_holes(inverse), seen, middle, radius)
     if sigma_m is None and not rounded:
         sigma = max(fit.noise_m(sigma, radius), 1e-3 * footprint)
     noise = np.float32(sigma) * inverse * inverse + inverse * np.float32(_BEND_PX / image.focal_px)
@@ -236,7 +237,7 @@ def _box(image: np.ndarray, kernel_u: np.ndarray, kernel_v: np.ndarray) -> np.nd
 
 
 def _plane_fit(inverse: np.ndarray, seen: np.ndarray, middle: float, radius: int) -> _PlaneFit:
-    mask = seen.astype(np.float32)
+    mask = (inverse > 0).astype(np.float32)
     # About the middle, so that single precision does for the squares.
     w = (inverse - np.float32(middle)) * mask
     one = np.ones(2 * radius + 1, np.float32)

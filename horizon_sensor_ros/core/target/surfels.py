@@ -13,9 +13,8 @@ from horizon_sensor_ros.core.target.parts import Parts, find_parts
 from horizon_sensor_ros.core.target.planes import Planes, local_planes, normal_noise
 from horizon_sensor_ros.core.target.range_image import RangeImage
 
-# What a plane borrowed from the next window may lean by on a curved surface, alike in both views;
-# and one at the limb, where that goes edge-on (7 to 14 deg at a cosine below 0.2).
-_BORROWED_TILT_RAD, _LIMB_TILT_RAD = 0.08, 0.16
+# What a plane borrowed from the next window may lean by on a curved surface, alike in both views.
+_BORROWED_TILT_RAD = 0.08
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +24,9 @@ class Surfels:
 
     points, normals : (N, 3).  sigma_m : (N,) of one raw measurement.  weight : (N,) raw
         measurements that each stands for.
-    tilt_rad : (N,) error of the normal that is not independent from view to view.
-    The first ``num_planes`` come from planes; the others are bare returns where there is no plane
+    tilt_rad : (N,) error of the normal that is alike in both views; 0 of bare returns.
+    The first ``num_planes`` come from planes, not those at the limb of a curved body, which tell
+    nothing but how it is seen; the others are bare returns where there is no plane
     (thin parts, slants too steep for the window, corners). Those have normal 0: they take over
     that of the other view's plane, with its noise.
     """
@@ -47,7 +47,8 @@ class SurfaceView:
         radius.
     point_map, normal_map : (H W, 3) point and normal (towards the sensor) of the local plane at
         each pixel; without a plane the return itself, and 0.
-    plane : (H W) bool, where there is one.  tilt_rad : (H W) of its normal, see Surfels;
+    plane : (H W) bool, where there is one.  steady : (H W) bool, where it may be paired: not at the
+        limb of a curved body.  tilt_rad : (H W) of its normal, see Surfels;
         normal_noise_rad : of all.  noise_m : (H W) float32, along the normal, of one measurement.
     surfels, edges, parts : what is registered.
     depth_map : (H W) depth of the return, 0 where there is none.
@@ -61,6 +62,7 @@ class SurfaceView:
     point_map: np.ndarray
     normal_map: np.ndarray
     plane: np.ndarray
+    steady: np.ndarray
     tilt_rad: np.ndarray
     normal_noise_rad: float
     noise_m: np.ndarray
@@ -115,7 +117,6 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     planes = local_planes(image, sigma_m)
     inverse = image.inverse_depth
     tilt = np.float32(_BORROWED_TILT_RAD) * ~planes.own.ravel()
-    tilt[planes.limb.ravel()] = _LIMB_TILT_RAD
     noise = np.zeros(inverse.size, np.float32)
     index = np.flatnonzero(planes.found)
     noise[index] = normal_noise(
@@ -130,7 +131,8 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     hidden = ((inverse == 0) & ~image.unknown).view(np.uint8)
     return SurfaceView(
         image, planes.sigma_m, planes.footprint_m, float(size), planes.points, planes.normals,
-        planes.found.ravel(), tilt, planes.normal_noise_rad, noise, depth_map,
+        planes.found.ravel(), (planes.found & ~planes.limb).ravel(), tilt,
+        planes.normal_noise_rad, noise, depth_map,
         cv2.distanceTransform(hidden, cv2.DIST_L2, 3).ravel(),
         _surfels(image, planes, tilt, noise), find_edges(image, planes), find_parts(image, planes),
     )  # fmt: skip
@@ -152,7 +154,7 @@ def _nearest(plane: np.ndarray) -> np.ndarray:
 def _surfels(image: RangeImage, planes: Planes, tilt: np.ndarray, noise_m: np.ndarray) -> Surfels:
     """Planes on a lattice thin enough to keep their number moderate, and bare returns."""
     width = planes.found.shape[1]
-    index = np.flatnonzero(planes.found)
+    index = np.flatnonzero(planes.found & ~planes.limb)
     share = 1
     if len(index) > 1200:
         row, column = np.divmod(index, width)
@@ -172,6 +174,6 @@ def _surfels(image: RangeImage, planes: Planes, tilt: np.ndarray, noise_m: np.nd
     # Planes of both views are matched with each other twice, once in each direction.
     weight[: len(index)], weight[len(index) :] = share / 2, step
     sigma[: len(index)], sigma[len(index) :] = noise_m[index], planes.sigma_m
-    lean[: len(index)], lean[len(index) :] = tilt[index], planes.normal_noise_rad
+    lean[: len(index)], lean[len(index) :] = tilt[index], 0
     points, normals = planes.points.take(both, axis=0), planes.normals.take(both, axis=0)
     return Surfels(points, normals, sigma, weight, lean, len(index))

@@ -1,0 +1,61 @@
+"""The roll of bodies that little but small parts keeps from being ones of revolution: known as well
+as is said, and not drawn towards no roll."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from horizon_sensor_ros.core.rigid import inverse_pose, pose_matrix, vector_from_rotation
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target.registration import register, target_view
+from horizon_sensor_ros.sim.shapes import TriangleMesh, assembly, box, revolved
+from horizon_sensor_ros.sim.tof_camera import ToFCamera
+
+MISSING = 0.01
+
+
+def tank(rng: np.random.Generator) -> TriangleMesh:
+    """A tank with domes, and two to four boxes on its barrel."""
+    radius, half = rng.uniform(0.25, 0.45), rng.uniform(0.5, 0.8)
+    dome = [(0, half + 0.3 * radius), (0.7 * radius, half + 0.2 * radius), (radius, half)]
+    parts = [revolved([(across, -along) for across, along in dome] + dome[::-1])]
+    for _ in range(rng.integers(2, 5)):
+        size = rng.uniform(0.05, 0.14, 3) * (1, 1, rng.choice([1, 4]))
+        turn = Rotation.from_euler("z", rng.uniform(0, 360), degrees=True).as_matrix()
+        part = box(size, (radius + size[0] / 2 - 0.01, 0, rng.uniform(-0.8, 0.8) * half))
+        parts.append(part.moved(turn))
+    return assembly(parts)
+
+
+def rolls(roll_deg: float, pairs: int, first: int) -> tuple[np.ndarray, np.ndarray]:
+    """Errors along the roll and claimed sigmas, degrees, of the motions that were let through."""
+    camera = ToFCamera(range_noise_m=0.004)
+    errors, sigmas = [], []
+    for seed in range(first, first + pairs):
+        rng = np.random.default_rng(seed)
+        mesh = tank(rng)
+        start = Rotation.random(random_state=seed)
+        axis = start.as_matrix()[:, 2]
+        turn = Rotation.from_rotvec(np.radians(roll_deg) * axis)
+        place = np.array([0.1, -0.05, 5.3])
+        poses = [pose_matrix((each * start).as_matrix(), place) for each in (turn**0, turn)]
+        clouds = [camera.scan(mesh, pose, rng).points for pose in poses]
+        for cloud in clouds:
+            cloud[rng.random(cloud.shape[:2]) < MISSING] = np.nan
+        truth = poses[1] @ inverse_pose(poses[0])
+        found = register(target_view(clouds[0]), target_view(clouds[1]), None, truth)
+        if found.status is Status.OK:
+            off = vector_from_rotation(found.pose_b_from_a[:3, :3] @ truth[:3, :3].T)
+            errors.append(np.degrees(off @ axis))
+            sigmas.append(np.degrees(np.sqrt(axis @ found.covariance[:3, :3] @ axis)))
+    return np.array(errors), np.array(sigmas)
+
+
+@pytest.mark.parametrize("roll_deg", [2.0, 6.0])
+def test_the_roll_of_a_tank_with_boxes_is_known_as_well_as_claimed(roll_deg: float) -> None:
+    errors, sigmas = rolls(roll_deg, 30, 100)
+    assert len(errors) > 8
+    off = errors / sigmas
+    assert np.sqrt(np.mean(off**2)) < 1.25
+    assert np.abs(off).max() < 3.5
+    assert abs(off.mean()) < 0.55
