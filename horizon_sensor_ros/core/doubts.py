@@ -7,6 +7,7 @@ from horizon_sensor_ros.core.horizon_fix import HorizonFix
 from horizon_sensor_ros.core.status import Status
 
 _NO_CHANCE = 3  # sets of a contradiction from which on it is not one hard sky's
+_LONGEST = 600  # sets that count: what it came from may have gone with the camera's view
 
 
 class Doubts:
@@ -14,7 +15,7 @@ class Doubts:
 
     Nothing tells which of two cameras that contradict each other is mounted as it should be; where
     the other one is dazzled for a moment this one alone would be believed. It is not for about as
-    many sets as they contradicted each other, unless they come to agree before.
+    many sets as they contradicted each other, `_LONGEST` at most, unless they come to agree before.
     """
 
     def __init__(self) -> None:
@@ -51,4 +52,4 @@ class Doubts:
                 self._sets[name] = self._sets[name] if fix.reason else 0
             else:
                 self._sets[name] += 1 if followed else -1
-        self._sets = {name: sets for name, sets in self._sets.items() if sets > 0}
+        self._sets = {name: min(sets, _LONGEST) for name, sets in self._sets.items() if sets > 0}
