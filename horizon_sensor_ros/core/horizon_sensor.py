@@ -76,9 +76,11 @@ class HorizonSensor:
         Frames that are not of one moment (`Frame.after_s`, `CameraView.readout_s`) are brought to
         that of the first camera in the fix. What motion smears during a `CameraView.exposure_s` is
         known where the rate is, and else measured.
-        A camera whose frame shows no trustworthy limb is left out and the others decide; its entry
-        in `limbs` says why. Raises ValueError for no frames at all, or an image that is not (H, W)
-        uint8 or uint16; a frame of another size than its camera's is refused with status BAD_IMAGE.
+        A camera whose frame shows no trustworthy limb, or that is frozen (`RepeatedImages`), is
+        left out and the others decide; its entry in `limbs` says why. One that contradicted the
+        others before is not believed alone (`Doubts`). Raises ValueError for no frames at all, or
+        an image that is not (H, W) uint8 or uint16; a frame of another size than its camera's is
+        refused with status BAD_IMAGE.
         """
         if len(frames) == 0:
             raise ValueError("frames must hold at least one frame")
