@@ -476,6 +476,15 @@ def test_nothing_is_overwritten_but_by_force(
     assert "only another bag" in refused(capsys, flight, home, "--params", params, "--force")
     assert "only another bag" in refused(capsys, flight, flight, "--params", params, "--force")
     assert (home / "letter.txt").exists()
+    # Before the work: a directory cannot take a link's place.
+    link = tmp_path / "link"
+    for link_to in (out, tmp_path / "nowhere"):
+        link.unlink(missing_ok=True)
+        link.symlink_to(link_to)
+        told = refused(capsys, flight, link, "--params", params, "--force")
+        assert "it is a link" in told
+        assert "msg/s" not in told
+    assert len(read(out)["/attitude"]) == 5
 
 
 def test_where_nothing_can_be_written(
