@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped
 from horizon_messages import (
     ALTITUDE_M,
     CAMERAS,
@@ -30,6 +32,7 @@ from sensor_msgs.msg import Imu
 from target_messages import FRAME_ID, cloud_of, scan, stamp_of, truth_at
 
 from horizon_sensor_ros.ros.aiding_sources import AidingSources
+from horizon_sensor_ros.ros.messages import pose_message
 from horizon_sensor_ros.tools.bags.replay import main as replay
 from horizon_sensor_ros.tools.report.report import main, write_report
 from horizon_sensor_ros.tools.truth.topics import (
@@ -285,6 +288,106 @@ def test_diagnostics_alone_say_why_there_was_no_answer(tmp_path: Path) -> None:
     flight = [(topic, time, msg) for topic, time, msg in recording(3) if "info" not in topic]
     source = write_bag(tmp_path / "flight", flight)
     assert "no camera_info yet" in text_of_replay(tmp_path, source, source)
+
+
+def attitude_of(stamp: int, **fields: float) -> PoseWithCovarianceStamped:
+    """Of a level craft; fields: of the quaternion, z of the position, each element's covariance."""
+    msg = PoseWithCovarianceStamped()
+    msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+    msg.pose.pose.orientation.w = fields.get("w", 1.0)
+    msg.pose.pose.position.z = fields.get("z", ALTITUDE_M)
+    msg.pose.covariance = [fields.get("covariance", 0.0)] * 36
+    return msg
+
+
+def diagnosis_of(name: str, **values: str) -> DiagnosticArray:
+    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+    status = DiagnosticStatus(name=name, level=b"\2", message="battery low", values=pairs)
+    return DiagnosticArray(status=[status])
+
+
+OTHER_STAMP = START_NS - PERIOD_NS
+ODD: dict[str, tuple[str, Any, str]] = {
+    "another type": ("/target/pose", QuaternionStamped(), "geometry_msgs/msg/QuaternionStamped"),
+    "unknown type": (
+        "/target/pose",
+        ("px4_msgs/msg/Attitude", b"\0\1\0\0\1"),
+        "px4_msgs/msg/Attitude",
+    ),
+    "no rotation": (
+        *("/attitude", attitude_of(OTHER_STAMP, w=0.0)),
+        "1 messages of /attitude were left out",
+    ),
+    "not finite": (
+        *("/attitude", attitude_of(OTHER_STAMP, z=float("nan"))),
+        "1 messages of /attitude were left out",
+    ),
+    "covariance not finite": (
+        *("/attitude", attitude_of(OTHER_STAMP, covariance=float("nan"))),
+        "1 messages of /attitude were left out",
+    ),
+    "no direction": (
+        *("/truth/local_vertical", true_vertical_message(np.zeros(3), START_NS, "base_link")),
+        "1 messages of /truth/local_vertical were left out",
+    ),
+    "empty image": (
+        *("/camera_1/image_raw", ("sensor_msgs/msg/Image", b"")),
+        "1 messages could not be read",
+    ),
+    "another node's latency": ("/diagnostics", diagnosis_of("lidar", latency_ms="n/a"), ""),
+    "another node's residual": ("/diagnostics", diagnosis_of("lidar", residual_px="none"), ""),
+    "ours, not a number": (
+        *("/diagnostics", diagnosis_of("attitude_node: horizon", residual_px="", latency_ms="-")),
+        "battery low",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", ODD)
+def test_what_others_write_to_our_topics_does_not_end_the_report(
+    bags: tuple[Path, Path, Path], tmp_path: Path, what: str
+) -> None:
+    topic, msg, words = ODD[what]
+    with AnyReader([bags[0]]) as bag:
+        rows = [(c.topic, time, (c.msgtype, raw)) for c, time, raw in bag.messages()]
+    kept = [row for row in rows if row[0] != "/target/pose"]
+    source = write_bag(tmp_path / "odd", [*kept, (topic, START_NS, msg)])
+    assert main([str(source), "--out", str(tmp_path / "page.html")]) == 0
+    read = Reader(tmp_path / "page.html")
+    assert words in read.text
+    assert "lidar" not in read.text
+
+
+def test_answers_that_are_all_left_out_are_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = write_bag(tmp_path / "odd", [("/attitude", START_NS, attitude_of(START_NS, w=0.0))])
+    told = refused(capsys, source, "--out", tmp_path / "page.html")
+    assert "1 messages of /attitude were left out: not finite, or their" in told
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_covariance_of_zeros_has_no_nees(tmp_path: Path) -> None:
+    nadir = nadir_of(0.0, 0.0)
+    messages: list[tuple[str, int, Any]] = []
+    for stamp in (START_NS, START_NS + PERIOD_NS):
+        messages += [
+            ("/attitude", stamp, attitude_of(stamp)),
+            ("/truth/local_vertical", stamp, true_vertical_message(nadir, stamp, "base_link")),
+            ("/truth/attitude", stamp, true_attitude_message(nadir, ALTITUDE_M, stamp, "up")),
+        ]
+    for index in (0, 1):
+        stamp = stamp_of(index)
+        pose = true_pose_message(truth_at(index), stamp, FRAME_ID)
+        told = pose_message(truth_at(index), np.zeros((6, 6)), stamp, FRAME_ID)
+        messages += [("/truth/target/pose", stamp, pose), ("/target/pose", stamp, told)]
+    source = write_bag(tmp_path / "zeros", messages)
+    page = tmp_path / "page.html"
+    assert main([str(source), "--out", str(page)]) == 0
+    read = Reader(page)
+    assert "Errors against the truth" in read.headings
+    assert "Errors of the target against the truth" in read.headings
+    assert "NEES" not in read.text
 
 
 def test_remapped_frames_are_the_cameras(tmp_path: Path) -> None:

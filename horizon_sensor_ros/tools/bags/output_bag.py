@@ -24,6 +24,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
+from horizon_sensor_ros.tools.bags.message_types import type_name
 
 # The bag's own name is in its bytes; with a fixed one they do not depend on where it is written.
 _BAG_NAME = "horizon"
@@ -67,14 +68,14 @@ class OutputBag:
         with self._writing():
             self._connections[topic, message] = self._writer.add_connection(
                 topic,
-                _type_name(message),
+                type_name(message),
                 typestore=self._typestore,
                 offered_qos_profiles=[_OUTPUT_QOS],
             )
 
     def write(self, topic: str, time: int, msg: Any) -> None:
         """Write a message; time in nanoseconds."""
-        kind = _type_name(type(msg))
+        kind = type_name(type(msg))
         # A second pass through CDR: in the first the bytes of padding are whatever memory held.
         plain = self._typestore.deserialize_cdr(serialize_message(msg), kind)
         raw = self._typestore.serialize_cdr(plain, kind, little_endian=True)
@@ -107,10 +108,6 @@ class OutputBag:
         except Exception as error:
             # Of the system or of a storage library: a full disk, most likely.
             raise BagError(f"cannot write {self._path}: {in_one_line(error)}") from None
-
-
-def _type_name(message: type) -> str:
-    return f"{message.__module__.split('.')[0]}/msg/{message.__name__}"
 
 
 def check_replaceable(path: Path, *sources: Path, force: bool) -> None:

@@ -148,8 +148,7 @@ def _spread(name: str, errors: np.ndarray, sigma: np.ndarray | None) -> tuple[st
     )
     if sigma is None:
         return (*cells, "-", "-")
-    ratio = sizes / sigma[seen]
-    shares = ", ".join(f"{100 * np.mean(ratio < n):.0f}" for n in (1, 2, 3))
+    shares = ", ".join(f"{100 * np.mean(sizes < n * sigma[seen]):.0f}" for n in (1, 2, 3))
     return (*cells, *figures(np.median(sigma[seen])), shares)
 
 

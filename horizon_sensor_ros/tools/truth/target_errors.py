@@ -13,7 +13,7 @@ from horizon_sensor_ros.core.rigid import inverse_pose, pose_matrix, vector_from
 from horizon_sensor_ros.ros.messages import NANOSECONDS
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
 from horizon_sensor_ros.tools.truth.horizon_errors import error_lines
-from horizon_sensor_ros.tools.truth.nees import within_95
+from horizon_sensor_ros.tools.truth.nees import nees, within_95
 from horizon_sensor_ros.tools.truth.topics import pose_in_target_frame
 
 POSE_TOPIC, DELTA_TOPIC, TWIST_TOPIC = TARGET_TOPICS
@@ -105,11 +105,11 @@ def _twist_error(message: Any, step: np.ndarray, duration_s: float) -> np.ndarra
 def _sizes(shift: np.ndarray, turn: np.ndarray, covariance: Any) -> np.ndarray:
     matrix = np.asarray(covariance, float).reshape(6, 6)
     error = np.concatenate([shift, turn])
-    variances = np.diag(matrix)
+    variances = np.maximum(np.diag(matrix), 0.0)
     return np.array([
         np.linalg.norm(turn), np.sqrt(variances[3:].sum()),
         np.linalg.norm(shift), np.sqrt(variances[:3].sum()),
-        error @ np.linalg.solve(matrix, error),
+        nees(error, matrix),
     ])  # fmt: skip
 
 
@@ -126,7 +126,7 @@ def target_table(errors: TargetErrors, latency_s: np.ndarray) -> str:
         rows.append((f"{name}: shift", units[1], 100 * motion.shift, 100 * motion.shift_sigma))
     lines = error_lines(rows)
     clouds = len(errors.time_s)
-    poses = int(np.isfinite(errors.pose.nees).sum())
+    poses = int(np.isfinite(errors.pose.rotation).sum())
     lines += [
         "",
         f"availability   target/pose {poses} of {clouds} ({poses / clouds:.0%}), "
@@ -134,13 +134,12 @@ def target_table(errors: TargetErrors, latency_s: np.ndarray) -> str:
     ]
     # The pose that sets the frame is right by definition.
     later = errors.pose.nees[np.isfinite(errors.delta.nees)]
-    for name, nees in (
-        ("pose", later), ("delta", errors.delta.nees[np.isfinite(errors.delta.nees)]),
-    ):  # fmt: skip
-        if nees.size:
+    for name, values in (("pose", later), ("delta", errors.delta.nees)):
+        seen = values[np.isfinite(values)]
+        if seen.size:
             lines.append(
-                f"NEES, {name:9}median {np.median(nees):.2f} ({_NEES_MEDIAN} is exact); "
-                f"{within_95(nees, 6):.0%} of the errors within the 95 % ellipsoid"
+                f"NEES, {name:9}median {np.median(seen):.2f} ({_NEES_MEDIAN} is exact); "
+                f"{within_95(seen, 6):.0%} of the errors within the 95 % ellipsoid"
             )
     if latency_s.size:
         lines.append(
