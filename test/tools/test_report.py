@@ -422,6 +422,54 @@ def test_as_many_frames_wait_for_the_other_cameras_as_the_parameters_say(tmp_pat
     assert "13 frame sets, evenly chosen" in Reader(page).text
 
 
+def test_parameters_that_replay_takes_make_a_page(
+    bags: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    """Of one node alone; of the target, of which there are no frames."""
+    out, source, params = bags
+    one = tmp_path / "one.yaml"
+    one.write_text(params.read_text().replace("/**:", "local_vertical_node:"))
+    page = tmp_path / "report.html"
+    given = ("--out", page, "--force")
+    assert main([str(a) for a in (out, "--input", source, "--params", one, *given)]) == 0
+    assert "Agreement of the cameras" in Reader(page).headings
+    target = tmp_path / "target.yaml"
+    target.write_text("/**:\n  ros__parameters:\n    max_gap: 1.0\n")
+    clouds = write_bag(
+        tmp_path / "clouds", [each for each in flight_messages() if "target" in each[0]]
+    )
+    assert replay([str(clouds), str(tmp_path / "answers"), "--params", str(target)]) == 0
+    assert main([str(a) for a in (tmp_path / "answers", "--params", target, *given)]) == 0
+    assert "Target" in Reader(page).headings
+
+
+def test_rotations_from_tf_are_said(
+    bags: tuple[Path, Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, source, _ = bags
+    params, page = tmp_path / "params.yaml", tmp_path / "report.html"
+    write_parameters(params, extrinsics_source="tf")
+    arguments = (out, "--input", source, "--params", params, "--out", page)
+    assert main([str(a) for a in arguments]) == 0
+    read = Reader(page)
+    assert "extrinsics_source is tf, and a report has no TF" in read.text
+    assert read.alts.count("frame of camera_1") == len(FLOODED) + 4
+
+
+def test_a_camera_without_frames_is_said_and_the_others_are_shown(tmp_path: Path) -> None:
+    flight = [each for each in recording(16) if "camera_2" not in each[0]]
+    source = write_bag(tmp_path / "flight", flight)
+    params = write_parameters(tmp_path / "params.yaml", camera_timeout=0.5)
+    assert replay([str(source), str(tmp_path / "out"), "--params", str(params)]) == 0
+    page = tmp_path / "report.html"
+    arguments = (tmp_path / "out", "--input", source, "--params", params, "--out", page)
+    assert main([str(a) for a in arguments]) == 0
+    read = Reader(page)
+    assert "no frames of camera_2, which the parameters name" in read.text
+    assert read.text.count("s, answered") == 4
+    assert "10 frame sets, evenly chosen" in read.text
+
+
 def test_the_second_look_hears_the_gyro(
     bags: tuple[Path, Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
