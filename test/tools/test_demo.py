@@ -197,6 +197,35 @@ def test_errors_of_the_target_are_those_put_in() -> None:
     assert "within the 95 % ellipsoid" in table
 
 
+@pytest.mark.parametrize(
+    ("missing", "poses", "steps"),
+    [
+        ((), [0, 0, 2e-3, 0], [None, 0, 2e-3, None]),
+        # The pose that sets the frame: the next two are in it too.
+        ((0,), [None, None, None, 0], [None] * 4),
+        # One in the middle: the next step is from there.
+        ((1,), [0, None, 2e-3, 0], [None] * 4),
+        # The one that sets the second frame.
+        ((3,), [0, 0, 2e-3, None], [None, 0, 2e-3, None]),
+    ],
+)
+def test_errors_of_the_target_where_truth_is_missing(
+    missing: tuple[int, ...], poses: list[float | None], steps: list[float | None]
+) -> None:
+    bodies, messages = flown_target([2e-3, 0.0, 0.0], [0.0, 0.0, 0.0])
+    known = {stamp: body for stamp, body in bodies.items() if stamp // S not in missing}
+    errors = target_errors([stamp / S for stamp in known], known, messages)
+    assert errors.frames == 2
+
+    def expected(values: list[float | None]) -> Any:
+        kept = [v for k, v in enumerate(values) if k not in missing]
+        found = [np.nan if v is None else v for v in kept]
+        return pytest.approx(found, abs=1e-9, nan_ok=True)
+
+    assert errors.pose.rotation == expected(poses)
+    assert errors.delta.rotation == expected(steps)
+
+
 def test_a_target_that_was_never_found_still_has_a_table() -> None:
     bodies, _ = flown_target([0.0] * 3, [0.0] * 3)
     nothing: dict[str, dict[int, Any]] = {POSE_TOPIC: {}, DELTA_TOPIC: {}, TWIST_TOPIC: {}}

@@ -62,19 +62,24 @@ def target_errors(
     """Errors of the answers against the truths.
 
     truths : by the clouds' stamps (ns) in order, the target's own axes in the sensor frame (4, 4).
-    messages : by topic and stamp.
+    messages : by topic and stamp. A target frame that was set by a pose without truth has no
+    errors; the first pose is taken for one that sets it.
     """
+    row_of = {stamp: k for k, stamp in enumerate(truths)}
     rows = {topic: np.full((len(truths), 5), np.nan) for topic in TARGET_TOPICS}
     frames = 0
     set_at: tuple[np.ndarray, np.ndarray] | None = None
     before: tuple[int, np.ndarray] | None = None
-    for k, (stamp, body) in enumerate(truths.items()):
-        pose = messages[POSE_TOPIC].get(stamp)
-        if pose is None:
-            continue
+    # Over the poses, with truth or without: each may set the frame, and the next step is from it.
+    for stamp, pose in sorted(messages[POSE_TOPIC].items()):
+        body = truths.get(stamp)
         delta, twist = (messages[topic].get(stamp) for topic in (DELTA_TOPIC, TWIST_TOPIC))
-        if delta is None or set_at is None:
-            set_at, frames = (body, pose_of(pose)), frames + 1
+        if delta is None or frames == 0:
+            set_at, frames = None if body is None else (body, pose_of(pose)), frames + 1
+        if body is None or set_at is None:
+            before = None
+            continue
+        k = row_of[stamp]
         truth = pose_in_target_frame(body, *set_at)
         rows[POSE_TOPIC][k] = _pose_error(pose, truth)
         if delta is not None and before is not None:
