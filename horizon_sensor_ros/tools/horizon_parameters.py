@@ -32,3 +32,8 @@ def settings_of_a_node(values: Sequence[Mapping[str, Any]]) -> HorizonSettings:
         except ParameterError as error:
             problems.append(str(error))
     raise ParameterError("; ".join(dict.fromkeys(problems)))
+
+
+def base_frame_in(values: Sequence[Mapping[str, Any]]) -> str | None:
+    """Return the base frame that is given in some of the values, None where in none."""
+    return next((str(each["base_frame"]) for each in values if "base_frame" in each), None)

@@ -34,6 +34,9 @@ from target_messages import FRAME_ID, cloud_of, scan, stamp_of, truth_at
 from horizon_sensor_ros.ros.aiding_sources import AidingSources
 from horizon_sensor_ros.ros.messages import pose_message
 from horizon_sensor_ros.tools.bags.replay import main as replay
+from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
+from horizon_sensor_ros.tools.report import clouds
+from horizon_sensor_ros.tools.report.bags import ImuSample, read_bags
 from horizon_sensor_ros.tools.report.report import main, write_report
 from horizon_sensor_ros.tools.truth.topics import (
     true_attitude_message,
@@ -179,6 +182,10 @@ def test_figures_are_those_of_the_flight(page: Path) -> None:
     # Errors of a clear horizon, and of the accelerometer's, which is exact.
     assert float(read.row("roll (deg)")[0]) < 0.01
     assert float(read.row("altitude (km)")[0]) < 1.0
+    # A size's shares are no normal law's, beside which they would stand.
+    assert read.row("nadir (deg)")[4] == "-"
+    assert read.row("pose: turn (deg)")[4] == "pose: shift (cm)"
+    assert read.row("roll (deg)")[4].count(",") == 2
     mean, rms, *_ = (float(cell) for cell in read.row("pitch")[:2])
     assert abs(mean) < 0.01
     assert rms < 0.01
@@ -406,6 +413,58 @@ def test_remapped_frames_are_the_cameras(tmp_path: Path) -> None:
         assert "3 of 3" in read.text
         for camera in CAMERAS:
             assert any(camera in alt for alt in read.alts)
+
+
+@pytest.mark.parametrize("told", [False, True], ids=["of another frame", "told to be the same"])
+def test_an_accelerometer_in_another_frame_is_not_compared(
+    bags: tuple[Path, Path, Path], tmp_path: Path, told: bool
+) -> None:
+    with AnyReader([bags[0]]) as bag:
+        rows = [(c.topic, time, (c.msgtype, raw)) for c, time, raw in bag.messages()]
+    for index in range(PAIRS):
+        stamp = START_NS + index * PERIOD_NS
+        imu = imu_of(nadir_of(*attitude_at(index)), stamp)
+        imu.header.frame_id = "imu_link"
+        rows.append(("/imu", stamp, imu))
+    source = write_bag(tmp_path / "bag", rows)
+    page, params = tmp_path / "page.html", tmp_path / "params.yaml"
+    params.write_text("/**: {ros__parameters: {base_frame: imu_link}}")
+    arguments = (source, "--out", page, *(("--params", params) if told else ()))
+    assert main([str(a) for a in arguments]) == 0
+    read = Reader(page)
+    refusal = "in the frame 'imu_link', and the answers are in 'base_link': nothing is compared"
+    assert (refusal in read.text) != told
+    assert ("paper B's bench: pitch" in read.words) == told
+
+
+def test_the_report_can_be_ended_while_it_reads_the_clouds(
+    bags: tuple[Path, Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A signal only sets a flag, which is asked between two messages."""
+    asked_to_stop = []
+    decode = clouds.points_from_cloud
+
+    def decoded(msg: Any) -> Any:
+        asked_to_stop.append(True)
+        return decode(msg)
+
+    monkeypatch.setattr(clouds, "points_from_cloud", decoded)
+    page = tmp_path / "page.html"
+    with pytest.raises(KeyboardInterrupt):
+        write_report(bags[:2], page, stopped=lambda: bool(asked_to_stop))
+    assert not page.exists()
+
+
+def test_of_an_imu_only_what_counts_is_kept(tmp_path: Path) -> None:
+    """There may be millions of its messages, each with three covariances."""
+    imu = imu_of(np.array([0.0, 0.0, -1.0]), START_NS)
+    imu.angular_velocity.x = 0.25
+    vertical = true_vertical_message(np.array([0.0, 0.0, -1.0]), START_NS, "base_link")
+    source = write_bag(
+        tmp_path / "bag", [("/imu", START_NS, imu), ("/local_vertical", START_NS, vertical)]
+    )
+    (sample,) = read_bags([source], TopicNames("/", [])).imu
+    assert sample == ImuSample(START_NS, "base_link", (0.0, 0.0, GRAVITY), (0.25, 0.0, 0.0))
 
 
 def test_as_many_frames_wait_for_the_other_cameras_as_the_parameters_say(tmp_path: Path) -> None:

@@ -20,6 +20,8 @@ CAMERAS = Parameter(
     "Cameras to use, one or more; each has the topics <camera>/image_raw and <camera>/camera_info.",
 )
 
+BASE_FRAME = Parameter("base_frame", "string", "base_link", "Frame of the craft's body.")
+
 SLOP = Parameter(
     "slop",
     "double",
@@ -40,7 +42,7 @@ HORIZON_PARAMETERS = (
         "Where the cameras' rotations come from: the parameters <camera>.rotation, or TF.",
         choices=("parameters", "tf"),
     ),
-    Parameter("base_frame", "string", "base_link", "Frame of the craft's body."),
+    BASE_FRAME,
     Parameter(
         "level_z",
         "string",

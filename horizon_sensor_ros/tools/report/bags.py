@@ -72,6 +72,18 @@ class Diagnosis:
             return float("nan")
 
 
+@dataclass(frozen=True, slots=True)
+class ImuSample:
+    """What counts of a `sensor_msgs/Imu`, of which there are many: stamp (ns), acceleration felt
+    (m/s^2) and rate (rad/s) in the axes of frame_id.
+    """
+
+    stamp: int
+    frame_id: str
+    acceleration: tuple[float, float, float]
+    rate: tuple[float, float, float]
+
+
 @dataclass
 class Recorded:
     """Messages by stamp (ns); times of recording are in the bag's own clock.
@@ -91,7 +103,7 @@ class Recorded:
     truths: dict[str, dict[int, Any]] = field(default_factory=dict)
     frames: dict[str, list[int]] = field(default_factory=dict)
     clouds: list[int] = field(default_factory=list)
-    imu: list[tuple[int, Any]] = field(default_factory=list)
+    imu: list[ImuSample] = field(default_factory=list)
     diagnostics: dict[str, list[Diagnosis]] = field(default_factory=dict)
     unreadable: int = 0
     unusable: Counter[str] = field(default_factory=Counter)
@@ -101,7 +113,7 @@ class Recorded:
         """The earliest stamp; times in the report count from it."""
         stamps = [stamp for each in self.answers.values() for stamp in each]
         stamps += [stamp for each in self.frames.values() for stamp in each] + self.clouds
-        stamps += [stamp for stamp, _ in self.imu]
+        stamps += [sample.stamp for sample in self.imu]
         return min(stamps, default=0)
 
     def seconds(self, stamps_ns: Sequence[int]) -> np.ndarray:
@@ -293,7 +305,7 @@ class _Wanted:
         elif topic in self._truths:
             found.truths.setdefault(self._truths[topic], {})[stamp] = msg
         else:
-            found.imu.append((stamp, msg))
+            found.imu.append(_imu_sample(stamp, msg))
 
 
 def _read(
@@ -331,6 +343,12 @@ def _stamp_in(raw: bytes) -> int:
     little = len(raw) > 1 and raw[1] & 1
     seconds, nanoseconds = struct.unpack_from("<iI" if little else ">iI", raw, 4)
     return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+
+def _imu_sample(stamp: int, msg: Any) -> ImuSample:
+    a, w = msg.linear_acceleration, msg.angular_velocity
+    # The name of the frame is the same in nearly all.
+    return ImuSample(stamp, sys.intern(msg.header.frame_id), (a.x, a.y, a.z), (w.x, w.y, w.z))
 
 
 def _time_of(msg: Any, time: int) -> int:

@@ -12,6 +12,7 @@ import numpy as np
 from horizon_sensor_ros.ros.aiding_sources import IMU_TOPIC
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
+from horizon_sensor_ros.tools.horizon_parameters import base_frame_in
 from horizon_sensor_ros.tools.report.attitude import attitude_section, attitudes
 from horizon_sensor_ros.tools.report.bags import Recorded, read_bags
 from horizon_sensor_ros.tools.report.blocks import Section
@@ -50,11 +51,11 @@ def write_page(
         horizon_errors_section(recorded),
         again.answered,
         attitude_section(recorded),
-        imu_section(recorded),
+        imu_section(recorded, base_frame_in(values or [])),
         residuals_section(recorded, again.residuals),
         again.agreement,
         refused,
-        target_section(recorded, names, bags),
+        target_section(recorded, names, bags, stopped),
         target_errors_section(recorded),
         latency(recorded),
         contents(recorded),
