@@ -201,7 +201,8 @@ def test_namespace_and_remapping(tmp_path: Path) -> None:
         f"    camera_2: {{rotation: {QUATERNIONS['camera_2']}}}\n"
     )
     remap = ["--remap", "camera_1/image_raw:=left/image", "--remap", "camera_2/image_raw:=/right"]
-    remap += ["--remap", "attitude:=/att"]
+    # Of two rules for one name the first one counts, as live.
+    remap += ["--remap", "attitude:=/att", "--remap", "attitude:=/other"]
     arguments = [bag, tmp_path / "out", "--params", params, "--namespace", "craft"]
     assert run(*arguments, *remap) == 0
     out = read(tmp_path / "out")
