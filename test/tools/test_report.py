@@ -16,8 +16,10 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped
 from horizon_messages import (
     ALTITUDE_M,
     CAMERAS,
+    HEIGHT,
     PERIOD_NS,
     START_NS,
+    WIDTH,
     attitude_at,
     camera_info_of,
     horizon_gray,
@@ -527,6 +529,17 @@ def test_a_camera_without_frames_is_said_and_the_others_are_shown(tmp_path: Path
     assert "no frames of camera_2, which the parameters name" in read.text
     assert read.text.count("s, answered") == 4
     assert "10 frame sets, evenly chosen" in read.text
+
+
+def test_frames_after_the_other_camera_fell_silent_are_shown(tmp_path: Path) -> None:
+    dark = np.zeros((HEIGHT, WIDTH), np.uint8)
+    stamps = [START_NS + second * 1_000_000_000 for second in range(12)]
+    messages: list[tuple[str, int, Any]] = [("/attitude", stamps[0], attitude_of(stamps[0]))]
+    for camera, seen in (("camera_1", stamps), ("camera_2", stamps[:2])):
+        messages += [(f"/{camera}/image_raw", s, image_of(dark, s, camera)) for s in seen]
+    source = write_bag(tmp_path / "bag", sorted(messages, key=lambda each: each[1]))
+    assert main([str(source), "--out", str(tmp_path / "page.html")]) == 0
+    assert Reader(tmp_path / "page.html").text.count("s, no answer") > 2
 
 
 def test_the_second_look_hears_the_gyro(

@@ -33,6 +33,17 @@ SLOP = Parameter(
     live=True,
 )
 
+CAMERA_TIMEOUT = Parameter(
+    "camera_timeout",
+    "double",
+    5.0,
+    "A camera without a usable frame for longer than this, by the others' stamps, is left out, "
+    "and the fixes come from the others, until it is back; 0: they wait for it.",
+    unit="s",
+    minimum=0.0,
+    maximum=3600.0,
+)
+
 HORIZON_PARAMETERS = (
     CAMERAS,
     Parameter(
@@ -307,16 +318,7 @@ HORIZON_PARAMETERS = (
         live=True,
     ),
     SLOP,
-    Parameter(
-        "camera_timeout",
-        "double",
-        5.0,
-        "A camera without a usable frame for longer than this, by the others' stamps, is left out, "
-        "and the fixes come from the others, until it is back; 0: they wait for it.",
-        unit="s",
-        minimum=0.0,
-        maximum=3600.0,
-    ),
+    CAMERA_TIMEOUT,
     Parameter(
         "queue_size",
         "integer",

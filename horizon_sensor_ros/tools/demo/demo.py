@@ -114,8 +114,8 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         default=Path("demo_output"),
         help="directory of the report (report.html), the bag (demo), the nodes' parameters "
-        "(params.yaml) and logs; an earlier flight's are overwritten, and the bag only where it is "
-        "one of this command's (demo_output)",
+        "(params.yaml) and logs (default demo_output); what is there under these names is "
+        "overwritten, the bag only where it is one that this package wrote",
     )
     return parser
 

@@ -24,7 +24,7 @@ from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
 from horizon_sensor_ros.ros.messages import NANOSECONDS, Refusal, stamp_ns
 from horizon_sensor_ros.ros.pairing import Pairing
-from horizon_sensor_ros.ros.parameters.horizon import SLOP
+from horizon_sensor_ros.ros.parameters.horizon import CAMERA_TIMEOUT, SLOP
 from horizon_sensor_ros.ros.parameters.horizon_settings import (
     HorizonSettings,
     PipelineSettings,
@@ -57,7 +57,10 @@ from horizon_sensor_ros.tools.report.photos import (
 )
 
 _REFUSED_SHOWN, _ANSWERED_SHOWN, _COMPARED = 8, 4, 60
-_USUAL_SLOP_NS = round(float(SLOP.default) * NANOSECONDS)  # type: ignore[arg-type]
+_USUAL_SLOP_NS, _USUAL_TIMEOUT_NS = (
+    round(float(parameter.default) * NANOSECONDS)  # type: ignore[arg-type]
+    for parameter in (SLOP, CAMERA_TIMEOUT)
+)
 
 
 @dataclass
@@ -211,7 +214,7 @@ class _Study:
         self._settings = settings
         self._shown, self._compared, self._refused = shown, compared, refused
         self._pairing: Pairing[Any] = (
-            Pairing(self._cameras, _USUAL_SLOP_NS)
+            Pairing(self._cameras, _USUAL_SLOP_NS, timeout_ns=_USUAL_TIMEOUT_NS)
             if settings is None
             else Pairing(
                 self._cameras, settings.slop_ns, settings.queue_size, settings.camera_timeout_ns
