@@ -28,7 +28,7 @@ def _node(name: str) -> Node:
         executable=name,
         name=name,
         namespace=LaunchConfiguration("namespace"),
-        parameters=[LaunchConfiguration("params_file"), {"use_sim_time": use_sim_time}],
+        parameters=[{"use_sim_time": use_sim_time}, LaunchConfiguration("params_file")],
         output="screen",
         condition=IfCondition(LaunchConfiguration(name)),
     )
@@ -40,7 +40,9 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument("namespace", default_value="", description="Namespace of the nodes"),
         DeclareLaunchArgument("params_file", description=PARAMS_FILE),
         DeclareLaunchArgument(
-            "use_sim_time", default_value="false", description="Take the time from /clock"
+            "use_sim_time",
+            default_value="false",
+            description="Take the time from /clock, where the parameter file does not say",
         ),
         *(
             DeclareLaunchArgument(name, default_value="true", description=f"Start {name}")

@@ -30,14 +30,16 @@ def generate_launch_description() -> LaunchDescription:
             ),
             DeclareLaunchArgument("params_file", description=PARAMS_FILE),
             DeclareLaunchArgument(
-                "use_sim_time", default_value="false", description="Take the time from /clock"
+                "use_sim_time",
+                default_value="false",
+                description="Take the time from /clock, where the parameter file does not say",
             ),
             # No name here: it would be given to every node of the process.
             Node(
                 package=PACKAGE,
                 executable="horizon_sensor",
                 namespace=LaunchConfiguration("namespace"),
-                parameters=[LaunchConfiguration("params_file"), {"use_sim_time": use_sim_time}],
+                parameters=[{"use_sim_time": use_sim_time}, LaunchConfiguration("params_file")],
                 output="screen",
             ),
         ]

@@ -148,7 +148,9 @@ def write_bag(path: Path, messages: Iterable[tuple[str, int, Any]], storage: str
         for topic, time, msg in messages:
             kind, raw = msg if isinstance(msg, tuple) else (type_name(msg), serialize_message(msg))
             if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=TYPESTORE)
+                known = kind in TYPESTORE.fielddefs
+                how = {"typestore": TYPESTORE} if known else {"msgdef": "int8 a", "rihs01": "-"}
+                connections[topic] = writer.add_connection(topic, kind, **how)
             writer.write(connections[topic], time, raw)
     return path
 

@@ -302,6 +302,20 @@ def test_launch_files_ask_for_the_parameters() -> None:
         assert "extrinsics_source: tf" in path.read_text(), "rotations may come from TF instead"
 
 
+def test_launch_files_let_the_parameter_file_say_more_than_their_defaults() -> None:
+    # Of two sources for one parameter the later one counts.
+    for path in launch_files():
+        (node,) = [
+            keyword.value
+            for call in ast.walk(ast.parse(path.read_text()))
+            if isinstance(call, ast.Call)
+            for keyword in call.keywords
+            if keyword.arg == "parameters"
+        ]
+        assert "use_sim_time" in ast.unparse(node).split(", Launch")[0], path
+        assert ast.unparse(node).endswith("LaunchConfiguration('params_file')]"), path
+
+
 def test_params_file_is_written_from_the_table_of_parameters() -> None:
     from horizon_sensor_ros.ros.parameters.reference import parameter_file
 

@@ -66,7 +66,12 @@ class AidingSources:
     def jump_back(self, stamp: int) -> None:
         """Go on at an earlier time (a looped bag): drop a coarse pose whose stamp is nearer to the
         last set before the jump than to `stamp`.
+
+        After that set's stamp the sets have not jumped: one image came late, or one stamp was far
+        ahead.
         """
+        if self._last_set is not None and stamp > self._last_set:
+            return
         last, self._last_set = self._last_set, None
         if last is None or self._pose is None:
             return

@@ -98,6 +98,7 @@ def run(names: Sequence[str] = ()) -> int:
         if not names:
             nodes.append(rclpy.create_node("horizon_sensor"))
             names = _nodes_parameter(nodes[0])
+        _refuse_empty_lists(sys.argv)
         managed = _made({name: classes[name] for name in names}, pinned=bool(nodes))
         nodes += managed
         executor = _executor()
@@ -155,6 +156,15 @@ def _made(classes: dict[str, Any], *, pinned: bool) -> list[Any]:
         own = ["--ros-args", "-r", f"__node:={name}"] if pinned and _renames_all() else None
         nodes.append(make(cli_args=own, **(shared if name in _IMAGE_NODES else {})))
     return nodes
+
+
+def _refuse_empty_lists(arguments: Sequence[str]) -> None:
+    """ValueError for `-p NAME:=[]`, which to rcl is nothing given: what a file has would stay."""
+    for argument in arguments:
+        name, found, value = argument.partition(":=")
+        if found and value.replace(" ", "") == "[]":
+            own = name.rpartition(":")[2]
+            raise ValueError(f"{own} was given an empty list: name its values or leave it out")
 
 
 def _renames_all() -> bool:

@@ -207,14 +207,14 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
         check_overrides(self.qos_overrides)
         settings = self.settings_of(given)
         for parameter in self.parameters_of(given):
-            self._parameter_names.add(parameter.name)
             value = given.get(parameter.name, parameter.default)
-            descriptor = descriptor_of(parameter)
             if value is None:
-                self.declare_parameter(parameter.name, _KINDS[parameter.kind], descriptor)
-            else:
-                accepted = parameter.accept(value)
-                self.declare_parameter(parameter.name, accepted, descriptor, ignore_override=True)
+                # Declared without a value, rclpy answers no request that it is among.
+                continue
+            self._parameter_names.add(parameter.name)
+            accepted = parameter.accept(value)
+            descriptor = descriptor_of(parameter)
+            self.declare_parameter(parameter.name, accepted, descriptor, ignore_override=True)
         return settings
 
     def _values(self, changes: list[RosParameter]) -> dict[str, Any]:

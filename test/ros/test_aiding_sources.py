@@ -283,6 +283,40 @@ def test_a_jump_back_in_time_forgets_the_pose_of_the_end_but_not_of_the_new_begi
         assert (aiding.of_set(start).coarse_pose is not None) == kept
 
 
+def test_an_image_that_came_late_is_no_jump_of_the_sets() -> None:
+    aiding = sources()
+    aiding.on_coarse_pose(pose_of(START_NS - 5 * S))
+    aiding.of_set(START_NS)
+    aiding.jump_back(START_NS + S // 10)
+    later = aiding.of_set(START_NS + S // 5)
+    assert later.coarse_pose is not None
+    assert later.since_last_s == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("stamps_s", [(0.3, 0.2), (3600.0, 0.2)], ids=["late", "glitch"])
+def test_the_pose_outlives_an_odd_stamp_of_one_camera(stamps_s: tuple[float, float]) -> None:
+    pipeline = HorizonPipeline(horizon_settings({**PARAMETERS, "planet": "wgs84"}).pipeline)
+    pipeline.aiding.on_coarse_pose(pose_of(START_NS - 5 * S))
+    said = []
+
+    def see(camera: str, after_s: float) -> None:
+        stamp = START_NS + round(after_s * S)
+        gray = horizon_gray(camera, nadir_of(0.0, 0.0))
+        step = pipeline.on_image(camera, image_of(gray, stamp, camera))
+        said.extend(pipeline.aiding.words["coarse_pose"] for _ in step.results)
+
+    for camera in CAMERAS:
+        pipeline.on_camera_info(camera, camera_info_of(0, camera))
+        see(camera, 0.0)
+    for after_s in stamps_s:
+        see("camera_1", after_s)
+    see("camera_2", 0.2)
+    for camera in CAMERAS:
+        see(camera, 0.4)
+    assert pipeline.counts["time_jumps"] == 1
+    assert said == ["used"] * 3
+
+
 def test_sources_with_settings_have_the_pose_and_rates_of_their_own() -> None:
     """Two nodes of one process shared one: whoever asked first left the other no rotation."""
     aiding = sources()

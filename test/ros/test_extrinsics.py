@@ -12,7 +12,9 @@ import pytest
 import rclpy
 from geometry_msgs.msg import TransformStamped
 from horizon_messages import QUATERNIONS, ROTATIONS
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
@@ -103,3 +105,38 @@ def test_a_node_listens_to_tf_only_while_it_is_configured(node: AttitudeNode) ->
         assert listeners() == 1
         node.trigger_cleanup()
         assert listeners() == 0
+
+
+def test_a_node_without_rotations_answers_for_its_parameters(node: AttitudeNode) -> None:
+    """As `ros2 param set`, `get` and `dump` ask."""
+    person = rclpy.create_node("person", context=node.context)
+    executor = SingleThreadedExecutor(context=node.context)
+    for each in (node, person):
+        executor.add_node(each)
+
+    def call(kind: type, name: str, request: Any) -> Any:
+        client = person.create_client(kind, f"/attitude_node/{name}")
+        assert client.wait_for_service(10.0)
+        future = client.call_async(request)
+        executor.spin_until_future_complete(future, timeout_sec=10.0)
+        return future.result()
+
+    def set_to(name: str, value: Any) -> Any:
+        message = Parameter(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[message])
+        return call(SetParameters, "set_parameters", request).results[0]
+
+    try:
+        assert set_to("slop", 0.03).successful
+        assert node.settings.pipeline.slop_ns == 30_000_000
+        assert not set_to("camera_1.rotation", QUATERNIONS["camera_1"]).successful
+        names = call(ListParameters, "list_parameters", ListParameters.Request()).result.names
+        got = call(GetParameters, "get_parameters", GetParameters.Request(names=names))
+        assert dict(zip(names, got.values, strict=True))["slop"].double_value == 0.03
+        told = call(
+            DescribeParameters, "describe_parameters", DescribeParameters.Request(names=names)
+        )
+        assert len(told.descriptors) == len(names)
+    finally:
+        executor.shutdown()
+        person.destroy_node()

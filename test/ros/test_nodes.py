@@ -353,6 +353,16 @@ def test_a_node_refuses_to_start_in_one_clear_line(
         assert word in errors
 
 
+def test_an_empty_list_does_not_leave_what_the_file_has(
+    start: Callable[..., Program], tmp_path: Path
+) -> None:
+    path = write_parameters(tmp_path / "params.yaml", cameras=["camera_1"])
+    given = ["-p", "cameras:=[]"]
+    code, errors = start("attitude_node", "--params-file", str(path), *given).wait()
+    assert code == 1
+    assert errors.startswith("attitude_node: cameras was given an empty list: name its values")
+
+
 def test_an_argument_that_ros_does_not_know_is_said(start: Callable[..., Program]) -> None:
     code, errors = start("attitude_node", "--bad").wait()
     assert code == 1

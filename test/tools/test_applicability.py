@@ -272,7 +272,10 @@ def test_a_file_that_is_not_there_or_no_text(tmp_path):
     ("options", "message"),
     [
         (["--step", "0"], "--step must be positive"),
+        (["--step", "inf"], "--step must be positive, and finite"),
         (["--step", "0.001"], "take a wider step"),
+        (["--step", "1e-12"], "take a wider step"),
+        (["--step", "1e-320"], "take a wider step"),
         (["--range", "10", "-10"], "--range must rise"),
         (["--y-range", "0", "400"], "--y-range must rise"),
         (["--cameras", "left"], "it has camera_1, camera_2"),

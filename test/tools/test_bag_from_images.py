@@ -31,6 +31,7 @@ from horizon_sensor_ros.ros.messages import gray_from_image
 from horizon_sensor_ros.ros.point_cloud import points_from_cloud
 from horizon_sensor_ros.tools.bags import bag_from_images, bag_to_csv, replay
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.frame_files import stamp_text
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag
 
 PAIRS = 3
@@ -189,6 +190,34 @@ def test_stamps_from_a_file_with_names(tmp_path: Path, folders: Path) -> None:
         assert message.header.stamp.sec == 1_403_636_579
     nanoseconds = [m.header.stamp.nanosec for _, m in read(tmp_path / "bag")["/camera_1/image_raw"]]
     assert nanoseconds == [763_555_584, 763_555_585, 763_555_586]
+
+
+def test_names_in_a_file_of_stamps_may_have_spaces_and_more(tmp_path: Path) -> None:
+    (tmp_path / "frames").mkdir()
+    names = ["img 0.png", "a#1.png", "b, c; 2.png", "plain.png"]
+    for name in names:
+        cv2.imwrite(str(tmp_path / "frames" / name), np.zeros((HEIGHT, WIDTH), np.uint8))
+    lines = [f"{index}.5,{name}" for index, name in enumerate(names[:3])]
+    lines += ['# "plain.png" last', "3.5 sub/plain.png  # comment"]
+    (tmp_path / "stamps.csv").write_text("\n".join(lines))
+    file = camera_file(tmp_path / "rig.yaml", "camera_1")
+    given = ["--camera-file", file, "--images", tmp_path / "frames"]
+    assert run(tmp_path / "bag", *given, "--stamps", tmp_path / "stamps.csv") == 0
+    assert stamps(read(tmp_path / "bag")["/camera_1/image_raw"]) == [0.5, 1.5, 2.5, 3.5]
+
+
+@pytest.mark.parametrize(
+    ("stamp", "text"),
+    [
+        (1_500_000_000, "1.500000000"),
+        (-500_000_000, "-0.500000000"),
+        (-1_000_000_001, "-1.000000001"),
+        (0, "0.000000000"),
+    ],
+)
+def test_a_stamp_in_words(stamp: int, text: str) -> None:
+    """Messages may have negative ones, as tables show them."""
+    assert stamp_text(stamp) == text
 
 
 def test_stamps_from_a_file_without_names_and_from_names(tmp_path: Path, folders: Path) -> None:

@@ -121,6 +121,16 @@ def test_diagnostics_have_a_column_a_key(tmp_path: Path) -> None:
     assert (bad["level"], bad["reason"], bad["message"]) == ("error", "too dark", "a, b")
 
 
+def test_diagnostics_tell_two_craft_apart(tmp_path: Path) -> None:
+    nodes = ["/craft_a/attitude_node", "/craft_b/attitude_node"]
+    messages = [status(b"\x00", state="ok") for _ in nodes]
+    for message, node in zip(messages, nodes, strict=True):
+        message.status[0].hardware_id = node
+    bag = write_bag(tmp_path / "bag", [("/diagnostics", 1, message) for message in messages])
+    assert run(bag, tmp_path / "out") == 0
+    assert [row["hardware_id"] for row in table(tmp_path / "out" / "diagnostics.csv")] == nodes
+
+
 def test_only_the_topics_asked_for(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", [("/attitude", 1, pose()), ("/truth", 1, pose())])
     assert run(bag, tmp_path / "out", "--topics", "truth") == 0

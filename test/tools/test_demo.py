@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import stat
 import subprocess
@@ -27,9 +28,11 @@ from horizon_sensor_ros.core.rigid import (
     vector_from_rotation,
 )
 from horizon_sensor_ros.ros.messages import pose_message, twist_message
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.replay import main as replay
 from horizon_sensor_ros.tools.demo import processes as demo_processes
 from horizon_sensor_ros.tools.demo.processes import NodeFailedError, running_nodes
+from horizon_sensor_ros.tools.demo.recording import DemoBag
 from horizon_sensor_ros.tools.private_domain import private_domain
 from horizon_sensor_ros.tools.report.attitude import attitudes
 from horizon_sensor_ros.tools.report.bags import Recorded
@@ -192,6 +195,35 @@ def test_errors_of_the_target_are_those_put_in() -> None:
     table = target_table(errors, np.array([0.02]))
     assert "target/pose 4 of 4 (100%), target frames set: 2" in table
     assert "within the 95 % ellipsoid" in table
+
+
+@pytest.mark.parametrize(
+    ("missing", "poses", "steps"),
+    [
+        ((), [0, 0, 2e-3, 0], [None, 0, 2e-3, None]),
+        # The pose that sets the frame: the next two are in it too.
+        ((0,), [None, None, None, 0], [None] * 4),
+        # One in the middle: the next step is from there.
+        ((1,), [0, None, 2e-3, 0], [None] * 4),
+        # The one that sets the second frame.
+        ((3,), [0, 0, 2e-3, None], [None, 0, 2e-3, None]),
+    ],
+)
+def test_errors_of_the_target_where_truth_is_missing(
+    missing: tuple[int, ...], poses: list[float | None], steps: list[float | None]
+) -> None:
+    bodies, messages = flown_target([2e-3, 0.0, 0.0], [0.0, 0.0, 0.0])
+    known = {stamp: body for stamp, body in bodies.items() if stamp // S not in missing}
+    errors = target_errors([stamp / S for stamp in known], known, messages)
+    assert errors.frames == 2
+
+    def expected(values: list[float | None]) -> Any:
+        kept = [v for k, v in enumerate(values) if k not in missing]
+        found = [np.nan if v is None else v for v in kept]
+        return pytest.approx(found, abs=1e-9, nan_ok=True)
+
+    assert errors.pose.rotation == expected(poses)
+    assert errors.delta.rotation == expected(steps)
 
 
 def test_a_target_that_was_never_found_still_has_a_table() -> None:
@@ -396,6 +428,34 @@ def test_a_place_that_cannot_be_written_to_is_said(tmp_path: Path) -> None:
     assert "cannot write to" in done.stderr
     assert "--output" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_only_the_bag_of_an_earlier_flight_is_overwritten(tmp_path: Path) -> None:
+    place = tmp_path / "demo"
+    place.mkdir()
+    (place / "thesis.txt").write_text("mine")
+    done = subprocess.run(command(tmp_path), capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert f"{place} is not replaced: only another bag is" in done.stderr
+    (place / "metadata.yaml").write_text("of somebody's bag")
+    with pytest.raises(BagError, match=r"thesis\.txt in it is no part of a bag of this package"):
+        DemoBag(place, [], "up")
+    assert [each.name for each in tmp_path.iterdir()] == ["demo"]
+    shutil.rmtree(place)
+    for _ in range(2):
+        with DemoBag(place, [], "up"):
+            pass
+    assert sorted(each.name for each in place.iterdir()) == ["horizon.mcap", "metadata.yaml"]
+
+
+def test_what_came_to_the_bag_s_place_during_the_flight_stays(tmp_path: Path) -> None:
+    place = tmp_path / "demo"
+    said = pytest.raises(BagError, match="only another bag")
+    with said, DemoBag(place, [], "up"):
+        place.mkdir()
+        (place / "thesis.txt").write_text("mine")
+    assert (place / "thesis.txt").read_text() == "mine"
+    assert [each.name for each in tmp_path.iterdir()] == ["demo"]
 
 
 def test_interrupt_leaves_no_process(tmp_path: Path) -> None:

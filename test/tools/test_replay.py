@@ -201,7 +201,8 @@ def test_namespace_and_remapping(tmp_path: Path) -> None:
         f"    camera_2: {{rotation: {QUATERNIONS['camera_2']}}}\n"
     )
     remap = ["--remap", "camera_1/image_raw:=left/image", "--remap", "camera_2/image_raw:=/right"]
-    remap += ["--remap", "attitude:=/att"]
+    # Of two rules for one name the first one counts, as live.
+    remap += ["--remap", "attitude:=/att", "--remap", "attitude:=/other"]
     arguments = [bag, tmp_path / "out", "--params", params, "--namespace", "craft"]
     assert run(*arguments, *remap) == 0
     out = read(tmp_path / "out")
@@ -476,6 +477,15 @@ def test_nothing_is_overwritten_but_by_force(
     assert "only another bag" in refused(capsys, flight, home, "--params", params, "--force")
     assert "only another bag" in refused(capsys, flight, flight, "--params", params, "--force")
     assert (home / "letter.txt").exists()
+    # Before the work: a directory cannot take a link's place.
+    link = tmp_path / "link"
+    for link_to in (out, tmp_path / "nowhere"):
+        link.unlink(missing_ok=True)
+        link.symlink_to(link_to)
+        told = refused(capsys, flight, link, "--params", params, "--force")
+        assert "it is a link" in told
+        assert "msg/s" not in told
+    assert len(read(out)["/attitude"]) == 5
 
 
 def test_where_nothing_can_be_written(

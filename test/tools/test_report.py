@@ -11,11 +11,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped
 from horizon_messages import (
     ALTITUDE_M,
     CAMERAS,
+    HEIGHT,
     PERIOD_NS,
     START_NS,
+    WIDTH,
     attitude_at,
     camera_info_of,
     horizon_gray,
@@ -30,7 +34,11 @@ from sensor_msgs.msg import Imu
 from target_messages import FRAME_ID, cloud_of, scan, stamp_of, truth_at
 
 from horizon_sensor_ros.ros.aiding_sources import AidingSources
+from horizon_sensor_ros.ros.messages import pose_message
 from horizon_sensor_ros.tools.bags.replay import main as replay
+from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
+from horizon_sensor_ros.tools.report import clouds
+from horizon_sensor_ros.tools.report.bags import ImuSample, read_bags
 from horizon_sensor_ros.tools.report.report import main, write_report
 from horizon_sensor_ros.tools.truth.topics import (
     true_attitude_message,
@@ -176,6 +184,10 @@ def test_figures_are_those_of_the_flight(page: Path) -> None:
     # Errors of a clear horizon, and of the accelerometer's, which is exact.
     assert float(read.row("roll (deg)")[0]) < 0.01
     assert float(read.row("altitude (km)")[0]) < 1.0
+    # A size's shares are no normal law's, beside which they would stand.
+    assert read.row("nadir (deg)")[4] == "-"
+    assert read.row("pose: turn (deg)")[4] == "pose: shift (cm)"
+    assert read.row("roll (deg)")[4].count(",") == 2
     mean, rms, *_ = (float(cell) for cell in read.row("pitch")[:2])
     assert abs(mean) < 0.01
     assert rms < 0.01
@@ -287,6 +299,106 @@ def test_diagnostics_alone_say_why_there_was_no_answer(tmp_path: Path) -> None:
     assert "no camera_info yet" in text_of_replay(tmp_path, source, source)
 
 
+def attitude_of(stamp: int, **fields: float) -> PoseWithCovarianceStamped:
+    """Of a level craft; fields: of the quaternion, z of the position, each element's covariance."""
+    msg = PoseWithCovarianceStamped()
+    msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+    msg.pose.pose.orientation.w = fields.get("w", 1.0)
+    msg.pose.pose.position.z = fields.get("z", ALTITUDE_M)
+    msg.pose.covariance = [fields.get("covariance", 0.0)] * 36
+    return msg
+
+
+def diagnosis_of(name: str, **values: str) -> DiagnosticArray:
+    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+    status = DiagnosticStatus(name=name, level=b"\2", message="battery low", values=pairs)
+    return DiagnosticArray(status=[status])
+
+
+OTHER_STAMP = START_NS - PERIOD_NS
+ODD: dict[str, tuple[str, Any, str]] = {
+    "another type": ("/target/pose", QuaternionStamped(), "geometry_msgs/msg/QuaternionStamped"),
+    "unknown type": (
+        "/target/pose",
+        ("px4_msgs/msg/Attitude", b"\0\1\0\0\1"),
+        "px4_msgs/msg/Attitude",
+    ),
+    "no rotation": (
+        *("/attitude", attitude_of(OTHER_STAMP, w=0.0)),
+        "1 messages of /attitude were left out",
+    ),
+    "not finite": (
+        *("/attitude", attitude_of(OTHER_STAMP, z=float("nan"))),
+        "1 messages of /attitude were left out",
+    ),
+    "covariance not finite": (
+        *("/attitude", attitude_of(OTHER_STAMP, covariance=float("nan"))),
+        "1 messages of /attitude were left out",
+    ),
+    "no direction": (
+        *("/truth/local_vertical", true_vertical_message(np.zeros(3), START_NS, "base_link")),
+        "1 messages of /truth/local_vertical were left out",
+    ),
+    "empty image": (
+        *("/camera_1/image_raw", ("sensor_msgs/msg/Image", b"")),
+        "1 messages could not be read",
+    ),
+    "another node's latency": ("/diagnostics", diagnosis_of("lidar", latency_ms="n/a"), ""),
+    "another node's residual": ("/diagnostics", diagnosis_of("lidar", residual_px="none"), ""),
+    "ours, not a number": (
+        *("/diagnostics", diagnosis_of("attitude_node: horizon", residual_px="", latency_ms="-")),
+        "battery low",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", ODD)
+def test_what_others_write_to_our_topics_does_not_end_the_report(
+    bags: tuple[Path, Path, Path], tmp_path: Path, what: str
+) -> None:
+    topic, msg, words = ODD[what]
+    with AnyReader([bags[0]]) as bag:
+        rows = [(c.topic, time, (c.msgtype, raw)) for c, time, raw in bag.messages()]
+    kept = [row for row in rows if row[0] != "/target/pose"]
+    source = write_bag(tmp_path / "odd", [*kept, (topic, START_NS, msg)])
+    assert main([str(source), "--out", str(tmp_path / "page.html")]) == 0
+    read = Reader(tmp_path / "page.html")
+    assert words in read.text
+    assert "lidar" not in read.text
+
+
+def test_answers_that_are_all_left_out_are_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = write_bag(tmp_path / "odd", [("/attitude", START_NS, attitude_of(START_NS, w=0.0))])
+    told = refused(capsys, source, "--out", tmp_path / "page.html")
+    assert "1 messages of /attitude were left out: not finite, or their" in told
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_covariance_of_zeros_has_no_nees(tmp_path: Path) -> None:
+    nadir = nadir_of(0.0, 0.0)
+    messages: list[tuple[str, int, Any]] = []
+    for stamp in (START_NS, START_NS + PERIOD_NS):
+        messages += [
+            ("/attitude", stamp, attitude_of(stamp)),
+            ("/truth/local_vertical", stamp, true_vertical_message(nadir, stamp, "base_link")),
+            ("/truth/attitude", stamp, true_attitude_message(nadir, ALTITUDE_M, stamp, "up")),
+        ]
+    for index in (0, 1):
+        stamp = stamp_of(index)
+        pose = true_pose_message(truth_at(index), stamp, FRAME_ID)
+        told = pose_message(truth_at(index), np.zeros((6, 6)), stamp, FRAME_ID)
+        messages += [("/truth/target/pose", stamp, pose), ("/target/pose", stamp, told)]
+    source = write_bag(tmp_path / "zeros", messages)
+    page = tmp_path / "page.html"
+    assert main([str(source), "--out", str(page)]) == 0
+    read = Reader(page)
+    assert "Errors against the truth" in read.headings
+    assert "Errors of the target against the truth" in read.headings
+    assert "NEES" not in read.text
+
+
 def test_remapped_frames_are_the_cameras(tmp_path: Path) -> None:
     names = {"/camera_1/image_raw": "/left/image", "/camera_2/image_raw": "/right/image_raw"}
     flight = [(names.get(topic, topic), time, msg) for topic, time, msg in recording(3)]
@@ -305,6 +417,58 @@ def test_remapped_frames_are_the_cameras(tmp_path: Path) -> None:
             assert any(camera in alt for alt in read.alts)
 
 
+@pytest.mark.parametrize("told", [False, True], ids=["of another frame", "told to be the same"])
+def test_an_accelerometer_in_another_frame_is_not_compared(
+    bags: tuple[Path, Path, Path], tmp_path: Path, told: bool
+) -> None:
+    with AnyReader([bags[0]]) as bag:
+        rows = [(c.topic, time, (c.msgtype, raw)) for c, time, raw in bag.messages()]
+    for index in range(PAIRS):
+        stamp = START_NS + index * PERIOD_NS
+        imu = imu_of(nadir_of(*attitude_at(index)), stamp)
+        imu.header.frame_id = "imu_link"
+        rows.append(("/imu", stamp, imu))
+    source = write_bag(tmp_path / "bag", rows)
+    page, params = tmp_path / "page.html", tmp_path / "params.yaml"
+    params.write_text("/**: {ros__parameters: {base_frame: imu_link}}")
+    arguments = (source, "--out", page, *(("--params", params) if told else ()))
+    assert main([str(a) for a in arguments]) == 0
+    read = Reader(page)
+    refusal = "in the frame 'imu_link', and the answers are in 'base_link': nothing is compared"
+    assert (refusal in read.text) != told
+    assert ("paper B's bench: pitch" in read.words) == told
+
+
+def test_the_report_can_be_ended_while_it_reads_the_clouds(
+    bags: tuple[Path, Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A signal only sets a flag, which is asked between two messages."""
+    asked_to_stop = []
+    decode = clouds.points_from_cloud
+
+    def decoded(msg: Any) -> Any:
+        asked_to_stop.append(True)
+        return decode(msg)
+
+    monkeypatch.setattr(clouds, "points_from_cloud", decoded)
+    page = tmp_path / "page.html"
+    with pytest.raises(KeyboardInterrupt):
+        write_report(bags[:2], page, stopped=lambda: bool(asked_to_stop))
+    assert not page.exists()
+
+
+def test_of_an_imu_only_what_counts_is_kept(tmp_path: Path) -> None:
+    """There may be millions of its messages, each with three covariances."""
+    imu = imu_of(np.array([0.0, 0.0, -1.0]), START_NS)
+    imu.angular_velocity.x = 0.25
+    vertical = true_vertical_message(np.array([0.0, 0.0, -1.0]), START_NS, "base_link")
+    source = write_bag(
+        tmp_path / "bag", [("/imu", START_NS, imu), ("/local_vertical", START_NS, vertical)]
+    )
+    (sample,) = read_bags([source], TopicNames("/", [])).imu
+    assert sample == ImuSample(START_NS, "base_link", (0.0, 0.0, GRAVITY), (0.25, 0.0, 0.0))
+
+
 def test_as_many_frames_wait_for_the_other_cameras_as_the_parameters_say(tmp_path: Path) -> None:
     # All of one camera's first, as from bags that were put together.
     flight = sorted(recording(13), key=lambda each: each[0])
@@ -317,6 +481,65 @@ def test_as_many_frames_wait_for_the_other_cameras_as_the_parameters_say(tmp_pat
     arguments = (tmp_path / "out", "--input", source, "--params", params, "--out", page)
     assert main([str(a) for a in arguments]) == 0
     assert "13 frame sets, evenly chosen" in Reader(page).text
+
+
+def test_parameters_that_replay_takes_make_a_page(
+    bags: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    """Of one node alone; of the target, of which there are no frames."""
+    out, source, params = bags
+    one = tmp_path / "one.yaml"
+    one.write_text(params.read_text().replace("/**:", "local_vertical_node:"))
+    page = tmp_path / "report.html"
+    given = ("--out", page, "--force")
+    assert main([str(a) for a in (out, "--input", source, "--params", one, *given)]) == 0
+    assert "Agreement of the cameras" in Reader(page).headings
+    target = tmp_path / "target.yaml"
+    target.write_text("/**:\n  ros__parameters:\n    max_gap: 1.0\n")
+    clouds = write_bag(
+        tmp_path / "clouds", [each for each in flight_messages() if "target" in each[0]]
+    )
+    assert replay([str(clouds), str(tmp_path / "answers"), "--params", str(target)]) == 0
+    assert main([str(a) for a in (tmp_path / "answers", "--params", target, *given)]) == 0
+    assert "Target" in Reader(page).headings
+
+
+def test_rotations_from_tf_are_said(
+    bags: tuple[Path, Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, source, _ = bags
+    params, page = tmp_path / "params.yaml", tmp_path / "report.html"
+    write_parameters(params, extrinsics_source="tf")
+    arguments = (out, "--input", source, "--params", params, "--out", page)
+    assert main([str(a) for a in arguments]) == 0
+    read = Reader(page)
+    assert "extrinsics_source is tf, and a report has no TF" in read.text
+    assert read.alts.count("frame of camera_1") == len(FLOODED) + 4
+
+
+def test_a_camera_without_frames_is_said_and_the_others_are_shown(tmp_path: Path) -> None:
+    flight = [each for each in recording(16) if "camera_2" not in each[0]]
+    source = write_bag(tmp_path / "flight", flight)
+    params = write_parameters(tmp_path / "params.yaml", camera_timeout=0.5)
+    assert replay([str(source), str(tmp_path / "out"), "--params", str(params)]) == 0
+    page = tmp_path / "report.html"
+    arguments = (tmp_path / "out", "--input", source, "--params", params, "--out", page)
+    assert main([str(a) for a in arguments]) == 0
+    read = Reader(page)
+    assert "no frames of camera_2, which the parameters name" in read.text
+    assert read.text.count("s, answered") == 4
+    assert "10 frame sets, evenly chosen" in read.text
+
+
+def test_frames_after_the_other_camera_fell_silent_are_shown(tmp_path: Path) -> None:
+    dark = np.zeros((HEIGHT, WIDTH), np.uint8)
+    stamps = [START_NS + second * 1_000_000_000 for second in range(12)]
+    messages: list[tuple[str, int, Any]] = [("/attitude", stamps[0], attitude_of(stamps[0]))]
+    for camera, seen in (("camera_1", stamps), ("camera_2", stamps[:2])):
+        messages += [(f"/{camera}/image_raw", s, image_of(dark, s, camera)) for s in seen]
+    source = write_bag(tmp_path / "bag", sorted(messages, key=lambda each: each[1]))
+    assert main([str(source), "--out", str(tmp_path / "page.html")]) == 0
+    assert Reader(tmp_path / "page.html").text.count("s, no answer") > 2
 
 
 def test_the_second_look_hears_the_gyro(

@@ -168,6 +168,20 @@ def test_what_else_is_told_of_a_camera_stays(tmp_path: Path) -> None:
     for camera in CAMERAS:
         assert values[f"{camera}.rotation"] == pytest.approx(QUATERNIONS[camera])
     assert read_parameter_file(out, "local_vertical_node")["camera_1.gamma"] == 2.2
+    for empty in ("/**:", "/**: {ros__parameters: }"):
+        source.write_text(f"{empty}\nattitude_node: {{ros__parameters: {{slop: 0.01}}}}\n")
+        out.write_text(corrected_parameters(source, calibration, Planet()))
+        values = read_parameter_file(out, "attitude_node")
+        assert values["slop"] == 0.01
+        assert values["camera_2.rotation"] == pytest.approx(QUATERNIONS["camera_2"])
+
+
+def test_parameters_of_one_node_will_do(tmp_path: Path, flight: Path, params: Path) -> None:
+    for node in ("attitude_node", "local_vertical_node"):
+        rotations = {f"{camera}.rotation": QUATERNIONS[camera] for camera in CAMERAS}
+        params.write_text(yaml.safe_dump({node: {"ros__parameters": rotations}}))
+        arguments = parser().parse_args([str(flight), "--params", str(params)])
+        assert len(read_recording(arguments, bool).sets) == SETS
 
 
 def test_as_many_frames_wait_for_the_other_cameras_as_the_parameters_say() -> None:

@@ -20,6 +20,8 @@ CAMERAS = Parameter(
     "Cameras to use, one or more; each has the topics <camera>/image_raw and <camera>/camera_info.",
 )
 
+BASE_FRAME = Parameter("base_frame", "string", "base_link", "Frame of the craft's body.")
+
 SLOP = Parameter(
     "slop",
     "double",
@@ -31,6 +33,17 @@ SLOP = Parameter(
     live=True,
 )
 
+CAMERA_TIMEOUT = Parameter(
+    "camera_timeout",
+    "double",
+    5.0,
+    "A camera without a usable frame for longer than this, by the others' stamps, is left out, "
+    "and the fixes come from the others, until it is back; 0: they wait for it.",
+    unit="s",
+    minimum=0.0,
+    maximum=3600.0,
+)
+
 HORIZON_PARAMETERS = (
     CAMERAS,
     Parameter(
@@ -40,7 +53,7 @@ HORIZON_PARAMETERS = (
         "Where the cameras' rotations come from: the parameters <camera>.rotation, or TF.",
         choices=("parameters", "tf"),
     ),
-    Parameter("base_frame", "string", "base_link", "Frame of the craft's body."),
+    BASE_FRAME,
     Parameter(
         "level_z",
         "string",
@@ -305,16 +318,7 @@ HORIZON_PARAMETERS = (
         live=True,
     ),
     SLOP,
-    Parameter(
-        "camera_timeout",
-        "double",
-        5.0,
-        "A camera without a usable frame for longer than this, by the others' stamps, is left out, "
-        "and the fixes come from the others, until it is back; 0: they wait for it.",
-        unit="s",
-        minimum=0.0,
-        maximum=3600.0,
-    ),
+    CAMERA_TIMEOUT,
     Parameter(
         "queue_size",
         "integer",

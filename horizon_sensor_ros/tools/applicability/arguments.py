@@ -17,19 +17,22 @@ MOST_ATTITUDES = 2_000_000
 
 def angle_grid(args: argparse.Namespace) -> AngleGrid:
     """Return the two angles of the map. ValueError names the option that is wrong."""
-    if not args.step > 0:
-        raise ValueError(f"--step must be positive, got {args.step:g}")
-    angles = []
+    if not 0 < args.step < np.inf:
+        raise ValueError(f"--step must be positive, and finite, got {args.step:g}")
+    both: list[tuple[float, float]] = []
     for option, limits in (("--range", args.range), ("--y-range", args.y_range or args.range)):
         low, high = limits
         if not (np.isfinite(low) and low < high <= low + 360):
             raise ValueError(f"{option} must rise by at most 360 degrees, got {low:g} {high:g}")
-        angles.append(low + args.step * np.arange(int((high - low) / args.step + 1e-9) + 1))
-    if angles[0].size * angles[1].size > MOST_ATTITUDES:
+        both.append((low, (high - low) / args.step + 1e-9))
+    # Asked before there are any: they would not fit into memory.
+    attitudes = (both[0][1] + 1.0) * (both[1][1] + 1.0)
+    if attitudes > MOST_ATTITUDES:
         raise ValueError(
-            f"--step {args.step:g} makes {angles[0].size * angles[1].size} attitudes, more than "
-            f"{MOST_ATTITUDES}; take a wider step or a narrower range"
+            f"--step {args.step:g} makes {attitudes:.4g} attitudes, more than {MOST_ATTITUDES}; "
+            "take a wider step or a narrower range"
         )
+    angles = [low + args.step * np.arange(int(steps) + 1) for low, steps in both]
     axes = args.axes or (("roll", "pitch") if args.quality else ("yaw", "pitch"))
     return AngleGrid(*axes, *angles)
 

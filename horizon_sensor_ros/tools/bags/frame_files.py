@@ -78,7 +78,8 @@ def frame_files(folder: Path, suffixes: Collection[str], rule: StampRule) -> lis
 
 def stamp_text(stamp: int) -> str:
     """Seconds with nine decimals, exactly."""
-    return f"{stamp // 10**9}.{stamp % 10**9:09d}"
+    seconds, nanoseconds = divmod(abs(stamp), 10**9)
+    return f"{'-' if stamp < 0 else ''}{seconds}.{nanoseconds:09d}"
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
@@ -95,7 +96,7 @@ def _stamp_in_name(path: Path, unit: str) -> int:
 
 
 def _from_file(file: Path, paths: Sequence[Path], unit: str) -> list[FrameFile]:
-    rows = _rows(file)
+    rows = _rows(file, {path.name for path in paths})
     named = [row for row in rows if len(row[1]) > 1]
     if named and len(named) < len(rows):
         line = next(number for number, words in rows if len(words) == 1)
@@ -119,8 +120,11 @@ def _from_file(file: Path, paths: Sequence[Path], unit: str) -> list[FrameFile]:
     ]
 
 
-def _rows(file: Path) -> list[tuple[int, list[str]]]:
-    """Number and words of each line that is neither empty nor a comment."""
+def _rows(file: Path, names: Collection[str]) -> list[tuple[int, list[str]]]:
+    """Number and words of each line that is neither empty nor a comment.
+
+    names : of the frames.
+    """
     try:
         if file.stat().st_size > _MOST_STAMP_BYTES:
             raise BagError(f"{file}: is larger than {_MOST_STAMP_BYTES} bytes; no list of stamps")
@@ -129,11 +133,23 @@ def _rows(file: Path) -> list[tuple[int, list[str]]]:
         raise BagError(f"{file}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise BagError(f"{file}: is not a text file in UTF-8") from None
-    lines = (line.split("#", 1)[0].replace(",", " ").replace(";", " ") for line in text.split("\n"))
-    rows = [(number, words) for number, line in enumerate(lines, 1) if (words := line.split())]
+    lines = enumerate(text.split("\n"), 1)
+    rows = [(number, words) for number, line in lines if (words := _words(line, names))]
     if not rows:
         raise BagError(f"{file}: has no stamps")
     return rows
+
+
+def _words(line: str, names: Collection[str]) -> list[str]:
+    """Stamp and, perhaps, a frame's name, in which there may be spaces and what begins a comment
+    elsewhere.
+    """
+    stamp = re.match(r"\s*([^\s,;#]+)[\s,;]+", line)
+    if stamp is not None:
+        name = line[stamp.end() :].strip().strip('"')
+        if Path(name).name in names:
+            return [stamp[1], name]
+    return line.split("#", 1)[0].replace(",", " ").replace(";", " ").split()
 
 
 def _stamp(text: str, unit: str, where: str) -> int:

@@ -131,7 +131,9 @@ TABLES = {
 
 
 def diagnostics_table(keys: Sequence[str]) -> MessageTable:
-    """Table of diagnostics: a row a status, a column a key."""
+    """Table of diagnostics: a row a status, a column a key. Nodes of two craft have one name there,
+    and their full names as hardware_id.
+    """
 
     def rows(msg: Any) -> list[Sequence[Any]]:
         stamp = stamp_text(msg.header.stamp.sec * 10**9 + msg.header.stamp.nanosec)
@@ -141,9 +143,8 @@ def diagnostics_table(keys: Sequence[str]) -> MessageTable:
             level = ord(status.level) if isinstance(status.level, bytes) else int(status.level)
             values = {pair.key: pair.value for pair in status.values}
             word = _LEVELS[level] if level < len(_LEVELS) else str(level)
-            found.append(
-                (stamp, status.name, word, status.message, *(values.get(key, "") for key in keys))
-            )
+            of_all = (stamp, status.name, status.hardware_id, word, status.message)
+            found.append((*of_all, *(values.get(key, "") for key in keys)))
         return found
 
-    return MessageTable(("stamp_s", "name", "level", "message", *keys), rows)
+    return MessageTable(("stamp_s", "name", "hardware_id", "level", "message", *keys), rows)

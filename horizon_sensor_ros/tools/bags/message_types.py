@@ -13,3 +13,8 @@ ORIENTATION = "geometry_msgs/msg/QuaternionStamped"
 TWIST = "geometry_msgs/msg/TwistStamped"
 TWIST_WITH_COVARIANCE = "geometry_msgs/msg/TwistWithCovarianceStamped"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+
+
+def type_name(message: type) -> str:
+    """Return what a bag calls the type of a message's class."""
+    return f"{message.__module__.split('.')[0]}/msg/{message.__name__}"

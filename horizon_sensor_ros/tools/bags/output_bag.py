@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -23,9 +24,11 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
+from horizon_sensor_ros.tools.bags.message_types import type_name
 
 # The bag's own name is in its bytes; with a fixed one they do not depend on where it is written.
 _BAG_NAME = "horizon"
+_OWN_FILES = {"metadata.yaml", f"{_BAG_NAME}.mcap", f"{_BAG_NAME}.db3"}
 _FOREVER = QosTime(9223372036, 854775807)
 _OUTPUT_QOS = Qos(
     QosHistory.KEEP_LAST,
@@ -65,14 +68,14 @@ class OutputBag:
         with self._writing():
             self._connections[topic, message] = self._writer.add_connection(
                 topic,
-                _type_name(message),
+                type_name(message),
                 typestore=self._typestore,
                 offered_qos_profiles=[_OUTPUT_QOS],
             )
 
     def write(self, topic: str, time: int, msg: Any) -> None:
         """Write a message; time in nanoseconds."""
-        kind = _type_name(type(msg))
+        kind = type_name(type(msg))
         # A second pass through CDR: in the first the bytes of padding are whatever memory held.
         plain = self._typestore.deserialize_cdr(serialize_message(msg), kind)
         raw = self._typestore.serialize_cdr(plain, kind, little_endian=True)
@@ -80,10 +83,12 @@ class OutputBag:
             self._writer.write(self._connections[topic, type(msg)], time, raw)
 
     def finish(self) -> None:
-        """Put the bag in its place; an older one there makes room."""
+        """Put the bag in its place; an older one there makes room, BagError where it is none."""
         with self._writing():
             self._writer.close()
-            if self._path.exists():
+            if os.path.lexists(self._path):
+                # Meanwhile something else may have come to be there.
+                _require_bag(self._path)
                 shutil.rmtree(self._path)
             (self._directory / _BAG_NAME).rename(self._path)
             self._directory.rmdir()
@@ -98,21 +103,44 @@ class OutputBag:
     def _writing(self) -> Iterator[None]:
         try:
             yield
+        except BagError:
+            raise
         except Exception as error:
             # Of the system or of a storage library: a full disk, most likely.
             raise BagError(f"cannot write {self._path}: {in_one_line(error)}") from None
 
 
-def _type_name(message: type) -> str:
-    return f"{message.__module__.split('.')[0]}/msg/{message.__name__}"
-
-
 def check_replaceable(path: Path, *sources: Path, force: bool) -> None:
     """BagError where a bag must not be written to `path`: something is there, or the input is."""
-    if not path.exists():
+    if not os.path.lexists(path):
         return
     if not force:
         raise BagError(f"{path} exists; choose another, or --force to replace it")
-    inside = any(path.resolve() in (s.resolve(), *s.resolve().parents) for s in sources)
-    if inside or not (path / "metadata.yaml").is_file():
-        raise BagError(f"{path} is not replaced: only another bag is")
+    if any(path.resolve() in (s.resolve(), *s.resolve().parents) for s in sources):
+        raise BagError(f"{path} is not replaced: only another bag is, and the input is in it")
+    _require_bag(path)
+
+
+def check_own(path: Path) -> None:
+    """BagError where something is at `path` that is no bag which an `OutputBag` wrote."""
+    if not os.path.lexists(path):
+        return
+    _require_bag(path)
+    others = sorted({each.name for each in path.iterdir()} - _OWN_FILES)
+    if others:
+        raise BagError(
+            f"{path} is not replaced: {others[0]} in it is no part of a bag of this package; move "
+            "it, or choose another place"
+        )
+
+
+def _require_bag(path: Path) -> None:
+    if path.is_symlink():
+        raise BagError(
+            f"{path} is not replaced: only another bag is, and it is a link; choose another place, "
+            "or remove it"
+        )
+    if not (path / "metadata.yaml").is_file():
+        raise BagError(
+            f"{path} is not replaced: only another bag is; choose another place, or move it"
+        )

@@ -43,7 +43,8 @@ class TopicNames:
             for name in (source, target):
                 if not _TOPIC.fullmatch(name):
                     raise BagError(f"--remap {rule}: {name!r} is no name of a topic")
-            self._remapped[self._full(source)] = self._full(target)
+            # As rcl: of two rules for one name the first one counts.
+            self._remapped.setdefault(self._full(source), self._full(target))
 
     def __call__(self, name: str) -> str:
         """Full name of a topic."""

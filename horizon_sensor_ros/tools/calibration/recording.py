@@ -27,17 +27,13 @@ from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.pairing import Pairing
-from horizon_sensor_ros.ros.parameters.file import read_parameter_file
-from horizon_sensor_ros.ros.parameters.horizon_settings import (
-    HorizonSettings,
-    PipelineSettings,
-    horizon_settings,
-)
+from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings, PipelineSettings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
 from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
+from horizon_sensor_ros.tools.horizon_parameters import horizon_values, settings_of_a_node
 from horizon_sensor_ros.tools.reference_topics import (
     NADIR_TYPES,
     POSE_TYPES,
@@ -46,8 +42,6 @@ from horizon_sensor_ros.tools.reference_topics import (
     nadir_of,
 )
 
-# Any horizon node's parameters will do: the rotations are the same in both.
-_NODE = "attitude_node"
 # Between two messages of another instrument farther apart nothing is known.
 _MAX_GAP_NS = 2_000_000_000
 
@@ -215,12 +209,12 @@ def _settings(arguments: argparse.Namespace) -> HorizonSettings:
             option = name.replace("_", "-")
             raise BagError(f"--{option} must be positive, got {getattr(arguments, name)}")
     try:
-        values = (
-            {}
+        values: list[dict[str, Any]] = (
+            [{}]
             if arguments.params is None
-            else read_parameter_file(arguments.params, _NODE, arguments.namespace)
+            else horizon_values(arguments.params, arguments.namespace)
         )
-        settings = horizon_settings(values)
+        settings = settings_of_a_node(values)
     except ParameterError as error:
         hint = "" if arguments.params else "; give the rotations to be corrected with --params FILE"
         raise BagError(f"{error}{hint}") from None

@@ -89,7 +89,9 @@ def corrected_parameters(source: Path | None, calibration: Calibration, sphere: 
                     del block[camera]
         if has_height:
             block.pop("limb_height", None)
-    everywhere = content.setdefault("/**", {}).setdefault(_PARAMETERS, {})
+    # Either may be there with nothing in it.
+    content["/**"] = content.get("/**") or {}
+    everywhere = content["/**"][_PARAMETERS] = content["/**"].get(_PARAMETERS) or {}
     for camera, quaternion in found.items():
         told = everywhere.get(camera)
         everywhere[camera] = {"rotation": quaternion, **(told if isinstance(told, dict) else {})}

@@ -21,6 +21,7 @@ from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.sim.flight import Flight
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
 from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
+from horizon_sensor_ros.tools.bags.output_bag import check_own
 from horizon_sensor_ros.tools.demo.link import (
     ATTITUDE_TOPIC,
     OUTPUT_TOPICS,
@@ -59,6 +60,7 @@ HORIZON_NODES = ("local_vertical_node", "attitude_node")
 NODES = (*HORIZON_NODES, "target_pose_node")
 LEVEL_Z = "down"
 _QUIET_S = 3.0
+_BAG = "demo"
 
 
 class NoAnswerError(RuntimeError):
@@ -108,7 +110,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=_seed, default=0, help="of the noise")
     parser.add_argument(
-        "--output", type=Path, default=Path("demo_output"), help="directory of report, bag and logs"
+        "--output",
+        type=Path,
+        default=Path("demo_output"),
+        help="directory of the report (report.html), the bag (demo), the nodes' parameters "
+        "(params.yaml) and logs (default demo_output); what is there under these names is "
+        "overwritten, the bag only where it is one that this package wrote",
     )
     return parser
 
@@ -158,6 +165,8 @@ class _Flown:
 def _demo(options: argparse.Namespace) -> None:
     output = options.output
     output.mkdir(parents=True, exist_ok=True)
+    # Before anything is drawn or overwritten.
+    check_own(output / _BAG)
     flight, target = Flight(seed=options.seed), TumblingTarget(seed=options.seed)
     times_s = np.arange(0.0, options.seconds, 1.0 / options.rate).tolist()
     summary = (
@@ -184,7 +193,7 @@ def _demo(options: argparse.Namespace) -> None:
             FlightScreen(len(times_s)) as screen,
             rendered(flight, target, times_s) as moments,
             running_nodes(NODES, _node_arguments(params), environment, output) as nodes,
-            DemoBag(output / "demo", flight.views, LEVEL_Z) as bag,
+            DemoBag(output / _BAG, flight.views, LEVEL_Z) as bag,
             DemoLink(domain, flight.views, listeners, bag.record) as link,
         ):
             link.wait_for_nodes(NODES, lambda: require_alive(nodes))
@@ -274,7 +283,7 @@ def _report(output: Path, params: Path, title: str, flown: _Flown, answers: Answ
     table = error_table(flight, flown.latency_s(answers, ATTITUDE_TOPIC))
     of_target = target_table(target, flown.latency_s(answers, POSE_TOPIC))
     print(f"\n{table}\n\n{of_target}\n")
-    bag, page = output / "demo", output / "report.html"
+    bag, page = output / _BAG, output / "report.html"
     print("writing the report from the bag")
     write_report([bag], page, params=params, title=title)
     print(f"report with pictures: {page.resolve()}")

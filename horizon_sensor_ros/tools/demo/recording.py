@@ -15,7 +15,8 @@ from rosbags.rosbag2 import StoragePlugin
 
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.tools.bags.output_bag import OutputBag
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.output_bag import OutputBag, check_own
 from horizon_sensor_ros.tools.demo.link import (
     DIAGNOSTICS_TOPIC,
     OUTPUT_TOPICS,
@@ -36,13 +37,16 @@ _BASE_FRAME = "base_link"
 
 
 class DemoBag:
-    """A bag (mcap) that is there only when the flight went well.
+    """A bag (mcap) that is there only when the flight went well. It replaces the bag of an earlier
+    flight; raises BagError, first and last, where something else is in its place.
 
     Recorded, as by `ros2 bag record`, under the wall clock's time; stamps are the messages' own.
     """
 
     def __init__(self, path: Path, views: Sequence[CameraView], level_z: str) -> None:
         self._level_z = level_z
+        self._path = path
+        check_own(path)
         self._bag = OutputBag(path, StoragePlugin.MCAP)
         topics = {**input_topics([view.name for view in views]), **TRUTH_TOPICS, **OUTPUT_TOPICS}
         topics[DIAGNOSTICS_TOPIC] = DiagnosticArray
@@ -58,10 +62,15 @@ class DemoBag:
         value: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if kind is None:
-            self._bag.finish()
-        else:
+        if kind is not None:
             self._bag.discard()
+            return
+        try:
+            check_own(self._path)
+            self._bag.finish()
+        except BagError:
+            self._bag.discard()
+            raise
 
     def record(self, topic: str, msg: Any) -> None:
         """Take a message that was sent or heard just now."""

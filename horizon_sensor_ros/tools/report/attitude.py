@@ -148,17 +148,19 @@ def _draw_sigmas(axes: Sequence[Axes], found: Attitudes) -> None:
         np.degrees(found.pitch_sigma_rad),
         found.altitude_sigma_m / 1e3,
     )
-    axes[0].semilogy(time_s, roll, color=BLUE, label="roll")
-    axes[0].semilogy(time_s, pitch, color=VERMILION, linestyle="--", label="pitch")
+    axes[0].plot(time_s, roll, color=BLUE, label="roll")
+    axes[0].plot(time_s, pitch, color=VERMILION, linestyle="--", label="pitch")
     axes[0].set_ylabel("one sigma (deg)")
     legend(axes[0])
-    axes[1].semilogy(time_s, altitude, color=GREEN)
+    axes[1].plot(time_s, altitude, color=GREEN)
     axes[1].set_ylabel("one sigma (km)")
     axes[1].set_xlabel("time (s)")
-    for panel in axes:
-        low, high = panel.get_ylim()
-        if high < _LEAST_LOGARITHMIC * low:
-            panel.set_yscale("linear")
+    for panel, sigmas in zip(axes, ((roll, pitch), (altitude,)), strict=True):
+        known = np.concatenate(sigmas)
+        # Who does not know them may say zero.
+        known = known[known > 0.0]
+        if known.size and known.max() > _LEAST_LOGARITHMIC * known.min():
+            panel.set_yscale("log")
 
 
 def _draw_nadir(axes: Axes, time_s: np.ndarray, nadir: np.ndarray) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,12 +23,22 @@ from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag
-from horizon_sensor_ros.tools.bags.message_types import DIAGNOSTICS, IMAGE, IMU, POINT_CLOUD
+from horizon_sensor_ros.tools.bags.message_types import (
+    DIAGNOSTICS,
+    IMAGE,
+    IMU,
+    POINT_CLOUD,
+    type_name,
+)
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
+from horizon_sensor_ros.tools.report.usable import is_usable
 from horizon_sensor_ros.tools.truth.topics import TRUTH_TOPICS
 
-ANSWER_TOPICS = (*(output.topic for output in HORIZON_OUTPUTS.values()), *TARGET_TOPICS)
+_ANSWERS = {output.topic: output.message for output in HORIZON_OUTPUTS.values()} | TARGET_TOPICS
+ANSWER_TOPICS = tuple(_ANSWERS)
 _IMAGE_SUFFIX = "/image_raw"
+# On /diagnostics, where every node of a craft writes, these end the names of the nodes' statuses.
+_STATUSES = (": horizon", ": target")
 
 
 @dataclass(frozen=True)
@@ -53,6 +64,25 @@ class Diagnosis:
     message: str
     values: dict[str, str]
 
+    def number(self, key: str) -> float:
+        """Return a value as a number; NaN where it is none."""
+        try:
+            return float(self.values.get(key, "nan"))
+        except ValueError:
+            return float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSample:
+    """What counts of a `sensor_msgs/Imu`, of which there are many: stamp (ns), acceleration felt
+    (m/s^2) and rate (rad/s) in the axes of frame_id.
+    """
+
+    stamp: int
+    frame_id: str
+    acceleration: tuple[float, float, float]
+    rate: tuple[float, float, float]
+
 
 @dataclass
 class Recorded:
@@ -61,7 +91,7 @@ class Recorded:
     answers : by topic without namespace, as truths, and received_ns, when they were recorded;
     frames_received_ns, clouds_received_ns : when a stamp's last image or cloud was. frames : stamps
     of the images by camera; clouds : of the clouds. diagnostics : by name of the status. imu : in
-    order.
+    order. unusable : how many answers and truths were left out, by topic, see `is_usable`.
     """
 
     bags: tuple[Path, ...]
@@ -73,22 +103,35 @@ class Recorded:
     truths: dict[str, dict[int, Any]] = field(default_factory=dict)
     frames: dict[str, list[int]] = field(default_factory=dict)
     clouds: list[int] = field(default_factory=list)
-    imu: list[tuple[int, Any]] = field(default_factory=list)
+    imu: list[ImuSample] = field(default_factory=list)
     diagnostics: dict[str, list[Diagnosis]] = field(default_factory=dict)
     unreadable: int = 0
+    unusable: Counter[str] = field(default_factory=Counter)
 
     @property
     def start_ns(self) -> int:
         """The earliest stamp; times in the report count from it."""
         stamps = [stamp for each in self.answers.values() for stamp in each]
         stamps += [stamp for each in self.frames.values() for stamp in each] + self.clouds
-        stamps += [stamp for stamp, _ in self.imu]
+        stamps += [sample.stamp for sample in self.imu]
         return min(stamps, default=0)
 
     def seconds(self, stamps_ns: Sequence[int]) -> np.ndarray:
         """Stamps as seconds since the start."""
         start = self.start_ns
         return np.array([stamp - start for stamp in stamps_ns], dtype=float) * 1e-9
+
+    @property
+    def left_out(self) -> list[str]:
+        """What of the bags could not be used, in sentences."""
+        lines = [
+            f"{count} messages of {topic} were left out: not finite, or their direction or "
+            "rotation is none."
+            for topic, count in sorted(self.unusable.items())
+        ]
+        if self.unreadable:
+            lines.append(f"{self.unreadable} messages could not be read and were left out.")
+        return lines
 
     def camera_sets(self) -> list[int]:
         """Stamps of the camera with the most frames: when there could have been an answer."""
@@ -121,9 +164,10 @@ def read_bags(
     if not any(found.answers.values()) and not (found.diagnostics and wanted.may_be_diagnosed()):
         there = "\n".join(f"  {t.topic} ({t.msgtype}) in {t.bag}" for t in found.topics)
         looked_for = ", ".join(names(topic) for topic in ANSWER_TOPICS)
+        left_out = "".join(f"{line}\n" for line in found.left_out)
         raise BagError(
-            f"no answers in {', '.join(str(p) for p in bags)}: none of {looked_for}. "
-            f"There is:\n{there or '  nothing'}\n"
+            f"no answers in {', '.join(str(p) for p in bags)}: none of {looked_for} "
+            f"with the nodes' types. There is:\n{there or '  nothing'}\n{left_out}"
             "Make them with horizon_replay IN_BAG OUT_BAG, then: horizon_report OUT_BAG --input "
             "IN_BAG"
         )
@@ -173,14 +217,16 @@ class _Wanted:
         self._names = names
         self._answers = {names(topic): topic for topic in ANSWER_TOPICS}
         self._truths = {names(topic): topic for topic in TRUTH_TOPICS}
+        self._types = {
+            names(topic): type_name(kind) for topic, kind in (_ANSWERS | TRUTH_TOPICS).items()
+        }
         self._cloud, self._imu = names(CLOUD_TOPIC), names(imu_topic)
         self._diagnostics = names("/diagnostics")
 
     def is_wanted(self, connection: Connection) -> bool:
         topic, kind = connection.topic, connection.msgtype
         return (
-            topic in self._answers
-            or topic in self._truths
+            self._types.get(topic) == kind
             or (topic == self._diagnostics and kind == DIAGNOSTICS)
             or (topic == self._imu and kind == IMU)
             or self.is_big(connection)
@@ -234,6 +280,8 @@ class _Wanted:
         found = self.found
         if topic == self._diagnostics:
             for status in msg.status:
+                if not status.name.endswith(_STATUSES):
+                    continue
                 values = {pair.key: pair.value for pair in status.values}
                 found.diagnostics.setdefault(status.name, []).append(
                     Diagnosis(
@@ -248,6 +296,8 @@ class _Wanted:
         stamp = stamp_ns(msg)
         if isinstance(stamp, Refusal):
             found.unreadable += 1
+        elif topic in self._types and not is_usable(msg):
+            found.unusable[topic] += 1
         elif topic in self._answers:
             name = self._answers[topic]
             found.answers.setdefault(name, {})[stamp] = msg
@@ -255,7 +305,7 @@ class _Wanted:
         elif topic in self._truths:
             found.truths.setdefault(self._truths[topic], {})[stamp] = msg
         else:
-            found.imu.append((stamp, msg))
+            found.imu.append(_imu_sample(stamp, msg))
 
 
 def _read(
@@ -287,9 +337,18 @@ def _read(
 
 
 def _stamp_in(raw: bytes) -> int:
-    """Header stamp (ns) of a message in CDR, without reading the rest of it."""
-    seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
+    """Header stamp (ns) of a message in CDR, without reading the rest of it; struct.error where it
+    is too short.
+    """
+    little = len(raw) > 1 and raw[1] & 1
+    seconds, nanoseconds = struct.unpack_from("<iI" if little else ">iI", raw, 4)
     return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+
+def _imu_sample(stamp: int, msg: Any) -> ImuSample:
+    a, w = msg.linear_acceleration, msg.angular_velocity
+    # The name of the frame is the same in nearly all.
+    return ImuSample(stamp, sys.intern(msg.header.frame_id), (a.x, a.y, a.z), (w.x, w.y, w.z))
 
 
 def _time_of(msg: Any, time: int) -> int:

@@ -176,4 +176,5 @@ def error_band(
         limit = 1.2 * max(
             float(np.nanpercentile(np.abs(errors), 99)), 3 * float(np.nanpercentile(sigma, 90))
         )
-        axes.set_ylim(-limit, limit)
+        if limit > 0.0:
+            axes.set_ylim(-limit, limit)

@@ -4,7 +4,7 @@ points themselves, and paper D's section patterns.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,12 +46,13 @@ def cloud_blocks(
     recorded: Recorded,
     names: TopicNames,
     bags: Sequence[Path],
+    stopped: Callable[[], bool],
 ) -> list[Block]:
     """Return two clouds laid on each other, and their section patterns; nothing without clouds."""
     pair = _pair(poses, stepped)
     if pair is None:
         return []
-    clouds = _clouds(set(pair), names(CLOUD_TOPIC), bags)
+    clouds = _clouds(set(pair), names(CLOUD_TOPIC), bags, stopped)
     if set(clouds) != set(pair):
         return []
     old, new = (clouds[stamp] for stamp in pair)
@@ -153,7 +154,9 @@ def _pair(poses: dict[int, Any], stepped: set[int]) -> tuple[int, int] | None:
     return None if best is None else best[1]
 
 
-def _clouds(wanted: set[int], topic: str, bags: Sequence[Path]) -> dict[int, np.ndarray]:
+def _clouds(
+    wanted: set[int], topic: str, bags: Sequence[Path], stopped: Callable[[], bool]
+) -> dict[int, np.ndarray]:
     """Finite points (N, 3) of the clouds of these stamps."""
     found: dict[int, np.ndarray] = {}
 
@@ -170,7 +173,7 @@ def _clouds(wanted: set[int], topic: str, bags: Sequence[Path]) -> dict[int, np.
             found[stamp] = flat
 
     for bag in bags:
-        listen(bag, [Listener(topic, (POINT_CLOUD,), take, needed=False)], bool)
+        listen(bag, [Listener(topic, (POINT_CLOUD,), take, needed=False)], stopped)
     return found
 
 

@@ -47,7 +47,10 @@ def horizon_errors_section(recorded: Recorded) -> Section | None:
     degrees = np.degrees
     rows = [
         _spread("nadir of local_vertical (deg)", degrees(errors.vertical_rad), None),
-        _spread("nadir (deg)", degrees(errors.nadir_rad), degrees(errors.nadir_sigma_rad)),
+        _spread(
+            *("nadir (deg)", degrees(errors.nadir_rad), degrees(errors.nadir_sigma_rad)),
+            is_size=True,
+        ),
         _spread("roll (deg)", degrees(errors.roll_rad), degrees(errors.roll_sigma_rad)),
         _spread("pitch (deg)", degrees(errors.pitch_rad), degrees(errors.pitch_sigma_rad)),
         _spread("altitude (km)", errors.altitude_m / 1e3, errors.altitude_sigma_m / 1e3),
@@ -110,10 +113,11 @@ def target_errors_section(recorded: Recorded) -> Section | None:
         ("twist", errors.twist, "/s"),
     ):
         turn, turn_sigma = np.degrees(motion.rotation), np.degrees(motion.rotation_sigma)
-        rows.append(_spread(f"{topic}: turn (deg{per})", turn, turn_sigma))
+        rows.append(_spread(f"{topic}: turn (deg{per})", turn, turn_sigma, is_size=True))
         shift, shift_sigma = 100 * motion.shift, 100 * motion.shift_sigma
-        rows.append(_spread(f"{topic}: shift (cm{per})", shift, shift_sigma))
-    blocks: list[Block] = [Table(_SPREAD_COLUMNS, tuple(rows))]
+        rows.append(_spread(f"{topic}: shift (cm{per})", shift, shift_sigma, is_size=True))
+    # All are sizes, without shares.
+    blocks: list[Block] = [Table(_SPREAD_COLUMNS[:-1], tuple(row[:-1] for row in rows))]
     # The pose that sets the frame is right by definition.
     later = errors.pose.nees[np.isfinite(errors.delta.nees)]
     blocks += _consistency(later, 6, "turn and shift of target/pose")
@@ -136,8 +140,14 @@ def target_errors_section(recorded: Recorded) -> Section | None:
     return Section("target-errors", "Errors of the target against the truth", tuple(blocks))
 
 
-def _spread(name: str, errors: np.ndarray, sigma: np.ndarray | None) -> tuple[str, ...]:
-    """Cells of `_SPREAD_COLUMNS`; a size's sigma tells no shares of a normal law."""
+def _spread(
+    name: str, errors: np.ndarray, sigma: np.ndarray | None, *, is_size: bool = False
+) -> tuple[str, ...]:
+    """Cells of `_SPREAD_COLUMNS`.
+
+    is_size : of a vector, which is no normal law's: its shares would not be those either, and are
+    left out.
+    """
     seen = np.isfinite(errors)
     sizes = np.abs(errors[seen])
     if not sizes.size:
@@ -148,9 +158,8 @@ def _spread(name: str, errors: np.ndarray, sigma: np.ndarray | None) -> tuple[st
     )
     if sigma is None:
         return (*cells, "-", "-")
-    ratio = sizes / sigma[seen]
-    shares = ", ".join(f"{100 * np.mean(ratio < n):.0f}" for n in (1, 2, 3))
-    return (*cells, *figures(np.median(sigma[seen])), shares)
+    shares = ", ".join(f"{100 * np.mean(sizes < n * sigma[seen]):.0f}" for n in (1, 2, 3))
+    return (*cells, *figures(np.median(sigma[seen])), "-" if is_size else shares)
 
 
 def _consistency(nees: np.ndarray, freedom: int, what: str) -> list[Block]:

@@ -5,7 +5,7 @@ whether the cameras agree.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,12 +24,10 @@ from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
 from horizon_sensor_ros.ros.messages import NANOSECONDS, Refusal, stamp_ns
 from horizon_sensor_ros.ros.pairing import Pairing
-from horizon_sensor_ros.ros.parameters.file import read_parameter_file
-from horizon_sensor_ros.ros.parameters.horizon import SLOP
+from horizon_sensor_ros.ros.parameters.horizon import CAMERA_TIMEOUT, SLOP
 from horizon_sensor_ros.ros.parameters.horizon_settings import (
     HorizonSettings,
     PipelineSettings,
-    horizon_settings,
 )
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
@@ -37,6 +35,7 @@ from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
 from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU, POSE
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.calibration.recording import Horizons
+from horizon_sensor_ros.tools.horizon_parameters import horizon_values, settings_of_a_node
 from horizon_sensor_ros.tools.report.bags import Recorded
 from horizon_sensor_ros.tools.report.blocks import (
     COLOURS,
@@ -58,7 +57,10 @@ from horizon_sensor_ros.tools.report.photos import (
 )
 
 _REFUSED_SHOWN, _ANSWERED_SHOWN, _COMPARED = 8, 4, 60
-_USUAL_SLOP_NS = round(float(SLOP.default) * NANOSECONDS)  # type: ignore[arg-type]
+_USUAL_SLOP_NS, _USUAL_TIMEOUT_NS = (
+    round(float(parameter.default) * NANOSECONDS)  # type: ignore[arg-type]
+    for parameter in (SLOP, CAMERA_TIMEOUT)
+)
 
 
 @dataclass
@@ -84,14 +86,24 @@ class SecondLook:
     agreement: Section | None = None
 
 
-def pipeline_settings(
-    params: Path | None, namespace: str, node: str = "attitude_node"
-) -> HorizonSettings | None:
-    """Settings of a parameter file; None without one. BagError says what is wrong with it."""
+def parameter_values(params: Path | None, namespace: str) -> list[dict[str, Any]] | None:
+    """What a parameter file has for each of the horizon's nodes; None without one. BagError says
+    what is wrong with it.
+    """
     if params is None:
         return None
     try:
-        return horizon_settings(read_parameter_file(params, node, namespace))
+        return horizon_values(params, namespace)
+    except ParameterError as error:
+        raise BagError(str(error)) from None
+
+
+def pipeline_settings(values: Sequence[Mapping[str, Any]] | None) -> HorizonSettings | None:
+    """Settings of such values; None without any. BagError says what is wrong with them."""
+    if values is None:
+        return None
+    try:
+        return settings_of_a_node(values)
     except ParameterError as error:
         raise BagError(str(error)) from None
 
@@ -110,6 +122,19 @@ def look_again(
     if not recorded.frames:
         text = "The frames are not in the bag: give the one that has them with --input."
         return SecondLook((Text(text),))
+    notes: list[Block] = []
+    if settings is None:
+        notes.append(Text("How the limb was chosen is shown when --params FILE is given."))
+    else:
+        notes += _silent_cameras(recorded, settings)
+        if None in settings.pipeline.rotations:
+            settings = None
+            notes.append(
+                Text(
+                    "How the limb was chosen is not shown: extrinsics_source is tf, and a report "
+                    "has no TF. Give --params FILE with the rotations as parameters."
+                )
+            )
     answered, refused = _split(recorded, settings)
     shown = _spread_over(refused, _REFUSED_SHOWN)
     study = _Study(
@@ -124,8 +149,7 @@ def look_again(
     blocks: list[Block] = [
         Text(f"{len(refused)} of {len(refused) + len(answered)} frame sets have no answer.")
     ]
-    if settings is None:
-        blocks.append(Text("How the limb was chosen is shown when --params FILE is given."))
+    blocks += notes
     start_ns = recorded.start_ns
     blocks += study.refused_photographs(start_ns)
     return SecondLook(
@@ -134,6 +158,21 @@ def look_again(
         study.residuals(start_ns),
         study.agreement(start_ns),
     )
+
+
+def _silent_cameras(recorded: Recorded, settings: HorizonSettings) -> list[Block]:
+    """Say which cameras are to be used and have no frames."""
+    missing = [name for name in settings.pipeline.cameras if name not in recorded.frames]
+    if not missing:
+        return []
+    timeout_s = settings.pipeline.camera_timeout_ns / NANOSECONDS
+    how_long = f"{timeout_s:g} s" if timeout_s > 0.0 else "for ever"
+    return [
+        Text(
+            f"The bags have no frames of {', '.join(missing)}, which the parameters name: no "
+            f"answer while the others' frames wait for them (camera_timeout: {how_long})."
+        )
+    ]
 
 
 def _split(recorded: Recorded, settings: HorizonSettings | None) -> tuple[list[int], list[int]]:
@@ -175,11 +214,15 @@ class _Study:
         self._settings = settings
         self._shown, self._compared, self._refused = shown, compared, refused
         self._pairing: Pairing[Any] = (
-            Pairing(self._cameras, _USUAL_SLOP_NS)
+            Pairing(self._cameras, _USUAL_SLOP_NS, timeout_ns=_USUAL_TIMEOUT_NS)
             if settings is None
-            else Pairing(self._cameras, settings.slop_ns, settings.queue_size)
+            else Pairing(
+                self._cameras, settings.slop_ns, settings.queue_size, settings.camera_timeout_ns
+            )
         )
+        # Of all cameras; and of those that are left while others are silent.
         self._pipeline = None if settings is None else HorizonPipeline(settings)
+        self._of_fewer: dict[tuple[str, ...], HorizonPipeline] = {}
         self._alone = None if settings is None else Horizons(settings, 0, focal=False)
         self._looks: list[_Look] = []
         self._fits: list[tuple[int, HorizonFit]] = []
@@ -200,27 +243,30 @@ class _Study:
 
     def _on_coarse_pose(self, msg: Any, _msgtype: str) -> None:
         if self._pipeline is not None and self._alone is not None:
-            self._pipeline.aiding.on_coarse_pose(msg)
+            for pipeline in (self._pipeline, *self._of_fewer.values()):
+                pipeline.aiding.on_coarse_pose(msg)
             self._alone.on_coarse_pose(msg)
 
     def _on_imu(self, msg: Any, _msgtype: str) -> None:
         if self._pipeline is not None and self._alone is not None:
-            self._pipeline.aiding.on_imu(msg)
+            for pipeline in (self._pipeline, *self._of_fewer.values()):
+                pipeline.aiding.on_imu(msg)
             self._alone.on_imu(msg)
 
     def _on_camera_info(self, camera: str, msg: Any, _msgtype: str) -> None:
         if self._pipeline is not None and self._alone is not None:
             self._pipeline.on_camera_info(camera, msg)
+            for cameras, pipeline in self._of_fewer.items():
+                if camera in cameras:
+                    pipeline.on_camera_info(camera, msg)
             self._alone.on_camera_info(camera, msg)
 
     def _on_image(self, camera: str, msg: Any, _msgtype: str) -> None:
         stamp = stamp_ns(msg)
         if isinstance(stamp, Refusal):
             return
-        for members in self._pairing.push(camera, stamp, msg).sets:
-            stamps = {stamp for stamp, _ in members}
-            images = dict(zip(self._cameras, (image for _, image in members), strict=True))
-            self._process(stamps, images)
+        for members in self._pairing.push(camera, stamp, (camera, msg)).sets:
+            self._process({stamp for stamp, _ in members}, dict(image for _, image in members))
 
     def _process(self, stamps: set[int], images: Mapping[str, Any]) -> None:
         """Fit the frames of a chosen set together and, to be compared, each one alone."""
@@ -230,17 +276,31 @@ class _Study:
         look = _Look(min(stamps), answered=not stamps & self._refused)
         if shown:
             self._looks.append(look)
+        pipeline = self._pipeline_of(tuple(images))
         for name, image in images.items():
-            if self._pipeline is None or self._alone is None:
+            if pipeline is None or self._alone is None:
                 look.photos += plain_photo(name, image) if shown else []
                 continue
             if compared:
                 self._alone.on_image(name, image)
-            step = self._pipeline.on_image(name, image)
+            step = pipeline.on_image(name, image)
             if compared:
                 self._fits += [(r.stamp, r.fix.fit) for r in step.results if r.fix.ok]
             if shown:
                 _take_note(look, name, image, step)
+
+    def _pipeline_of(self, cameras: tuple[str, ...]) -> HorizonPipeline | None:
+        """That of a set's cameras; only some of the sets are processed, so it waits for no other.
+
+        None where nothing is known of how the cameras sit.
+        """
+        if self._pipeline is None or self._settings is None or cameras == self._cameras:
+            return self._pipeline
+        if cameras not in self._of_fewer:
+            each = tuple(told for told in self._settings.each if told.name in cameras)
+            fewer = replace(self._settings, each=each)
+            self._of_fewer[cameras] = self._pipeline.with_settings(fewer)
+        return self._of_fewer[cameras]
 
     def refused_photographs(self, start_ns: int) -> list[Block]:
         """Return the frames without an answer."""

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.attitude import roll_pitch_from_nadir
+from horizon_sensor_ros.ros.parameters.horizon import BASE_FRAME
 from horizon_sensor_ros.tools.reference_topics import Series
 from horizon_sensor_ros.tools.report.attitude import Attitudes, attitudes
 from horizon_sensor_ros.tools.report.bags import Recorded
@@ -35,14 +36,26 @@ _MAX_GAP_NS = 200_000_000
 _PAPER_RMS_DEG = 0.752
 
 
-def imu_section(recorded: Recorded) -> Section | None:
-    """Return the comparison; None without answers or an accelerometer that was at rest."""
+def imu_section(recorded: Recorded, base_frame: str | None) -> Section | None:
+    """Return the comparison; None without answers or an accelerometer that was at rest.
+
+    base_frame : that of the answers; None: as `local_vertical` has it, or the nodes' default.
+    """
     found = attitudes(recorded)
     if found is None or not recorded.imu:
         return None
     at_rest, share = _down_at_rest(recorded)
     if share == 0.0:
         return None
+    base_frame = base_frame or _base_frame(recorded)
+    others = sorted({sample.frame_id for sample in recorded.imu} - {base_frame})
+    if others:
+        why = (
+            f"There is an IMU, at rest on the ground, but in the frame {others[0]!r}, and the "
+            f"answers are in {base_frame!r}: nothing is compared. Where both have the same axes, "
+            "give --params FILE with the IMU's as base_frame."
+        )
+        return Section("bench", "Camera against accelerometer", (Text(why),))
     compared = [
         (k, nadir)
         for k, stamp in enumerate(found.stamps)
@@ -84,20 +97,16 @@ def imu_section(recorded: Recorded) -> Section | None:
     return Section("bench", "Camera against accelerometer", tuple(blocks))
 
 
+def _base_frame(recorded: Recorded) -> str:
+    for message in recorded.answers.get("local_vertical", {}).values():
+        return str(message.header.frame_id)
+    return str(BASE_FRAME.default)
+
+
 def _down_at_rest(recorded: Recorded) -> tuple[Series, float]:
     """Nadir as the accelerometer feels it while at rest, and how much of the time that is."""
-    felt = np.array(
-        [
-            [m.linear_acceleration.x, m.linear_acceleration.y, m.linear_acceleration.z]
-            for _, m in recorded.imu
-        ]
-    )
-    rate = np.array(
-        [
-            [m.angular_velocity.x, m.angular_velocity.y, m.angular_velocity.z]
-            for _, m in recorded.imu
-        ]
-    )
+    felt = np.array([sample.acceleration for sample in recorded.imu])
+    rate = np.array([sample.rate for sample in recorded.imu])
     size = np.linalg.norm(felt, axis=1)
     middle = float(np.nanmedian(size))
     series = Series(_MAX_GAP_NS)
@@ -106,12 +115,12 @@ def _down_at_rest(recorded: Recorded) -> tuple[Series, float]:
     resting = (np.abs(size / middle - 1.0) < _REST_SHARE) & (
         np.nan_to_num(np.linalg.norm(rate, axis=1)) < _REST_RATE_RAD_S
     )
-    for (stamp, _), up in zip(
+    for sample, up in zip(
         (row for row, rest in zip(recorded.imu, resting, strict=True) if rest),
         felt[resting] / size[resting, None],
         strict=True,
     ):
-        series.add(stamp, -up)
+        series.add(sample.stamp, -up)
     return series, float(np.mean(resting))
 
 

@@ -104,10 +104,10 @@ def latency(recorded: Recorded) -> Section | None:
     blocks: list[Block] = []
     said = []
     for name, found in sorted(recorded.diagnostics.items()):
-        live = [each for each in found if "latency_ms" in each.values]
+        live = [each for each in found if np.isfinite(each.number("latency_ms"))]
         if live:
-            median = np.median([float(each.values["latency_ms"]) for each in live])
-            most = max(float(each.values.get("latency_max_ms", "nan")) for each in live)
+            median = np.median([each.number("latency_ms") for each in live])
+            most = max(each.number("latency_max_ms") for each in live)
             said.append((name, f"{median:.1f}", f"{most:.1f}"))
     if said:
         columns = ("node", "median (ms)", "largest (ms)")
@@ -159,6 +159,5 @@ def contents(recorded: Recorded) -> Section:
     """Return what the bags hold."""
     rows = tuple((t.topic, t.msgtype, str(t.count), t.bag) for t in recorded.topics)
     blocks: list[Block] = [Table(("topic", "type", "messages", "bag"), rows)]
-    if recorded.unreadable:
-        blocks.append(Text(f"{recorded.unreadable} messages could not be read and were left out."))
+    blocks += [Text(line) for line in recorded.left_out]
     return Section("topics", "What the bags hold", tuple(blocks))

@@ -12,11 +12,12 @@ import numpy as np
 from horizon_sensor_ros.ros.aiding_sources import IMU_TOPIC
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
+from horizon_sensor_ros.tools.horizon_parameters import base_frame_in
 from horizon_sensor_ros.tools.report.attitude import attitude_section, attitudes
 from horizon_sensor_ros.tools.report.bags import Recorded, read_bags
 from horizon_sensor_ros.tools.report.blocks import Section
 from horizon_sensor_ros.tools.report.errors import horizon_errors_section, target_errors_section
-from horizon_sensor_ros.tools.report.frames import look_again, pipeline_settings
+from horizon_sensor_ros.tools.report.frames import look_again, parameter_values, pipeline_settings
 from horizon_sensor_ros.tools.report.imu import imu_section
 from horizon_sensor_ros.tools.report.overview import availability, contents, latency
 from horizon_sensor_ros.tools.report.residuals import refusal_blocks, residuals_section
@@ -38,8 +39,10 @@ def write_page(
 ) -> None:
     """Write the report of what is in one or more bags; see `report.write_report`."""
     names = TopicNames(namespace, remappings)
-    settings = pipeline_settings(params, namespace)
+    values = parameter_values(params, namespace)
     recorded = read_bags(bags, names, imu_topic, stopped)
+    # Who looks at a target has no cameras to tell of.
+    settings = pipeline_settings(values) if recorded.frames else None
     again = look_again(recorded, settings, names, stopped)
     blocks = (*refusal_blocks(recorded), *again.refused)
     refused = Section("refused", "Why there was no answer", blocks)
@@ -48,11 +51,11 @@ def write_page(
         horizon_errors_section(recorded),
         again.answered,
         attitude_section(recorded),
-        imu_section(recorded),
+        imu_section(recorded, base_frame_in(values or [])),
         residuals_section(recorded, again.residuals),
         again.agreement,
         refused,
-        target_section(recorded, names, bags),
+        target_section(recorded, names, bags, stopped),
         target_errors_section(recorded),
         latency(recorded),
         contents(recorded),

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from functools import partial
 
+import numpy as np
 from matplotlib.axes import Axes
 
 from horizon_sensor_ros.tools.report.bags import Diagnosis, Recorded
@@ -55,9 +56,9 @@ def residuals_section(recorded: Recorded, seen_again: Sequence[Block] = ()) -> S
 def _series(found: Sequence[Diagnosis]) -> dict[str, list[tuple[int, float]]]:
     series: dict[str, list[tuple[int, float]]] = {}
     for each in found:
-        for key, text in each.values.items():
-            if _RESIDUAL.fullmatch(key):
-                series.setdefault(key, []).append((each.time_ns, float(text)))
+        for key in each.values:
+            if _RESIDUAL.fullmatch(key) and np.isfinite(each.number(key)):
+                series.setdefault(key, []).append((each.time_ns, each.number(key)))
     return series
 
 
@@ -77,7 +78,7 @@ def _draw(
         axes[0].plot(times, numbers, marker, color=colour, markersize=3, label=camera)
     axes[0].set_ylabel(f"residual ({unit})")
     legend(axes[0])
-    points = [(e.time_ns, float(e.values["points"])) for e in found if "points" in e.values]
+    points = [(e.time_ns, e.number("points")) for e in found]
     axes[1].plot(recorded.seconds([t for t, _ in points]), [n for _, n in points], ".", color="0.3")
     axes[1].set(ylabel="points", xlabel="time (s)")
     for panel in axes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +32,13 @@ from horizon_sensor_ros.tools.truth.target_errors import (
 _STYLES = ("-", "--", ":")
 
 
-def target_section(recorded: Recorded, names: TopicNames, bags: Sequence[Path]) -> Section | None:
-    """Return pose, rates and section patterns; None where there are no answers."""
+def target_section(
+    recorded: Recorded, names: TopicNames, bags: Sequence[Path], stopped: Callable[[], bool]
+) -> Section | None:
+    """Return pose, rates and section patterns; None where there are no answers.
+
+    Raises KeyboardInterrupt soon after `stopped` says so.
+    """
     poses = dict(sorted(recorded.answers.get(POSE_TOPIC, {}).items()))
     if not poses:
         return None
@@ -61,7 +66,7 @@ def target_section(recorded: Recorded, names: TopicNames, bags: Sequence[Path]) 
                 panel_height=2.1,
             )
         )
-    blocks += cloud_blocks(poses, set(deltas), recorded, names, bags)
+    blocks += cloud_blocks(poses, set(deltas), recorded, names, bags, stopped)
     return Section("target", "Target", tuple(blocks))
 
 

@@ -14,7 +14,7 @@ from horizon_sensor_ros.core.attitude import (
     roll_pitch_from_nadir,
     rotation_from_quaternion,
 )
-from horizon_sensor_ros.tools.truth.nees import within_95
+from horizon_sensor_ros.tools.truth.nees import nees, within_95
 
 _Z, _ROT_X, _ROT_Y = 2, 3, 4
 # Towards nose up or down roll is not defined, and its sigma grows without bound.
@@ -128,7 +128,7 @@ def _attitude_errors(
         float(sigmas.pitch_rad),
         altitude - truth.altitude_m,
         float(sigmas.altitude_m),
-        float(error @ np.linalg.solve(block, error)),
+        nees(error, block),
     )
 
 
@@ -166,7 +166,7 @@ def error_table(errors: FlightErrors, latency_s: np.ndarray) -> str:
         ),
     )
     lines = error_lines(rows)
-    nees = errors.nees[np.isfinite(errors.nees)]
+    seen = errors.nees[np.isfinite(errors.nees)]
     moments = len(errors.time_s)
     vertical, attitude = (
         int(np.isfinite(v).sum()) for v in (errors.vertical_rad, errors.nadir_rad)
@@ -176,10 +176,10 @@ def error_table(errors: FlightErrors, latency_s: np.ndarray) -> str:
         f"availability   local_vertical {vertical} of {moments} ({vertical / moments:.0%}), "
         f"attitude {attitude} of {moments} ({attitude / moments:.0%})",
     ]
-    if nees.size:
+    if seen.size:
         lines += [
-            f"NEES           mean {nees.mean():.2f} (altitude, roll, pitch: 3 is exact over many "
-            f"flights); {within_95(nees, 3):.0%} of the errors within the 95 % ellipsoid",
+            f"NEES           mean {seen.mean():.2f} (altitude, roll, pitch: 3 is exact over many "
+            f"flights); {within_95(seen, 3):.0%} of the errors within the 95 % ellipsoid",
             f"{'':15}Of one flight it says little: its errors hang together, the altitude's most,",
             f"{'':15}while clouds and air at the limb stay much the same. More: doc/report.md",
             f"latency        image published to attitude heard: median "

@@ -8,6 +8,17 @@ import numpy as np
 _95_PERCENT = {3: 7.81, 6: 12.59}
 
 
+def nees(error: np.ndarray, covariance: np.ndarray) -> float:
+    """Squared error (N,) in terms of the covariance (N, N) claimed with it; NaN where that is none:
+    zeros, as of who does not know it, or otherwise not positive definite.
+    """
+    try:
+        np.linalg.cholesky(covariance)
+        return float(error @ np.linalg.solve(covariance, error))
+    except np.linalg.LinAlgError:
+        return float("nan")
+
+
 def within_95(nees: np.ndarray, freedom: int) -> float:
     """Share of the errors within the ellipsoid that holds 95 % of them where claims hold.
 

@@ -13,7 +13,7 @@ from horizon_sensor_ros.core.rigid import inverse_pose, pose_matrix, vector_from
 from horizon_sensor_ros.ros.messages import NANOSECONDS
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
 from horizon_sensor_ros.tools.truth.horizon_errors import error_lines
-from horizon_sensor_ros.tools.truth.nees import within_95
+from horizon_sensor_ros.tools.truth.nees import nees, within_95
 from horizon_sensor_ros.tools.truth.topics import pose_in_target_frame
 
 POSE_TOPIC, DELTA_TOPIC, TWIST_TOPIC = TARGET_TOPICS
@@ -62,19 +62,24 @@ def target_errors(
     """Errors of the answers against the truths.
 
     truths : by the clouds' stamps (ns) in order, the target's own axes in the sensor frame (4, 4).
-    messages : by topic and stamp.
+    messages : by topic and stamp. A target frame that was set by a pose without truth has no
+    errors; the first pose is taken for one that sets it.
     """
+    row_of = {stamp: k for k, stamp in enumerate(truths)}
     rows = {topic: np.full((len(truths), 5), np.nan) for topic in TARGET_TOPICS}
     frames = 0
     set_at: tuple[np.ndarray, np.ndarray] | None = None
     before: tuple[int, np.ndarray] | None = None
-    for k, (stamp, body) in enumerate(truths.items()):
-        pose = messages[POSE_TOPIC].get(stamp)
-        if pose is None:
-            continue
+    # Over the poses, with truth or without: each may set the frame, and the next step is from it.
+    for stamp, pose in sorted(messages[POSE_TOPIC].items()):
+        body = truths.get(stamp)
         delta, twist = (messages[topic].get(stamp) for topic in (DELTA_TOPIC, TWIST_TOPIC))
-        if delta is None or set_at is None:
-            set_at, frames = (body, pose_of(pose)), frames + 1
+        if delta is None or frames == 0:
+            set_at, frames = None if body is None else (body, pose_of(pose)), frames + 1
+        if body is None or set_at is None:
+            before = None
+            continue
+        k = row_of[stamp]
         truth = pose_in_target_frame(body, *set_at)
         rows[POSE_TOPIC][k] = _pose_error(pose, truth)
         if delta is not None and before is not None:
@@ -105,11 +110,11 @@ def _twist_error(message: Any, step: np.ndarray, duration_s: float) -> np.ndarra
 def _sizes(shift: np.ndarray, turn: np.ndarray, covariance: Any) -> np.ndarray:
     matrix = np.asarray(covariance, float).reshape(6, 6)
     error = np.concatenate([shift, turn])
-    variances = np.diag(matrix)
+    variances = np.maximum(np.diag(matrix), 0.0)
     return np.array([
         np.linalg.norm(turn), np.sqrt(variances[3:].sum()),
         np.linalg.norm(shift), np.sqrt(variances[:3].sum()),
-        error @ np.linalg.solve(matrix, error),
+        nees(error, matrix),
     ])  # fmt: skip
 
 
@@ -126,7 +131,7 @@ def target_table(errors: TargetErrors, latency_s: np.ndarray) -> str:
         rows.append((f"{name}: shift", units[1], 100 * motion.shift, 100 * motion.shift_sigma))
     lines = error_lines(rows)
     clouds = len(errors.time_s)
-    poses = int(np.isfinite(errors.pose.nees).sum())
+    poses = int(np.isfinite(errors.pose.rotation).sum())
     lines += [
         "",
         f"availability   target/pose {poses} of {clouds} ({poses / clouds:.0%}), "
@@ -134,13 +139,12 @@ def target_table(errors: TargetErrors, latency_s: np.ndarray) -> str:
     ]
     # The pose that sets the frame is right by definition.
     later = errors.pose.nees[np.isfinite(errors.delta.nees)]
-    for name, nees in (
-        ("pose", later), ("delta", errors.delta.nees[np.isfinite(errors.delta.nees)]),
-    ):  # fmt: skip
-        if nees.size:
+    for name, values in (("pose", later), ("delta", errors.delta.nees)):
+        seen = values[np.isfinite(values)]
+        if seen.size:
             lines.append(
-                f"NEES, {name:9}median {np.median(nees):.2f} ({_NEES_MEDIAN} is exact); "
-                f"{within_95(nees, 6):.0%} of the errors within the 95 % ellipsoid"
+                f"NEES, {name:9}median {np.median(seen):.2f} ({_NEES_MEDIAN} is exact); "
+                f"{within_95(seen, 6):.0%} of the errors within the 95 % ellipsoid"
             )
     if latency_s.size:
         lines.append(
