@@ -68,11 +68,14 @@ class RepeatedImages:
 
     def _repeats(self, frame: Frame) -> bool:
         last = self._shown.get(frame.view.name)
-        if last is None or not isinstance(frame.gray, np.ndarray):
+        if last is None:
             return False
         gray, before = frame.gray, last.gray
+        # What is no image at all is refused by who looks at it.
         return (
-            gray.shape == before.shape
+            isinstance(gray, np.ndarray)
+            and isinstance(before, np.ndarray)
+            and gray.shape == before.shape
             and bool((gray[::_ROW_STEP] == before[::_ROW_STEP]).all())
             and bool((gray == before).all())
         )

@@ -69,6 +69,13 @@ def test_a_camera_is_frozen_where_another_ones_images_change() -> None:
     assert "other cameras' images have changed" in fix.limbs[0].reason
 
 
+def test_what_is_no_image_is_forgotten() -> None:
+    sensor = HorizonSensor()
+    with pytest.raises(ValueError, match="must be"):
+        sensor.process([Frame(VIEWS[0], [[1, 2], [3, 4]])])  # type: ignore[arg-type]
+    assert sensor.process(FRAMES[:1]).ok
+
+
 def test_images_that_differ_in_one_pixel_are_not_the_same() -> None:
     images = RepeatedImages()
     for step in range(20):
