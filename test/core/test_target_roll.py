@@ -38,7 +38,7 @@ def rolls(roll_deg: float, pairs: int, first: int) -> tuple[np.ndarray, np.ndarr
         axis = start.as_matrix()[:, 2]
         turn = Rotation.from_rotvec(np.radians(roll_deg) * axis)
         place = np.array([0.1, -0.05, 5.3])
-        poses = [pose_matrix((each * start).as_matrix(), place) for each in (Rotation.identity(), turn)]
+        poses = [pose_matrix(each.as_matrix(), place) for each in (start, turn * start)]
         clouds = [camera.scan(mesh, pose, rng).points for pose in poses]
         for cloud in clouds:
             cloud[rng.random(cloud.shape[:2]) < MISSING] = np.nan
