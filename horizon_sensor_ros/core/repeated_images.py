@@ -83,8 +83,10 @@ class RepeatedImages:
 
 def _once_more(shown: _Shown, others: bool, aiding: Aiding) -> _Shown:
     """Return what is known of an image that is shown again."""
-    turn, since_s = aiding.rot_now_from_last, aiding.since_last_s
-    if turn is None or since_s is None:
+    turn, since_s, rate = aiding.rot_now_from_last, aiding.since_last_s, aiding.rate_base_rad_s
+    # The rate is a median: one glitch of the gyro, which the turn has, is no turn of the craft.
+    turns = rate is not None and float(np.linalg.norm(rate)) > _SURE * GYRO_SIGMA_RAD_S
+    if turn is None or since_s is None or not turns:
         return replace(shown, others=shown.others + others)
     return replace(
         shown,

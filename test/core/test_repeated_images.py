@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -23,8 +24,9 @@ FRAMES = as_frames(VIEWS, draw(VIEWS, 500e3, clouds(2), Imaging(noise_dn=1.5), 1
 
 def turning(rate_deg_s: float) -> Aiding:
     """What a gyro tells of a set."""
-    turn = Rotation.from_rotvec((0.0, -np.radians(rate_deg_s) * PERIOD_S, 0.0)).as_matrix()
-    return Aiding(rot_now_from_last=turn, since_last_s=PERIOD_S)
+    rate = np.array([0.0, np.radians(rate_deg_s), 0.0])
+    turn = Rotation.from_rotvec(-rate * PERIOD_S).as_matrix()
+    return Aiding(rot_now_from_last=turn, rate_base_rad_s=rate, since_last_s=PERIOD_S)
 
 
 def noisy(frame: Frame, seed: int) -> Frame:
@@ -43,6 +45,13 @@ def test_a_gyros_bias_is_no_turn(rate_deg_s: float) -> None:
     images = RepeatedImages()
     for _ in range(100):
         assert not any(one.unusable for one in images.marked(FRAMES, turning(rate_deg_s)))
+
+
+def test_a_gyros_glitch_is_no_turn() -> None:
+    images = RepeatedImages()
+    glitch = replace(turning(200.0), rate_base_rad_s=np.zeros(3))
+    for told in (turning(0.0), glitch, turning(0.0), turning(0.0)):
+        assert not any(one.unusable for one in images.marked(FRAMES, told))
 
 
 @pytest.mark.parametrize("rate_deg_s", [1.0, 5.0])
