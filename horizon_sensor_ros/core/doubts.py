@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_fix import HorizonFix
-from horizon_sensor_ros.core.status import Status
 
 _NO_CHANCE = 3  # sets of a contradiction from which on it is not one hard sky's
 _LONGEST = 600  # sets that count: what it came from may have gone with the camera's view
@@ -25,8 +23,8 @@ class Doubts:
         """Forget all of them."""
         self._sets.clear()
 
-    def judged(self, fix: HorizonFix, *, followed: bool) -> HorizonFix:
-        """Return the fix, or none where it is a doubted camera's alone.
+    def against(self, fix: HorizonFix, *, followed: bool) -> str:
+        """Why the fix of a set is not believed: it is a doubted camera's alone; empty where it is.
 
         followed : the limb was not searched for, so that who was left out was not asked again.
         """
@@ -34,13 +32,11 @@ class Doubts:
         doubted = self._sets.get(fix.cameras_used[0], 0) if alone else 0
         self._remember(fix, followed)
         if doubted < _NO_CHANCE:
-            return fix
-        reason = (
+            return ""
+        return (
             f"{fix.cameras_used[0]} alone sees a limb, and contradicted other cameras before: not "
             f"believed for another {doubted - _NO_CHANCE + 1} sets, unless they agree"
         )
-        none = HorizonFit.none(Status.CAMERAS_DISAGREE, reason, fix.fit.method, fix.fit.num_points)
-        return HorizonFix(none.status, reason, none, fix.limbs, (), views=fix.views)
 
     def _remember(self, fix: HorizonFix, followed: bool) -> None:
         for name in fix.contradicting:

@@ -90,9 +90,11 @@ class HorizonSensor:
             fix = self._brought_together(frames, aiding)
         else:
             fix = self._processed(frames, frames, aiding)
-        believed = self._doubts.judged(fix, followed=fix.predicted is not None)
-        if believed is not fix:
-            fix, self._track = believed, None
+        doubt = self._doubts.against(fix, followed=fix.predicted is not None)
+        if doubt:
+            views, self._track = fix.views, None
+            fix = self._estimator.refused(Status.CAMERAS_DISAGREE, doubt, fix.fit, fix.limbs)
+            fix = replace(fix, views=views)
         since_last_s = aiding.since_last_s
         if since_last_s is not None:
             # From fix to fix, each at the time of its own first camera.

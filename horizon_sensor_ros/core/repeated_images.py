@@ -63,7 +63,7 @@ class RepeatedImages:
             else:
                 shown[name] = _Shown(frame.gray)
             out.append(replace(frame, unusable=reason) if reason else frame)
-        self._shown = {**self._shown, **shown}
+        self._shown.update(shown)
         return out
 
     def _repeats(self, frame: Frame) -> bool:
@@ -86,11 +86,11 @@ def _once_more(shown: _Shown, others: bool, aiding: Aiding) -> _Shown:
     turn, since_s, rate = aiding.rot_now_from_last, aiding.since_last_s, aiding.rate_base_rad_s
     # The rate is a median: one glitch of the gyro, which the turn has, is no turn of the craft.
     turns = rate is not None and float(np.linalg.norm(rate)) > _SURE * GYRO_SIGMA_RAD_S
+    again = replace(shown, others=shown.others + others)
     if turn is None or since_s is None or not turns:
-        return replace(shown, others=shown.others + others)
+        return again
     return replace(
-        shown,
-        others=shown.others + others,
+        again,
         rot_now_from_first=turn @ shown.rot_now_from_first,
         time_s=shown.time_s + since_s,
     )
