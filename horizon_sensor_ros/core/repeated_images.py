@@ -15,7 +15,7 @@ from horizon_sensor_ros.core.turn_rate import GYRO_SIGMA_RAD_S
 # An image is frozen when another camera's has changed so often meanwhile, or the craft has turned
 # by more than a pixel and what a gyro may be off by in that time, so many sigmas.
 _OTHERS_CHANGED, _SURE = 2, 3.0
-_ROW_STEP = 16  # rows that are compared first: images that differ do so in most of them
+_ROWS = 16  # that are compared one by one before all are: images that differ do so in most of them
 
 
 @dataclass(eq=False)
@@ -75,10 +75,16 @@ class RepeatedImages:
         return (
             isinstance(gray, np.ndarray)
             and isinstance(before, np.ndarray)
+            and gray.ndim == 2
             and gray.shape == before.shape
-            and bool((gray[::_ROW_STEP] == before[::_ROW_STEP]).all())
-            and bool((gray == before).all())
+            and all(np.array_equal(gray[i], before[i]) for i in _some_rows(len(gray)))
+            and np.array_equal(gray, before)
         )
+
+
+def _some_rows(count: int) -> range:
+    """Rows all over an image of so many, the middle one first: a border's may be black sky."""
+    return range(-(count // 2), count - count // 2, max(1, count // _ROWS))
 
 
 def _once_more(shown: _Shown, others: bool, aiding: Aiding) -> _Shown:
