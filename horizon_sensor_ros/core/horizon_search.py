@@ -11,6 +11,7 @@ from functools import cache
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import Aiding
+from horizon_sensor_ros.core.fits.observation import gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Judged, Sighting
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix, told_by
@@ -18,12 +19,18 @@ from horizon_sensor_ros.core.judgement import disagreement_rad, nadir_sigma_rad
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb, joined
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
-from horizon_sensor_ros.core.limb.search.selection import limb_consensus, rays_of_candidates
+from horizon_sensor_ros.core.limb.search.selection import (
+    Consensus,
+    limb_consensus,
+    rays_of_candidates,
+)
 from horizon_sensor_ros.core.limb_curve import limb_in_sight
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet_figure import disc_of
+from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
 
+_AT_LAYER = "what shows as a limb is the edge of a layer of airglow"
 _MUCH_LESS_SURE = 2.0  # times the sigma of nadir
 # What a camera, by number, finds by itself, and what its limb comes to; looked for once.
 _Alone = Callable[[int], tuple[Detection, Judged]]
@@ -54,11 +61,13 @@ class HorizonSearch:
         limbs = list(unusable)
         alone = self._each_alone(frames, aiding)
         everything = not any(limbs)
+        layer: Consensus | None = None
         while True:
             rest = [i for i, limb in enumerate(limbs) if limb is None]
             if not rest:
                 return _no_fix(frames, limbs), None
             sighting = self._sighting([frames[i] for i in rest], aiding)
+            layer = layer or _layer(sighting)
             judged = self._estimator.judged(sighting)
             fix, detection = self._estimator.prefer_separated(sighting, judged.fix)
             judged = replace(judged, fix=fix)
@@ -68,6 +77,8 @@ class HorizonSearch:
                 judged = Judged(by_layer)
             if not judged.doubtful:
                 fix = judged.fix
+                if fix.ok and not fix.airglow_alone and _is_at_layer(detection, layer):
+                    fix = self._estimator.refused(Status.POOR_FIT, _AT_LAYER, fix.fit, fix.limbs)
                 reason = fix.reason if fix.ok else _reason_and_left_out(frames, limbs, fix.reason)
                 for i, limb in zip(rest, fix.limbs, strict=True):
                     limbs[i] = limb
@@ -77,7 +88,7 @@ class HorizonSearch:
                 contradicted = contradicted or self._apart(frames, sighting, fix, alone)
                 if contradicted is not None:
                     return contradicted, None
-                return self._from_singles(frames, fix, aiding, alone) or (
+                return self._from_singles(frames, fix, aiding, alone, layer) or (
                     fix,
                     detection if everything and not fix.airglow_alone else None,
                 )
@@ -179,7 +190,12 @@ class HorizonSearch:
         return replace(by_own, limbs=limbs) if nadir_sigma_rad(by_own.fit) > known_rad else None
 
     def _from_singles(
-        self, frames: Sequence[Frame], fix: HorizonFix, aiding: Aiding, alone: _Alone
+        self,
+        frames: Sequence[Frame],
+        fix: HorizonFix,
+        aiding: Aiding,
+        alone: _Alone,
+        layer: Consensus | None,
     ) -> tuple[HorizonFix, Detection | None] | None:
         """Fix by what single cameras find by themselves, where all together have none; with the
         detection, if it is of them all.
@@ -187,6 +203,7 @@ class HorizonSearch:
         A flooded frame, or one that glares, may spoil what they agree on. The cone of one camera is
         believed where the others are blind by themselves, or see their limbs on it as well when
         they are asked about it: if another limb is there, nothing tells which to believe.
+        layer : as of `_is_at_layer`. A camera by itself may not see that its limb is the layer's.
         """
         if fix.ok or len(frames) < 2:
             return None
@@ -201,7 +218,8 @@ class HorizonSearch:
                 continue
             judged = alone(i)[1]
             by_itself = judged.fix
-            if by_itself.ok:
+            at_layer = not by_itself.airglow_alone and _is_at_layer(alone(i)[0], layer)
+            if by_itself.ok and not at_layer:
                 found.append(by_itself)
             elif not judged.doubtful and by_itself.status is not Status.NO_LIMB:
                 blind = False
@@ -244,6 +262,23 @@ class HorizonSearch:
         if np.isfinite(detection.rho_rad):
             figure = figure.aligned(detection.nadir_base)
         return Sighting(frames, detection, figure, aiding)
+
+
+def _layer(sighting: Sighting) -> Consensus | None:
+    """Consensus of frames in which a layer of airglow shows; else None."""
+    consensus = sighting.detection.consensus
+    return consensus if consensus.layer_rad > 0.0 else None
+
+
+def _is_at_layer(found: Detection, layer: Consensus | None) -> bool:
+    """Whether limbs lie rather at the edge of a layer that more cameras showed than at the limb of
+    the ground below it; not where none did.
+    """
+    if layer is None:
+        return False
+    cosine = gather(found.observations).rays_base @ layer.nadir_base
+    above_rad = np.arccos(np.clip(cosine, -1.0, 1.0)) - layer.rho_rad
+    return bool(len(above_rad) and median(above_rad) > 0.5 * layer.layer_rad)
 
 
 def _contradicting(frames: Sequence[Frame], fix: HorizonFix, alone: _Alone) -> tuple[str, ...]:

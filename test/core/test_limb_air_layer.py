@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -158,10 +159,55 @@ def test_a_layer_without_ground_is_not_the_grounds_limb() -> None:
     assert after.layer_rad > 0.0
 
 
+def lit_shell(low_m: float, high_m: float, view: CameraView) -> np.ndarray:
+    """A frame (H, W), without stars, of a shell that glows between two heights above black ground:
+    as bright as the way through what the planet does not hide of it is long.
+    """
+    rng = np.random.default_rng(1)
+    height, width = view.camera.height, view.camera.width
+    rows, columns = np.indices((height, width))
+    px = np.stack([columns.ravel(), rows.ravel()], axis=1)
+    rays = view.camera.rays(px.astype(float)) @ view.rot_base_from_cam.T
+    from_centre_m = PLANET.radius_m + ALTITUDE_M
+    ahead_m = from_centre_m * rays[:, 2]
+    nearest_m = from_centre_m * np.sqrt(1.0 - rays[:, 2] ** 2)
+
+    def half_chord_m(height_m: float) -> np.ndarray:
+        inside = (PLANET.radius_m + height_m) ** 2 - nearest_m**2
+        return np.where(ahead_m > 0.0, np.sqrt(np.maximum(inside, 0.0)), 0.0)
+
+    one_side_m = half_chord_m(high_m) - half_chord_m(low_m)
+    way_m = np.where(half_chord_m(0.0) > 0.0, 1.0, 2.0) * one_side_m
+    gray = 3.0 + 200.0 * way_m / way_m.max()
+    gray = cv2.GaussianBlur(gray.reshape(height, width), (0, 0), 1.0)
+    return np.clip(gray + rng.normal(0.0, 1.0, gray.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("fov_deg", [20.0, 40.0, 60.0])
+@pytest.mark.parametrize(
+    ("low_m", "high_m", "is_layer"),
+    [(91e3, 97e3, True), (82e3, 92e3, True), (0.0, 8e3, False), (0.0, 20e3, False)],
+)
+def test_without_stars_the_hidden_rear_of_a_layer_tells_it_from_air_over_a_dark_sea(
+    low_m: float, high_m: float, is_layer: bool, fov_deg: float
+) -> None:
+    """Both fade alike below their edges, but of air on the ground no rear half shows anyway."""
+    camera = camera_from_fov(640, 480, np.radians(fov_deg))
+    (view,) = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.4,), above_rad=0.03)
+    candidates = space_boundary_candidates(lit_shell(low_m, high_m, view))
+    found = rays_of_candidates([view], [candidates])
+    before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
+    assert before.status is Status.OK
+    after = ground_under_airglow([view], [candidates.working], found, before, PLANET)
+    assert (after.status is Status.POOR_FIT) is is_layer
+    assert (after.layer_rad > 0.0) is is_layer
+
+
 @pytest.mark.parametrize("stars", [0, 3000])
-def test_only_stars_tell_a_layer_from_bright_air_over_a_dark_sea(stars: int) -> None:
-    before, after = searched(replace(night(1), star_count=stars))
-    assert (after is before) is (stars == 0)
+def test_a_layer_is_told_with_and_without_stars(stars: int) -> None:
+    _, after = searched(replace(night(1), star_count=stars))
+    assert after.status is Status.POOR_FIT
+    assert after.layer_rad > 0.0
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -202,6 +248,24 @@ def test_a_layer_above_the_limb_is_no_glare(index: int, camera: int) -> None:
     assert found.ok
     assert nadir_nees(found.fit, frame.truth.nadir_base) < 11.83
     assert found.fit.altitude_m == pytest.approx(frame.truth.altitude_m, abs=25e3)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 4, 6, 9, 10, 12])
+def test_narrow_cameras_do_not_take_a_layer_for_the_limb(seed: int) -> None:
+    """Each shows a part of it, with few stars or none, and one of them may be cut off by its border
+    below the edge: the altitude was 105 km off at .2 to 1.2 claimed.
+    """
+    rng = np.random.default_rng([seed, 5])
+    camera = camera_from_fov(640, 480, np.radians(20.0))
+    one, two = (
+        limb_views(ALTITUDE_M, camera, azimuths_rad=(0.0, 1.5), above_rad=above)
+        for above in rng.uniform(-0.12, 0.16, 2)
+    )
+    views = one[0], two[1]
+    scene = night(seed, star_count=int(rng.choice([0, 300, 3000])))
+    fix = HorizonSensor().process(as_frames(views, draw(views, ALTITUDE_M, scene, NOISE)))
+    sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
+    assert not fix.ok or abs(fix.fit.altitude_m - ALTITUDE_M) < 5.0 * sigma_m
 
 
 def test_the_sky_begins_above_the_layer() -> None:

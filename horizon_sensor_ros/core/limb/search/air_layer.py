@@ -36,7 +36,9 @@ _COLUMNS = 48  # a camera
 _TOGETHER = 4  # neighbours whose mean counts as one: a faint layer is hardly more than noise
 _GLANCE = 24  # columns of a first look, at fewer depths
 _PERHAPS = 0.5  # share of those columns that must fall again, for a closer look
+_FEW = 4  # columns, less than which of one camera decide nothing
 _DEPTHS_M = np.arange(-12e3, 156e3, 6e3)  # below the edge; negative ones are above it
+_ENOUGH_M = 84e3  # of the depth of a column, where the frame ends
 _CREST_M = 45e3  # depth down to which a column's crest, its brightest place, is looked for
 _TROUGH_M = 20e3, 110e3  # depths between which its darkest place behind that is looked for
 _FALL = 0.75  # brightness of the trough over the crest's, at most
@@ -51,6 +53,12 @@ _SHARE_BY_NIGHT = 0.6  # where stars show, and parts of the craft may hide some
 _FADES_M = 25e3, 70e3  # depths between which it does
 _FADED = 0.85  # brightness at the deeper one over that at the other, at most
 _ALIKE = 0.14  # of the crest, by which a column may differ from the median one
+# A thin shell that emits is seen through the longer, the nearer to its edge: brightness goes with
+# one over the root of the depth, from the first of these on, so well as this where it is a layer's,
+# down to where the planet hides the rear half of the shell, by the last of them for sure.
+_SHELL_M = 30e3, 78e3, 108e3
+_SHELL_LAW = 0.1
+_REAR_HIDDEN = 0.7  # of what that law would have behind; air on the ground shows all of that
 # Brightness of the ground deep below the edge over the crest's: from the first on it is lit, and no
 # layer stands above it alone; from the second on it may be. Below layers alone .29 and .32 in two
 # photographs, .12 to .29 simulated; over simulated dark sea by day .33 to .62.
@@ -121,7 +129,9 @@ def ground_under_airglow(
         _is_twilight(found.rays[column.places], column.level, consensus.nadir_base)
         for column in columns
     )
-    if not (dawns or layered) or not starry():
+    if not (dawns or layered):
+        return consensus
+    if not (starry() or (layered and _is_shell(level, crest))):
         return consensus
     if dawns:
         return Consensus(Status.POOR_FIT, "twilight: lit air over ground that is dark")
@@ -174,7 +184,7 @@ def _columns(
     """Columns of every camera that sees the edge; none where a glance at a few of one camera tells
     that no layer is there. depths : (D,) angles below the edge.
     """
-    out = []
+    out, num_falling = [], 0
     for i, (view, seen) in enumerate(zip(views, working, strict=True)):
         of_view = np.flatnonzero(consensus.inliers & (found.camera == i))
         if len(of_view) == 0:
@@ -182,15 +192,33 @@ def _columns(
         for count, thin in ((_GLANCE, 3), (_COLUMNS, 1)):
             some = of_view[np.linspace(0, len(of_view) - 1, count).astype(np.intp)]
             level = _levels(view, seen, _rays(found.rays[some], consensus, depths[::thin]))
-            whole = np.isfinite(level).all(axis=1)
+            whole, level = _as_far_as_seen(level, _DEPTHS_M[::thin])
             places, level = _bundled(some[whole], level[whole])
             if count == _GLANCE:
                 noise = seen.noise / math.sqrt(_TOGETHER)
                 falls = _crest_and_trough(level, noise, _DEPTHS_M[::thin])[0]
-                if np.count_nonzero(falls) < _PERHAPS * max(len(falls), 4):
+                num_falling += np.count_nonzero(falls)
+                # The frame's border may hide what is below the edge.
+                if len(falls) >= _FEW and np.count_nonzero(falls) < _PERHAPS * len(falls):
                     return []
-        out.append(_Columns(places, level))
-    return out
+        if len(places):
+            out.append(_Columns(places, level))
+    return out if num_falling >= _PERHAPS * _FEW else []
+
+
+def _as_far_as_seen(level: np.ndarray, depths_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which columns (N, D) show enough, and their levels.
+
+    Those that are in the frame as a whole do; where these are few, those do of which the border
+    hides nothing but the end, where they are taken to go on as they were last seen.
+    """
+    seen = np.isfinite(level)
+    whole = seen.all(axis=1)
+    enough = seen[:, depths_m <= _ENOUGH_M].all(axis=1)
+    if np.count_nonzero(whole) >= 0.5 * np.count_nonzero(enough):
+        return whole, level
+    last = np.maximum.accumulate(np.where(seen, np.arange(len(depths_m)), 0), axis=1)
+    return enough, np.take_along_axis(level, last, axis=1)
 
 
 def _ground_behind(
@@ -225,6 +253,18 @@ def _is_layer(level: np.ndarray, falls: np.ndarray, crest: np.ndarray) -> bool:
     usual = np.median(band, axis=0)
     alike = np.abs(band - usual).max(axis=1) < _ALIKE
     return bool(usual[-1] < _FADED * usual[0] and alike.mean() > 0.6)
+
+
+def _is_shell(level: np.ndarray, crest: np.ndarray) -> bool:
+    """Whether columns (N, D) with these crests (N,) fade as a thin shell does high above a planet
+    that hides its rear half: an exposure for the night, whether or not it shows stars.
+    """
+    first_m, last_m, hidden_m = _SHELL_M
+    usual = np.median(level / crest[:, None], axis=0) * np.sqrt(np.maximum(_DEPTHS_M, 0.0))
+    front = usual[(first_m <= _DEPTHS_M) & (last_m >= _DEPTHS_M)]
+    law = median(front)
+    behind = median(usual[hidden_m <= _DEPTHS_M])
+    return bool(np.abs(front - law).max() < _SHELL_LAW * law and behind < _REAR_HIDDEN * law)
 
 
 def _is_twilight(rays: np.ndarray, level: np.ndarray, nadir: np.ndarray) -> bool:
