@@ -1,0 +1,61 @@
+"""A node's state in its log: what `ros2 run` shows to who does not look at /diagnostics."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from horizon_sensor_ros.ros.diagnostics import ERROR, OK
+
+# Their reasons change with what each frame shows: the state alone makes them news.
+_BY_FRAME = ("ok", "degraded", "no_fix", "new_target_frame")
+# Nothing comes in, or not from all.
+_WANTING = ("waiting", "stale", "silent")
+_NUMBER = re.compile(r"\d[\d.]*")
+
+
+class StateLog:
+    """Writes a line for a state that was not the last one written and is there in two reports
+    running: a state that comes and goes fills no disk.
+    """
+
+    def __init__(self, logger: Any) -> None:
+        self._logger = logger
+        self._written: tuple[str, str] | None = None
+        self._last: tuple[str, str] | None = None
+
+    def is_news(self, status: DiagnosticStatus) -> bool:
+        """Take note of a report; say whether it is worth a line."""
+        key = _key(status)
+        lasts, self._last = key == self._last, key
+        return lasts and key != self._written
+
+    def say(self, status: DiagnosticStatus, unpublished: Sequence[str]) -> None:
+        """Write a report's state.
+
+        unpublished : topics that the node listens to and nobody publishes.
+        """
+        self._written = _key(status)
+        state = _state(status)
+        line = f"now {state}: {status.message}"
+        if state in _WANTING and unpublished:
+            line += f"; nobody publishes {', '.join(unpublished)}"
+        # A call for each level: rclpy takes but one from a line of code.
+        if status.level == OK:
+            self._logger.info(line)
+        elif status.level == ERROR:
+            self._logger.error(line)
+        else:
+            self._logger.warning(line)
+
+
+def _state(status: DiagnosticStatus) -> str:
+    return next(pair.value for pair in status.values if pair.key == "state")
+
+
+def _key(status: DiagnosticStatus) -> tuple[str, str]:
+    state = _state(status)
+    return state, "" if state in _BY_FRAME else _NUMBER.sub("", status.message)
