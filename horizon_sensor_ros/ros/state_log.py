@@ -14,6 +14,7 @@ from horizon_sensor_ros.ros.diagnostics import ERROR, OK
 _BY_FRAME = ("ok", "degraded", "no_fix", "new_target_frame")
 # Nothing comes in, or not from all.
 _WANTING = ("waiting", "stale", "silent")
+_REFUSED = "refused: "
 _NUMBER = re.compile(r"\d[\d.]*")
 
 
@@ -24,8 +25,8 @@ class StateLog:
 
     def __init__(self, logger: Any) -> None:
         self._logger = logger
-        self._written: tuple[str, str] | None = None
-        self._last: tuple[str, str] | None = None
+        self._written: tuple[str, ...] | None = None
+        self._last: tuple[str, ...] | None = None
 
     def is_news(self, status: DiagnosticStatus) -> bool:
         """Take note of a report; say whether it is worth a line."""
@@ -40,7 +41,7 @@ class StateLog:
         """
         self._written = _key(status)
         state = _state(status)
-        line = f"now {state}: {status.message}"
+        line = "; ".join([f"now {state}: {status.message}", *_refused(status)])
         if state in _WANTING and unpublished:
             line += f"; nobody publishes {', '.join(unpublished)}"
         # A call for each level: rclpy takes but one from a line of code.
@@ -56,6 +57,12 @@ def _state(status: DiagnosticStatus) -> str:
     return next(pair.value for pair in status.values if pair.key == "state")
 
 
-def _key(status: DiagnosticStatus) -> tuple[str, str]:
+def _refused(status: DiagnosticStatus) -> list[str]:
+    """Topics that help, whose messages are refused while all else may be well."""
+    return [f"{pair.key} {pair.value}" for pair in status.values if pair.value.startswith(_REFUSED)]
+
+
+def _key(status: DiagnosticStatus) -> tuple[str, ...]:
     state = _state(status)
-    return state, "" if state in _BY_FRAME else _NUMBER.sub("", status.message)
+    words = [] if state in _BY_FRAME else [status.message]
+    return state, *(_NUMBER.sub("", each) for each in (*words, *_refused(status)))

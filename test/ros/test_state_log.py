@@ -10,10 +10,9 @@ from horizon_sensor_ros.ros.diagnostics import ERROR, OK, STALE, WARN, Health, d
 from horizon_sensor_ros.ros.state_log import StateLog
 
 
-def status_of(level: bytes, state: str, reason: str) -> DiagnosticStatus:
-    return diagnostic_message("node: horizon", "/node", Health(level, state, reason), {}, 0).status[
-        0
-    ]
+def status_of(level: bytes, state: str, reason: str, **values: str) -> DiagnosticStatus:
+    health = Health(level, state, reason)
+    return diagnostic_message("node: horizon", "/node", health, values, 0).status[0]
 
 
 GOOD = status_of(OK, "ok", "fix from camera_1")
@@ -61,3 +60,12 @@ def test_topics_that_nobody_publishes_are_said_where_something_is_wanting(
     assert line.endswith("; nobody publishes /a/image_raw, /a/camera_info")
     (line,) = lines_of([ODD, ODD], capfd, ("/b/image_raw",))
     assert "nobody" not in line
+
+
+def test_a_topic_that_helps_and_is_refused_is_said(capfd: pytest.CaptureFixture[str]) -> None:
+    used = status_of(OK, "ok", "fix from camera_1", imu="used")
+    turned = status_of(OK, "ok", "fix from camera_1", imu="refused: header frame is 'imu_link'")
+    assert lines_of([used, used, turned, turned, turned], capfd) == [
+        "now ok: fix from camera_1",
+        "now ok: fix from camera_1; imu refused: header frame is 'imu_link'",
+    ]

@@ -223,6 +223,20 @@ def test_a_summary_and_a_progress_bar(
     assert "at the end" not in errors
 
 
+def test_a_gyro_in_a_frame_of_its_own_is_said_to_be_refused(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All else is well, and nobody would know."""
+    gyro = imu_of(START_NS, (0, 0.01, 0))
+    gyro.header.frame_id = "imu_link"
+    bag = write_bag(tmp_path / "in", [("/imu", START_NS - 1, gyro), *recording(2)])
+    assert run(bag, tmp_path / "out", "--params", params) == 0
+    errors = capsys.readouterr().err
+    assert "2 fixes" in errors
+    assert "  ignored, imu_wrong_frame: 1\n" in errors
+    assert "  imu refused: header frame is 'imu_link', not 'base_link'" in errors
+
+
 def test_unreadable_messages_are_skipped_and_counted(
     tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -144,6 +144,8 @@ class _Replay:
                 f"  rejected, {cause}: {count}"
                 for cause, count in sorted(pipeline.rejected.items())
             ]
+            if isinstance(pipeline, HorizonPipeline):
+                lines += _ignored(pipeline)
             if not counts["fixes"]:
                 lines.append(f"  at the end: {node.words()} (doc/tuning.md: what to do)")
         lines += [
@@ -151,6 +153,13 @@ class _Replay:
             for topic, count in sorted(self._unreadable.items())
         ]
         return "\n".join(lines)
+
+
+def _ignored(pipeline: HorizonPipeline) -> list[str]:
+    """Return what became of the messages of topics that help, where some were not used."""
+    lines = [f"  ignored, {why}: {count}" for why, count in sorted(pipeline.aiding.ignored.items())]
+    words = pipeline.aiding.words.items()
+    return lines + [f"  {topic} {said}" for topic, said in words if said.startswith("refused: ")]
 
 
 def _hand_on(process: Callable[[Any], Any], nodes: Sequence[ReplayedNode], msg: Any) -> None:
