@@ -15,7 +15,7 @@ from rclpy.timer import Timer
 from horizon_sensor_ros.ros.diagnostics import OK, Health, diagnostic_message
 from horizon_sensor_ros.ros.managed_node import ManagedNode, Settings
 from horizon_sensor_ros.ros.qos import overridable
-from horizon_sensor_ros.ros.state_log import StateLog
+from horizon_sensor_ros.ros.state_log import StateLog, unpublished
 
 OUTPUT_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -76,8 +76,7 @@ class ReportingNode(ManagedNode[Settings]):
     def _on_timer(self) -> None:
         (status,) = self.report().status
         if self._state_log.is_news(status):
-            topics = map(self.resolve_topic_name, self.sources)
-            self._state_log.say(status, [t for t in topics if not self.count_publishers(t)])
+            self._state_log.say(status, unpublished(self, self.sources))
 
     def report(self) -> DiagnosticArray:
         """Publish on /diagnostics; return the message."""

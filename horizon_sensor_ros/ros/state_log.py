@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
 
 from horizon_sensor_ros.ros.diagnostics import ERROR, OK
 
@@ -34,16 +35,16 @@ class StateLog:
         lasts, self._last = key == self._last, key
         return lasts and key != self._written
 
-    def say(self, status: DiagnosticStatus, unpublished: Sequence[str]) -> None:
+    def say(self, status: DiagnosticStatus, missing: Sequence[str]) -> None:
         """Write a report's state.
 
-        unpublished : topics that the node listens to and nobody publishes.
+        missing : as `unpublished` returns them.
         """
         self._written = _key(status)
         state = _state(status)
         line = "; ".join([f"now {state}: {status.message}", *_refused(status)])
-        if state in _WANTING and unpublished:
-            line += f"; nobody publishes {', '.join(unpublished)}"
+        if state in _WANTING and missing:
+            line += f"; nobody publishes {', '.join(missing)}"
         # A call for each level: rclpy takes but one from a line of code.
         if status.level == OK:
             self._logger.info(line)
@@ -51,6 +52,16 @@ class StateLog:
             self._logger.error(line)
         else:
             self._logger.warning(line)
+
+
+def unpublished(node: Node, topics: Sequence[str]) -> list[str]:
+    """Return full names of those topics of a node that nobody publishes, as far as it knows."""
+    missing = []
+    for topic in map(node.resolve_topic_name, topics):
+        if not node.count_publishers(topic):
+            compressed = node.count_publishers(f"{topic}/compressed")
+            missing.append(f"{topic} (only compressed)" if compressed else topic)
+    return missing
 
 
 def _state(status: DiagnosticStatus) -> str:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import pytest
+from craft import Craft
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.logging import LoggingSeverity, get_logger, set_logger_level
+from sensor_msgs.msg import CompressedImage
 
 from horizon_sensor_ros.ros.diagnostics import ERROR, OK, STALE, WARN, Health, diagnostic_message
-from horizon_sensor_ros.ros.state_log import StateLog
+from horizon_sensor_ros.ros.state_log import StateLog, unpublished
+
+pytestmark = pytest.mark.usefixtures("environment")
 
 
 def status_of(level: bytes, state: str, reason: str, **values: str) -> DiagnosticStatus:
@@ -60,6 +64,21 @@ def test_topics_that_nobody_publishes_are_said_where_something_is_wanting(
     assert line.endswith("; nobody publishes /a/image_raw, /a/camera_info")
     (line,) = lines_of([ODD, ODD], capfd, ("/b/image_raw",))
     assert "nobody" not in line
+
+
+def test_who_publishes_is_looked_up_and_compressed_images_are_told(craft: Craft) -> None:
+    name = "/left/image_raw/compressed"
+    publisher = craft.node.create_publisher(CompressedImage, name, 1)
+    topics = ["camera_1/image_raw", "left/image_raw", "left/camera_info"]
+    wanted = ["/camera_1/image_raw", name]
+    craft.wait(lambda: all(map(craft.node.count_publishers, wanted)), "the publishers")
+    assert unpublished(craft.node, topics) == [
+        "/left/image_raw (only compressed)",
+        "/left/camera_info",
+    ]
+    craft.node.destroy_publisher(publisher)
+    craft.wait(lambda: not craft.node.count_publishers(name), "the end of a publisher")
+    assert unpublished(craft.node, topics) == ["/left/image_raw", "/left/camera_info"]
 
 
 def test_a_topic_that_helps_and_is_refused_is_said(capfd: pytest.CaptureFixture[str]) -> None:
