@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -75,8 +76,7 @@ class ReportingNode(ManagedNode[Settings]):
 
     def _on_timer(self) -> None:
         (status,) = self.report().status
-        if self._state_log.is_news(status):
-            self._state_log.say(status, unpublished(self, self.sources))
+        self._state_log.on_report(status, partial(unpublished, self, self.sources))
 
     def report(self) -> DiagnosticArray:
         """Publish on /diagnostics; return the message."""

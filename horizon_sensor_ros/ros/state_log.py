@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -29,22 +29,21 @@ class StateLog:
         self._written: tuple[str, ...] | None = None
         self._last: tuple[str, ...] | None = None
 
-    def is_news(self, status: DiagnosticStatus) -> bool:
-        """Take note of a report; say whether it is worth a line."""
-        key = _key(status)
-        lasts, self._last = key == self._last, key
-        return lasts and key != self._written
+    def on_report(self, status: DiagnosticStatus, missing: Callable[[], Sequence[str]]) -> None:
+        """Take note of a report, and write its state where that is news.
 
-    def say(self, status: DiagnosticStatus, missing: Sequence[str]) -> None:
-        """Write a report's state.
-
-        missing : as `unpublished` returns them.
+        missing : returns the topics that nobody publishes; a change of them is news.
         """
-        self._written = _key(status)
         state = _state(status)
         line = "; ".join([f"now {state}: {status.message}", *_refused(status)])
-        if state in _WANTING and missing:
-            line += f"; nobody publishes {', '.join(missing)}"
+        topics = ", ".join(missing()) if state in _WANTING else ""
+        if topics:
+            line += f"; nobody publishes {topics}"
+        key = (*_key(status), topics)
+        lasts, self._last = key == self._last, key
+        if not lasts or key == self._written:
+            return
+        self._written = key
         # A call for each level: rclpy takes but one from a line of code.
         if status.level == OK:
             self._logger.info(line)

@@ -29,14 +29,13 @@ SMALL = status_of(ERROR, "refused", "camera_1: image is 3 x 2, camera_info says 
 def lines_of(
     reports: list[DiagnosticStatus],
     capfd: pytest.CaptureFixture[str],
-    unpublished: tuple[str, ...] = (),
+    missing: tuple[str, ...] = (),
 ) -> list[str]:
     logger = get_logger("state_log_test")
     set_logger_level(logger.name, LoggingSeverity.INFO)
     log = StateLog(logger)
     for report in reports:
-        if log.is_news(report):
-            log.say(report, unpublished)
+        log.on_report(report, lambda: missing)
     return [line.split(": ", 1)[1] for line in capfd.readouterr().err.splitlines()]
 
 
@@ -64,6 +63,14 @@ def test_topics_that_nobody_publishes_are_said_where_something_is_wanting(
     assert line.endswith("; nobody publishes /a/image_raw, /a/camera_info")
     (line,) = lines_of([ODD, ODD], capfd, ("/b/image_raw",))
     assert "nobody" not in line
+
+
+def test_a_publisher_that_appears_is_news(capfd: pytest.CaptureFixture[str]) -> None:
+    log = StateLog(get_logger("state_log_test"))
+    for missing in (["/a", "/b"], ["/a", "/b"], ["/b"], ["/b"], [], []):
+        log.on_report(MUTE[0], lambda missing=missing: missing)
+    lines = capfd.readouterr().err.splitlines()
+    assert [line.partition("nobody publishes ")[2] for line in lines] == ["/a, /b", "/b", ""]
 
 
 def test_who_publishes_is_looked_up_and_compressed_images_are_told(craft: Craft) -> None:
