@@ -318,7 +318,7 @@ def test_signals_during_start_up_end_a_node_quietly(
     ("name", "given", "words"),
     [
         ("local_vertical_node", None, ["camera_1.rotation is not set"]),
-        ("attitude_node", None, ["camera_1.rotation is not set"]),
+        ("attitude_node", None, ["camera_1.rotation is not set", "/** or the node's own name"]),
         ("horizon_sensor", None, ["camera_1.rotation is not set"]),
         ("attitude_node", "camera_2.rotation:=[0.0, 0.0, 0.0, 2.0]", ["camera_2.rotation", "1"]),
         ("attitude_node", "planet_radius:=-5.0", ["planet_radius", "-5.0"]),

@@ -244,7 +244,8 @@ def _settings_of(node: str, given: dict[str, Any]) -> HorizonSettings | TargetSe
     settings = horizon_settings(given)
     if None in settings.pipeline.rotations:
         raise ParameterError(
-            "extrinsics_source is tf, and a replay has no TF; set the rotations as parameters"
+            "extrinsics_source is tf, and a replay has no TF; set the rotations as parameters "
+            "(doc/own_cameras.md: how to read them from TF)"
         )
     return settings
 
