@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
@@ -24,12 +25,14 @@ GOALS = {
     Transition.TRANSITION_CLEANUP: State.PRIMARY_STATE_UNCONFIGURED,
     Transition.TRANSITION_ACTIVE_SHUTDOWN: State.PRIMARY_STATE_FINALIZED,
 }
+_STATE = re.compile(r"\[[A-Z]+\] \[[\d.]+\] \[[\w.]+\]: now [a-z_]+: ")
 
 
 class Program:
     """An executable of the package in a process of its own.
 
-    before : what comes before it on the command line, instead of its module.
+    before : what comes before it on the command line, instead of its module. states : once it has
+    ended, the lines that say what state a node is in; how many depends on how fast the machine is.
     """
 
     def __init__(
@@ -42,18 +45,21 @@ class Program:
         command = [sys.executable, *(before or ("-m", f"horizon_sensor_ros.ros.{name}"))]
         if arguments:
             command += ["--ros-args", *arguments]
+        self.states: list[str] = []
         self.process = subprocess.Popen(
             command, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
 
     def end(self, how: int = signal.SIGTERM) -> tuple[int, str]:
-        """Signal the process; exit code and what it wrote to stderr."""
+        """Signal the process; exit code and what it wrote to stderr beside its nodes' states."""
         self.process.send_signal(how)
         return self.wait()
 
     def wait(self) -> tuple[int, str]:
         _, errors = self.process.communicate(timeout=PATIENCE_S)
-        return self.process.returncode, errors
+        lines = errors.splitlines(keepends=True)
+        self.states += [line for line in lines if _STATE.match(line)]
+        return self.process.returncode, "".join(line for line in lines if not _STATE.match(line))
 
     def make_end(self) -> None:
         """End the process, politely first: killed, it leaves its shared memory behind."""

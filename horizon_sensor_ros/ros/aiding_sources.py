@@ -17,6 +17,7 @@ from horizon_sensor_ros.ros.messages import (
     Refusal,
     coarse_pose_from_message,
     rate_from_imu,
+    repeated_stamp,
     stamp_ns,
 )
 from horizon_sensor_ros.ros.parameters.horizon_settings import AidingSettings
@@ -98,7 +99,7 @@ class AidingSources:
         elif isinstance(rate, Refusal):
             self._ignore(IMU_TOPIC, rate)
         elif not self._rates.add(stamp, rate):
-            self._ignore(IMU_TOPIC, Refusal("repeated_stamp", "stamp repeats the last one's"))
+            self._ignore(IMU_TOPIC, repeated_stamp(stamp))
         else:
             self._refused.pop(IMU_TOPIC, None)
 

@@ -45,7 +45,7 @@ example:
   ros2 run horizon_sensor_ros {name} --ros-args --params-file my_cameras.yaml{remap}
 
 Every parameter with its unit and range is in config/params.yaml; topics and frames are in the
-README. Where there is no answer /diagnostics says why.
+README. Where there is no answer the log and /diagnostics say why.
 """
 
 
@@ -133,8 +133,12 @@ def run(names: Sequence[str] = ()) -> int:
 
 def _help(name: str) -> str:
     clouds = name == "target_pose_node"
-    remap = " -r target/points:=/tof/points" if clouds else " -r camera_1/image_raw:=/left/image"
-    return _HELP.format(name=name, what=_WHAT[name], remap=f" \\\n     {remap}")
+    remap = (
+        "-r target/points:=/tof/points"
+        if clouds
+        else "-r camera_1/image_raw:=/left/image -r camera_1/camera_info:=/left/info"
+    )
+    return _HELP.format(name=name, what=_WHAT[name], remap=f" \\\n      {remap}")
 
 
 def _load(where: str) -> Any:

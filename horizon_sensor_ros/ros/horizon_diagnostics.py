@@ -56,6 +56,7 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         self._cameras = {camera: _CameraHealth() for camera in cameras}
         self.undrawn = 0
         self._last_set_ns: int | None = None
+        self._apart_ns: int | None = None
         self._fix: HorizonFix | None = None
         self._views: tuple[CameraView, ...] = ()
 
@@ -71,8 +72,11 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         camera = self._cameras[step.camera]
         camera.last_ns = now
         camera.refusal = step.refusal
+        if step.apart_ns is not None:
+            known = step.apart_ns if self._apart_ns is None else self._apart_ns
+            self._apart_ns = min(known, step.apart_ns)
         for result in step.results:
-            self._last_set_ns = now
+            self._last_set_ns, self._apart_ns = now, None
             self._fix = result.fix
             self._views = tuple(frame.view for frame in result.frames)
         everybody = all(other.last_ns is not None for other in self._cameras.values())
@@ -113,13 +117,19 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         if self._last_set_ns is not None:
             self._last_set_ns = min(self._last_set_ns, now)
             if now - self._last_set_ns > self.stale_after_ns:
-                return Health(ERROR, "unpaired", _UNPAIRED)
+                return Health(ERROR, "unpaired", _UNPAIRED + self._nearest())
         return self._fix_health()
+
+    def _nearest(self) -> str:
+        """How near to each other the cameras' stamps came since the last set."""
+        if self._apart_ns is None:
+            return ""
+        return f"; the nearest stamps are {self._apart_ns / 1e6:.1f} ms apart"
 
     def _fix_health(self) -> Health:
         fix = self._fix
         if fix is None:
-            return Health(WARN, "waiting", "no complete set of frames yet")
+            return Health(WARN, "waiting", f"no complete set of frames yet{self._nearest()}")
         if fix.status is not Status.OK:
             return Health(WARN, "no_fix", f"{fix.status}: {fix.reason}")
         left_out = [

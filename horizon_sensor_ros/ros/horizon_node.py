@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -49,6 +49,11 @@ class HorizonNode(ReportingNode[HorizonSettings]):
     def subject(self) -> str:
         """Name under which the node reports."""
         return f"{self.get_name()}: horizon"
+
+    @property
+    def sources(self) -> Sequence[str]:
+        """Topics without which the node has nothing to do."""
+        return _of_cameras(self.settings)
 
     def parameters_of(self, values: Mapping[str, Any]) -> tuple[Parameter, ...]:
         """Return all parameters of a node to which these values were given."""
@@ -160,12 +165,9 @@ class HorizonNode(ReportingNode[HorizonSettings]):
 
     def _feed_key(self, settings: HorizonSettings) -> Hashable:
         """Equal for nodes that can share a feed; with TF none can, the listener is one node's."""
-        of_cameras = [
-            f"{camera}/{topic}"
-            for camera in settings.pipeline.cameras
-            for topic in ("image_raw", "camera_info")
-        ]
-        topics = tuple(map(self.resolve_topic_name, (*of_cameras, COARSE_POSE_TOPIC, IMU_TOPIC)))
+        topics = tuple(
+            map(self.resolve_topic_name, (*_of_cameras(settings), COARSE_POSE_TOPIC, IMU_TOPIC))
+        )
         owner = self.get_fully_qualified_name() if None in settings.pipeline.rotations else ""
         # Subscriptions are shared with the feed: with another's QoS a node would miss its own.
         of_topics = tuple(f"qos_overrides.{topic}.subscription." for topic in topics)
@@ -183,6 +185,12 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         assert self._monitor is not None
         assert self._feed is not None
         return self._monitor.message(now, self._feed.pipeline)
+
+
+def _of_cameras(settings: HorizonSettings) -> list[str]:
+    """Topics of the cameras."""
+    cameras = settings.pipeline.cameras
+    return [f"{name}/{topic}" for name in cameras for topic in ("image_raw", "camera_info")]
 
 
 class LocalVerticalNode(HorizonNode):

@@ -30,6 +30,7 @@ from horizon_sensor_ros.ros.messages import (
     camera_from_info,
     camera_info_key,
     gray_from_image,
+    repeated_stamp,
     stamp_ns,
 )
 from horizon_sensor_ros.ros.pairing import Pairing
@@ -55,11 +56,16 @@ class HorizonResult:
 
 @dataclass(frozen=True)
 class Step:
-    """What became of one image: the results it completed, or why it was not used."""
+    """What became of one image: the results it completed, or why it was not used.
+
+    apart_ns : of an image that completed nothing, how far its stamp is from the nearest of the
+    other cameras' last ones, if there are any.
+    """
 
     camera: str
     results: tuple[HorizonResult, ...] = ()
     refusal: Refusal | None = None
+    apart_ns: int | None = None
 
 
 @dataclass
@@ -159,12 +165,14 @@ class HorizonPipeline:
         if paired.unpaired:
             self.rejected["unpaired"] += paired.unpaired
         if paired.repeated:
-            return self._refuse(camera, Refusal("repeated_stamp", "stamp repeats the last one's"))
+            return self._refuse(camera, repeated_stamp(stamp))
         if paired.jumped:
             self.counts["time_jumps"] += paired.first_to_jump
             self._sensor.reset()
             self.aiding.jump_back(stamp)
-        return Step(camera, tuple(self._process(members) for members in paired.sets))
+        results = tuple(self._process(members) for members in paired.sets)
+        apart_ns = None if results else self._pairing.nearest_ns(camera)
+        return Step(camera, results, apart_ns=apart_ns)
 
     def warm_up(self) -> None:
         """Run the whole way once on a drawn disc, so that the first real frame is not slow."""

@@ -55,6 +55,8 @@ ENCODINGS: dict[str, tuple[int, int, int | None]] = {
     "bayer_grbg16": (2, 1, cv2.COLOR_BayerGB2GRAY),
 }
 
+_KNOWN_ENCODINGS = f"{', '.join(e for e in ENCODINGS if 'bayer' not in e)} and Bayer's"
+
 _FARTHEST_M = 1e12  # of a coarse pose
 _FOCAL_OF_SIZE = (0.02, 1e4)  # over the frame's width and height: from 177 deg across to 20 arcsec
 _FARTHEST_OFF_AXIS = 60.0  # focal lengths from the axis to the frame's middle: 89 deg
@@ -87,6 +89,14 @@ def stamp_ns(msg: Any) -> int | Refusal:
     return sec * NANOSECONDS + nanosec
 
 
+def repeated_stamp(stamp: int) -> Refusal:
+    """Why a message with the stamp of the one before is not used."""
+    why = "stamp repeats the last one's"
+    if stamp == 0:
+        why += ": it is zero, so nobody sets it"
+    return Refusal("repeated_stamp", why)
+
+
 def gray_from_image(msg: Any) -> np.ndarray | Refusal:
     """Gray levels (height, width), uint8 or uint16, C-contiguous, of a `sensor_msgs/Image`.
 
@@ -95,7 +105,10 @@ def gray_from_image(msg: Any) -> np.ndarray | Refusal:
     """
     encoding = str(msg.encoding)
     if encoding not in ENCODINGS:
-        return Refusal("unknown_encoding", f"unknown encoding {quoted(encoding)}")
+        return Refusal(
+            "unknown_encoding",
+            f"unknown encoding {quoted(encoding)}; known are {_KNOWN_ENCODINGS}",
+        )
     item_size, channels, to_gray = ENCODINGS[encoding]
     width, height, step = int(msg.width), int(msg.height), int(msg.step)
     if width <= 0 or height <= 0:

@@ -95,6 +95,15 @@ class Pairing(Generic[Item]):
         for name, stream in self._streams.items():
             stream.last = other._streams[name].last
 
+    def nearest_ns(self, camera: str) -> int | None:
+        """How far a camera's last stamp is from the nearest of the others' last ones; None where
+        not both are there.
+        """
+        last = self._streams[camera].last
+        others = (s.last for name, s in self._streams.items() if name != camera)
+        apart = [abs(last - other) for other in others if last is not None and other is not None]
+        return min(apart, default=None)
+
     def push(self, camera: str, stamp: int, item: Item) -> Paired[Item]:
         """Add a frame; stamp in nanoseconds."""
         stream = self._streams[camera]

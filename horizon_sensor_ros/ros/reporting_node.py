@@ -1,7 +1,9 @@
-"""A managed node with reliable outputs that says on /diagnostics how it fares."""
+"""A managed node with reliable outputs that says on /diagnostics, and in its log, how it fares."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -14,6 +16,7 @@ from rclpy.timer import Timer
 from horizon_sensor_ros.ros.diagnostics import OK, Health, diagnostic_message
 from horizon_sensor_ros.ros.managed_node import ManagedNode, Settings
 from horizon_sensor_ros.ros.qos import overridable
+from horizon_sensor_ros.ros.state_log import StateLog, unpublished
 
 OUTPUT_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -28,6 +31,7 @@ class ReportingNode(ManagedNode[Settings]):
         self._publishers_made: list[LifecyclePublisher] = []
         self._timer: Timer | None = None
         super().__init__(name, **node_arguments)
+        self._state_log = StateLog(self.get_logger())
 
     def diagnosis(self, now: int) -> DiagnosticArray | None:
         """Message for /diagnostics; None while the node is not active."""
@@ -36,6 +40,11 @@ class ReportingNode(ManagedNode[Settings]):
     @property
     def subject(self) -> str:
         """Name under which the node reports."""
+        raise NotImplementedError
+
+    @property
+    def sources(self) -> Sequence[str]:
+        """Topics, as named in the code, without which the node has nothing to do."""
         raise NotImplementedError
 
     def now(self) -> int:
@@ -62,11 +71,15 @@ class ReportingNode(ManagedNode[Settings]):
             self.destroy_timer(self._timer)
         # Steady: diagnostics go on when simulated time stands still.
         self._timer = self.create_timer(
-            period_s, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            period_s, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
-    def report(self) -> None:
-        """Publish on /diagnostics."""
+    def _on_timer(self) -> None:
+        (status,) = self.report().status
+        self._state_log.on_report(status, partial(unpublished, self, self.sources))
+
+    def report(self) -> DiagnosticArray:
+        """Publish on /diagnostics; return the message."""
         now = self.now()
         message = self.diagnosis(now)
         if message is None:
@@ -74,6 +87,7 @@ class ReportingNode(ManagedNode[Settings]):
             node = self.get_fully_qualified_name()
             message = diagnostic_message(self.subject, node, inactive, {}, now)
         self._diagnostics.publish(message)
+        return message
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Cease to work, and say so at once."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -36,6 +36,11 @@ class TargetPoseNode(ReportingNode[TargetSettings]):
     def subject(self) -> str:
         """Name under which the node reports."""
         return f"{self.get_name()}: target"
+
+    @property
+    def sources(self) -> Sequence[str]:
+        """Topics without which the node has nothing to do."""
+        return [CLOUD_TOPIC]
 
     def parameters_of(self, values: Mapping[str, Any]) -> tuple[Parameter, ...]:
         """Return all parameters of a node to which these values were given."""

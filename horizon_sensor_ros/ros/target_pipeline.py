@@ -21,6 +21,7 @@ from horizon_sensor_ros.ros.messages import (
     Refusal,
     pose_message,
     quoted,
+    repeated_stamp,
     stamp_ns,
     twist_message,
 )
@@ -98,7 +99,7 @@ class TargetPipeline:
         if isinstance(stamp, Refusal):
             return self._refuse(stamp)
         if stamp == self._stamp:
-            return self._refuse(Refusal("repeated_stamp", "stamp repeats the last one's"))
+            return self._refuse(repeated_stamp(stamp))
         points = points_from_cloud(msg)
         if isinstance(points, Refusal):
             return self._refuse(points)

@@ -8,7 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from horizon_messages import CAMERAS, PARAMETERS, coarse_pose_of, recording
+from horizon_messages import (
+    CAMERAS,
+    PARAMETERS,
+    camera_info_of,
+    coarse_pose_of,
+    horizon_gray,
+    image_of,
+    nadir_of,
+    recording,
+)
 
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
@@ -184,6 +193,24 @@ def test_frames_that_never_pair() -> None:
     assert (health.level, health.state) == (DiagnosticStatus.ERROR, "unpaired")
     for possible in ("farther apart than slop", "more than queue_size frames later"):
         assert possible in health.reason
+
+
+def test_how_near_the_stamps_come_is_told_until_there_is_a_set() -> None:
+    pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
+    monitor = monitor_of()
+    gray = {camera: horizon_gray(camera, nadir_of(0, 0)) for camera in CAMERAS}
+    for camera in CAMERAS:
+        pipeline.on_camera_info(camera, camera_info_of())
+    for index in range(4):
+        for late_ms, camera in zip((0, 30), CAMERAS, strict=True):
+            image = image_of(gray[camera], index * S + late_ms * 1_000_000, camera)
+            monitor.on_step(pipeline.on_image(camera, image), index * S)
+        words = monitor.health(index * S).reason
+        assert words.endswith("; the nearest stamps are 30.0 ms apart"), words
+    assert monitor.health(3 * S).state == "unpaired"
+    for camera in CAMERAS:
+        monitor.on_step(pipeline.on_image(camera, image_of(gray[camera], 4 * S, camera)), 4 * S)
+    assert monitor.health(4 * S).state == "ok"
 
 
 def test_a_clock_set_back_does_not_hide_silence() -> None:

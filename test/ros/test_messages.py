@@ -35,6 +35,7 @@ from horizon_sensor_ros.ros.messages import (
     local_vertical_message,
     pose_message,
     rate_from_imu,
+    repeated_stamp,
     stamp_ns,
     time_from_ns,
     twist_message,
@@ -154,6 +155,19 @@ def test_refused_images(fields: dict, cause: str) -> None:
     assert cause_of(result) == cause
     assert isinstance(result, Refusal)
     assert len(result.reason) < 150
+
+
+def test_who_sends_what_is_unknown_is_told_what_is_known() -> None:
+    result = gray_from_image(image_of(np.zeros((3, 4), np.uint8), 0, encoding="nv12"))
+    assert isinstance(result, Refusal)
+    assert "'nv12'" in result.reason
+    told = result.reason.split("known are ")[1].replace(" and Bayer's", "").split(", ")
+    assert told == [name for name in ENCODINGS if not name.startswith("bayer")]
+
+
+def test_a_stamp_that_nobody_sets_is_called_that() -> None:
+    assert repeated_stamp(5).reason == "stamp repeats the last one's"
+    assert "zero" in repeated_stamp(0).reason
 
 
 @given(

@@ -318,7 +318,7 @@ def test_signals_during_start_up_end_a_node_quietly(
     ("name", "given", "words"),
     [
         ("local_vertical_node", None, ["camera_1.rotation is not set"]),
-        ("attitude_node", None, ["camera_1.rotation is not set"]),
+        ("attitude_node", None, ["camera_1.rotation is not set", "/** or the node's own name"]),
         ("horizon_sensor", None, ["camera_1.rotation is not set"]),
         ("attitude_node", "camera_2.rotation:=[0.0, 0.0, 0.0, 2.0]", ["camera_2.rotation", "1"]),
         ("attitude_node", "planet_radius:=-5.0", ["planet_radius", "-5.0"]),
@@ -700,3 +700,31 @@ def test_silence_is_told_by_the_nodes_clock(
     assert {status.values[0].value for status in craft.statuses(node)} == {"ok"}
     craft.insist(lambda: tick(4), node, "no frames from camera_1 for 4.0 s")
     assert stamps() == {0, 4}
+
+
+def test_the_log_says_what_state_a_node_is_in(
+    start: Callable[..., Program], craft: Craft, params: list[str]
+) -> None:
+    node = "attitude_node"
+    # Nobody publishes images in its namespace, and who runs it is told so.
+    alone = start(node, *params, "-r", "__ns:=/elsewhere")
+    fed = start(node, *params, "-p", "stale_after:=60.0")
+    craft.match((node,))
+    craft.expect_pair(0, ("attitude",))
+    craft.heard.clear()
+
+    def reports(name: str, state: str) -> int:
+        found = ((s.hardware_id, s.values[0].value) for s in craft.statuses(node))
+        return sum(each == (name, state) for each in found)
+
+    # One more than it takes: the line is written after the report is sent.
+    craft.wait(lambda: reports(f"/{node}", "ok") >= 4, "reports that all is well")
+    craft.wait(lambda: reports(f"/elsewhere/{node}", "waiting") >= 4, "reports of a node alone")
+    assert alone.end() == (0, "")
+    (line,) = alone.states
+    assert line.startswith("[WARN]")
+    assert "now waiting: no frames from camera_1 yet" in line
+    assert "nobody publishes /elsewhere/camera_1/image_raw, /elsewhere/camera_1/camera_info" in line
+    assert fed.end() == (0, "")
+    assert fed.states[-1].startswith("[INFO]")
+    assert "now ok: fix from camera_1, camera_2" in fed.states[-1]

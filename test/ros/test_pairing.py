@@ -41,6 +41,17 @@ def test_stamps_farther_apart_than_slop_do_not_pair() -> None:
     assert feed(pairing, ("a", 0), ("b", SLOP + 1), ("a", 2 * SLOP)) == [(2 * SLOP, SLOP + 1)]
 
 
+def test_how_near_the_stamps_come_is_told() -> None:
+    pairing = pairing_of("abc")
+    assert pairing.nearest_ns("a") is None
+    pairing.push("a", 100 * MS, None)
+    assert pairing.nearest_ns("a") is pairing.nearest_ns("b") is None
+    pairing.push("b", 130 * MS, None)
+    pairing.push("c", 190 * MS, None)
+    assert [pairing.nearest_ns(camera) for camera in "abc"] == [30 * MS, 30 * MS, 60 * MS]
+    assert pairing_of("a").nearest_ns("a") is None
+
+
 def test_a_lost_frame_does_not_shift_the_pairs_after_it() -> None:
     # At 60 Hz the slop is longer than the period: the next best partner would do, but is not best.
     stamps = [round(i * 1e9 / 60) for i in range(8)]

@@ -35,6 +35,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.interfaces import QosReliability
 from rosbags.rosbag2 import Reader
 from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import String
 
 from horizon_sensor_ros.core.planet import Planet
@@ -219,6 +220,21 @@ def test_a_summary_and_a_progress_bar(
     errors = capsys.readouterr().err
     assert "20/20" in errors
     assert "10 frames, 5 sets, 5 fixes" in errors
+    assert "at the end" not in errors
+
+
+def test_a_gyro_in_a_frame_of_its_own_is_said_to_be_refused(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All else is well, and nobody would know."""
+    gyro = imu_of(START_NS, (0, 0.01, 0))
+    gyro.header.frame_id = "imu_link"
+    bag = write_bag(tmp_path / "in", [("/imu", START_NS - 1, gyro), *recording(2)])
+    assert run(bag, tmp_path / "out", "--params", params) == 0
+    errors = capsys.readouterr().err
+    assert "2 fixes" in errors
+    assert "  ignored, imu_wrong_frame: 1\n" in errors
+    assert "  imu refused: header frame is 'imu_link', not 'base_link'" in errors
 
 
 def test_unreadable_messages_are_skipped_and_counted(
@@ -251,7 +267,9 @@ def test_no_estimate_is_a_valid_bag(
     out = read(tmp_path / "out")
     assert out["/attitude"] == out["/local_vertical"] == []
     assert "no_fix" in states(tmp_path / "out")
-    assert "3 sets, 0 fixes" in capsys.readouterr().err
+    errors = capsys.readouterr().err
+    assert "3 sets, 0 fixes" in errors
+    assert "at the end: no_fix: no_limb: " in errors
 
 
 def test_one_camera_missing_is_said_and_no_error(
@@ -461,6 +479,32 @@ def test_a_bag_without_the_topics_is_told_what_it_has(
     message = refused(capsys, bag, tmp_path / "out", "--params", params)
     assert "/chatter (std_msgs/msg/String)" in message
     assert "/camera_2/camera_info (sensor_msgs/msg/CameraInfo)" in message
+
+
+def test_what_would_help_where_topics_are_missing_is_said(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a remapped image the camera_info was forgotten; compressed images are not read."""
+    elsewhere = [(f"/left{topic}", t, msg) for topic, t, msg in recording(1)]
+    bag = write_bag(tmp_path / "elsewhere", elsewhere)
+    remap = ["--remap", "camera_1/image_raw:=/left/camera_1/image_raw"]
+    assert run(bag, tmp_path / "out", "--params", params, *remap) == 0
+    errors = capsys.readouterr().err
+    assert "has no /camera_1/camera_info" in errors
+    assert "--remap FROM:=TO for each topic, or the cameras' names" in errors
+
+    name = "/camera_1/image_raw/compressed"
+    squeezed = [
+        (name, t, CompressedImage(format="jpeg"))
+        if topic == "/camera_1/image_raw"
+        else (topic, t, msg)
+        for topic, t, msg in recording(1)
+    ]
+    bag = write_bag(tmp_path / "squeezed", squeezed)
+    assert run(bag, tmp_path / "out2", "--params", params) == 0
+    errors = capsys.readouterr().err
+    assert f"Compressed images are not read ({name}): doc/own_cameras.md" in errors
+    assert "--remap" not in errors
 
 
 def test_nothing_is_overwritten_but_by_force(

@@ -30,7 +30,7 @@ from horizon_messages import (
     write_parameters,
 )
 from rosbags.highlevel import AnyReader
-from sensor_msgs.msg import Imu
+from sensor_msgs.msg import CompressedImage, Imu
 from target_messages import FRAME_ID, cloud_of, scan, stamp_of, truth_at
 
 from horizon_sensor_ros.ros.aiding_sources import AidingSources
@@ -291,6 +291,17 @@ def test_what_another_craft_says_of_itself_is_not_ours(tmp_path: Path) -> None:
         page = tmp_path / f"{name}.html"
         assert main([str(together), "--namespace", name, "--out", str(page)]) == 0
         assert ("no camera_info yet" in Reader(page).text) == missing
+
+
+def test_frames_that_are_compressed_are_said_to_be(tmp_path: Path) -> None:
+    flight = [
+        (f"{topic}/compressed", time, CompressedImage()) if "image" in topic else (topic, time, msg)
+        for topic, time, msg in recording(2)
+    ]
+    source = write_bag(tmp_path / "flight", flight)
+    text = text_of_replay(tmp_path, source, source)
+    assert "The frames are not in the bag" in text
+    assert "Compressed images are not read" in text
 
 
 def test_diagnostics_alone_say_why_there_was_no_answer(tmp_path: Path) -> None:

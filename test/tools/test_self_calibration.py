@@ -128,6 +128,7 @@ def test_a_wrong_rotation_is_found_and_corrected(
         assert rows[f"camera_1 about {axis}"][-1] == "no"
     assert "how all cameras together sit in the base frame" in told.out
     assert "limb height: it needs the altitude" in told.out
+    assert "No misalignment" not in told.out
     # Every node gets the same rotations from the file, and keeps what else it had.
     for node in ("attitude_node", "local_vertical_node"):
         turn = corrected(out, node, "camera_2") @ ROTATIONS["camera_2"].T
@@ -138,6 +139,28 @@ def test_a_wrong_rotation_is_found_and_corrected(
     assert read_parameter_file(out, "attitude_node")["level_z"] == "down"
     assert read_parameter_file(out, "attitude_node")["slop"] == 0.01
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_swapped_cameras_are_no_misalignment(
+    tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "swapped.yaml"
+    swapped = {
+        f"{name}.rotation": QUATERNIONS[other]
+        for name, other in zip(CAMERAS, CAMERAS[::-1], strict=True)
+    }
+    path.write_text(yaml.safe_dump({"/**": {"ros__parameters": swapped}}))
+    assert run(flight, "--params", path) == 0
+    told = capsys.readouterr().out.split("No misalignment: ")[1]
+    turn = vector_from_rotation(
+        ROTATIONS["camera_2"]
+        @ ROTATIONS["camera_1"].T
+        @ ROTATIONS["camera_2"]
+        @ ROTATIONS["camera_1"].T
+    )
+    assert told.startswith(
+        f"camera_2 would be turned by {np.degrees(np.linalg.norm(turn)):.0f} deg"
+    )
 
 
 def test_what_else_is_told_of_a_camera_stays(tmp_path: Path) -> None:

@@ -246,7 +246,8 @@ def _rotation(camera: str, values: Mapping[str, Any]) -> tuple[float, ...]:
     if value is None:
         raise ParameterError(
             f"{parameter.name} is not set: {camera} is used and needs its rotation, a quaternion "
-            "[x, y, z, w] from the optical to the base frame (there is no default)"
+            "[x, y, z, w] from the optical to the base frame (there is no "
+            "default; a parameter file has it under /** or the node's own name)"
         )
     quaternion = parameter.accept(value)
     try:

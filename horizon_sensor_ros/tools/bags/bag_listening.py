@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag
+from horizon_sensor_ros.tools.bags.topic_advice import advice
 
 
 @dataclass(frozen=True)
@@ -74,4 +75,6 @@ def _takers(
 def _complaint(path: Path, missing: Sequence[Listener], present: Sequence[tuple[str, str]]) -> str:
     looked_for = "\n".join(f"  {each.topic} ({' or '.join(each.types)})" for each in missing)
     has = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(present)) or "  nothing"
-    return f"{path} lacks:\n{looked_for}\nIt has:\n{has}\nOther names: --remap FROM:=TO."
+    wanted = [(each.topic, kind) for each in missing for kind in each.types]
+    lines = [f"{path} lacks:", looked_for, "It has:", has, *advice(wanted, present)]
+    return "\n".join(lines)

@@ -42,6 +42,7 @@ from horizon_sensor_ros.tools.bags.replayed_node import (
     ReplayedTargetNode,
     TopicNames,
 )
+from horizon_sensor_ros.tools.bags.topic_advice import advice
 
 _TARGET_NODE = "target_pose_node"
 _NODES = (*HORIZON_OUTPUTS, _TARGET_NODE)
@@ -68,7 +69,8 @@ class _Replay:
         self._bag = bag
         self._nodes: list[ReplayedNode] = []
         self._handlers: dict[_Input, list[Callable[[Any], None]]] = {}
-        self._pipelines: list[tuple[str, HorizonPipeline | TargetPipeline]] = []
+        # With one of the nodes that have it in common: what it says is the same for all.
+        self._pipelines: list[tuple[str, HorizonPipeline | TargetPipeline, ReplayedNode]] = []
         self._unreadable: Counter[str] = Counter()
         together: dict[PipelineSettings, list[str]] = {}
         for name, settings in plan.horizon.items():
@@ -99,14 +101,14 @@ class _Replay:
         ):
             self._handlers.setdefault(source, []).append(handle)
         self._nodes += nodes
-        self._pipelines.append((", ".join(members), pipeline))
+        self._pipelines.append((", ".join(members), pipeline, nodes[0]))
 
     def _add_target(self, settings: TargetSettings) -> None:
         pipeline = TargetPipeline(settings.pipeline)
         node = ReplayedTargetNode(_TARGET_NODE, settings, pipeline, self._names, self._bag)
         self._handlers[_cloud_input(self._names)] = [partial(_hand_on, pipeline.on_cloud, [node])]
         self._nodes.append(node)
-        self._pipelines.append((_TARGET_NODE, pipeline))
+        self._pipelines.append((_TARGET_NODE, pipeline, node))
 
     def run(self, reader: Reader, stopped: Callable[[], bool]) -> None:
         """Read all, write all; KeyboardInterrupt between two messages when asked to stop."""
@@ -133,7 +135,7 @@ class _Replay:
     def summary(self) -> str:
         """Return what was processed, for a person."""
         lines = []
-        for names, pipeline in self._pipelines:
+        for names, pipeline, node in self._pipelines:
             counts = pipeline.counts
             what = ("clouds",) if isinstance(pipeline, TargetPipeline) else ("frames", "sets")
             figures = ", ".join(f"{counts[name]} {name}" for name in (*what, "fixes"))
@@ -142,11 +144,22 @@ class _Replay:
                 f"  rejected, {cause}: {count}"
                 for cause, count in sorted(pipeline.rejected.items())
             ]
+            if isinstance(pipeline, HorizonPipeline):
+                lines += _ignored(pipeline)
+            if not counts["fixes"]:
+                lines.append(f"  at the end: {node.words()} (doc/tuning.md: what to do)")
         lines += [
             f"unreadable messages skipped on {topic}: {count}"
             for topic, count in sorted(self._unreadable.items())
         ]
         return "\n".join(lines)
+
+
+def _ignored(pipeline: HorizonPipeline) -> list[str]:
+    """Return what became of the messages of topics that help, where some were not used."""
+    lines = [f"  ignored, {why}: {count}" for why, count in sorted(pipeline.aiding.ignored.items())]
+    words = pipeline.aiding.words.items()
+    return lines + [f"  {topic} {said}" for topic, said in words if said.startswith("refused: ")]
 
 
 def _hand_on(process: Callable[[Any], Any], nodes: Sequence[ReplayedNode], msg: Any) -> None:
@@ -188,11 +201,12 @@ def _taking_part(inputs: dict[str, frozenset[_Input]], reader: Reader) -> list[s
     if not present & wanted:
         looked_for = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(wanted))
         there = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(present)) or "  nothing"
-        raise BagError(
-            f"{reader.path} has none of the topics looked for:\n{looked_for}\nIt has:\n{there}"
-        )
+        lines = [looked_for, "It has:", there, *advice(wanted, present)]
+        raise BagError("\n".join([f"{reader.path} has none of the topics looked for:", *lines]))
     for topic, kind in sorted(wanted - present):
         print(f"{reader.path} has no {topic} ({kind})", file=sys.stderr)
+    for line in advice(wanted - present, present - wanted):
+        print(line, file=sys.stderr)
     return [node for node, listened_to in inputs.items() if listened_to & present]
 
 
@@ -230,7 +244,8 @@ def _settings_of(node: str, given: dict[str, Any]) -> HorizonSettings | TargetSe
     settings = horizon_settings(given)
     if None in settings.pipeline.rotations:
         raise ParameterError(
-            "extrinsics_source is tf, and a replay has no TF; set the rotations as parameters"
+            "extrinsics_source is tf, and a replay has no TF; set the rotations as parameters "
+            "(doc/own_cameras.md: how to read them from TF)"
         )
     return settings
 

@@ -12,7 +12,8 @@ from horizon_sensor_ros.tools.command import run_command
 EPILOG = """\
 examples:
   horizon_replay flight.mcap out --params my_cameras.yaml
-  horizon_replay flight out --params my_cameras.yaml --remap camera_1/image_raw:=/left/image
+  horizon_replay flight out --params my_cameras.yaml \\
+      --remap camera_1/image_raw:=/left/image --remap camera_1/camera_info:=/left/info
 
 OUT_BAG has the estimates with the stamps of their images, and /diagnostics, which says why there
 was none. Parameters are the nodes'; config/params.yaml has them all."""

@@ -116,6 +116,11 @@ class ReplayedNode:
         if self._due is not None:
             self._write_diagnostics()
 
+    def words(self) -> str:
+        """Return the state at the present bag time and its reason, for a person."""
+        health = self._monitor.health(self._now)
+        return f"{health.state}: {health.reason}"
+
     def write_estimates(self, step: Any) -> None:
         """Write the estimates of a pipeline's step."""
         raise NotImplementedError

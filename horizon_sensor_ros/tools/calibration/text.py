@@ -11,10 +11,12 @@ import yaml
 
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.rigid import vector_from_rotation
 from horizon_sensor_ros.core.self_calibration.adjustment import Calibration
 from horizon_sensor_ros.core.self_calibration.differences import nadir_differences
 
 _PARAMETERS = "ros__parameters"
+_BLUNDER_RAD = np.radians(5.0)
 
 
 def calibration_text(
@@ -39,7 +41,23 @@ def calibration_text(
     for one, other in zip(before, after, strict=True):
         was, remains = np.degrees(one.rms_rad), np.degrees(other.rms_rad)
         lines.append(f"  {one.name}: {was:.4f}, {remains:.4f}")
+    lines += _blunders(calibration, nominal)
     return "\n".join(lines)
+
+
+def _blunders(calibration: Calibration, nominal: Mapping[str, np.ndarray]) -> list[str]:
+    """What is to be said of turns that no mounting is wrong by."""
+    turned = {
+        name: np.linalg.norm(vector_from_rotation(rotation @ nominal[name].T))
+        for name, rotation in calibration.rot_base_from_cam.items()
+    }
+    return [
+        f"\nNo misalignment: {name} would be turned by {np.degrees(angle):.0f} deg. The wrong "
+        "camera's topic or rotation, the\ninverse of it, w before x, a picture upside down? The "
+        "cameras now agree, and may all be wrong\nin the base frame: set that right first."
+        for name, angle in turned.items()
+        if angle > _BLUNDER_RAD
+    ]
 
 
 def _rows(calibration: Calibration) -> list[str]:

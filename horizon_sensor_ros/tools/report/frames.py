@@ -32,7 +32,13 @@ from horizon_sensor_ros.ros.parameters.horizon_settings import (
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
-from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU, POSE
+from horizon_sensor_ros.tools.bags.message_types import (
+    CAMERA_INFO,
+    COMPRESSED_IMAGE,
+    IMAGE,
+    IMU,
+    POSE,
+)
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.calibration.recording import Horizons
 from horizon_sensor_ros.tools.horizon_parameters import horizon_values, settings_of_a_node
@@ -121,6 +127,8 @@ def look_again(
     """
     if not recorded.frames:
         text = "The frames are not in the bag: give the one that has them with --input."
+        if any(facts.msgtype == COMPRESSED_IMAGE for facts in recorded.topics):
+            text += " Compressed images are not read; doc/own_cameras.md: how to decompress them."
         return SecondLook((Text(text),))
     notes: list[Block] = []
     if settings is None:

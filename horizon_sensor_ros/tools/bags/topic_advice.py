@@ -1,0 +1,31 @@
+"""What a person may do about topics that a bag lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE
+
+
+def advice(missing: Iterable[tuple[str, str]], spare: Iterable[tuple[str, str]]) -> list[str]:
+    """Return lines of advice, none where the bag has nothing that would help.
+
+    missing : topics that are looked for, each with its type. spare : the bag's others.
+    """
+    missing, spare = set(missing), set(spare)
+    lines = []
+    compressed = sorted(topic for topic, kind in spare if kind == COMPRESSED_IMAGE)
+    if compressed and any(kind == IMAGE for _, kind in missing):
+        lines.append(
+            f"Compressed images are not read ({', '.join(compressed)}): "
+            "doc/own_cameras.md says how to decompress them."
+        )
+    wrongly_named = {kind for _, kind in missing} & {kind for _, kind in spare}
+    if wrongly_named & {IMAGE, CAMERA_INFO}:
+        lines.append(
+            "Other names: --remap FROM:=TO for each topic, or the cameras' names in the "
+            "parameter `cameras`."
+        )
+    elif wrongly_named:
+        lines.append("Other names: --remap FROM:=TO.")
+    return lines
