@@ -17,8 +17,8 @@ from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
-from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
+from horizon_sensor_ros.ros.node_names import HORIZON_NODES, NODES, TARGET_NODE
 from horizon_sensor_ros.ros.parameters.file import misspelt_sections, read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
 from horizon_sensor_ros.ros.parameters.horizon_settings import (
@@ -43,10 +43,8 @@ from horizon_sensor_ros.tools.bags.replayed_node import (
     TopicNames,
 )
 
-_TARGET_NODE = "target_pose_node"
-_NODES = (*HORIZON_OUTPUTS, _TARGET_NODE)
 # Those of a kind share their sensors.
-_KINDS = (frozenset(HORIZON_OUTPUTS), frozenset([_TARGET_NODE]))
+_KINDS = (frozenset(HORIZON_NODES), frozenset([TARGET_NODE]))
 # A topic and its type.
 _Input = tuple[str, str]
 _Made = TypeVar("_Made")
@@ -103,10 +101,10 @@ class _Replay:
 
     def _add_target(self, settings: TargetSettings) -> None:
         pipeline = TargetPipeline(settings.pipeline)
-        node = ReplayedTargetNode(_TARGET_NODE, settings, pipeline, self._names, self._bag)
+        node = ReplayedTargetNode(TARGET_NODE, settings, pipeline, self._names, self._bag)
         self._handlers[_cloud_input(self._names)] = [partial(_hand_on, pipeline.on_cloud, [node])]
         self._nodes.append(node)
-        self._pipelines.append((_TARGET_NODE, pipeline))
+        self._pipelines.append((TARGET_NODE, pipeline))
 
     def run(self, reader: Reader, stopped: Callable[[], bool]) -> None:
         """Read all, write all; KeyboardInterrupt between two messages when asked to stop."""
@@ -174,7 +172,7 @@ def _inputs_of(
     """What each node listens to."""
 
     def inputs(node: str, given: dict[str, Any]) -> frozenset[_Input]:
-        if node == _TARGET_NODE:
+        if node == TARGET_NODE:
             return frozenset([_cloud_input(names)])
         return frozenset(i for camera in cameras_of(given) for i in _camera_inputs(camera, names))
 
@@ -199,8 +197,8 @@ def _taking_part(inputs: dict[str, frozenset[_Input]], reader: Reader) -> list[s
 def _read_values(params: Path | None, namespace: str) -> dict[str, dict[str, Any]]:
     """Parameters that the file has for each node."""
     if params is None:
-        return {node: {} for node in _NODES}
-    values = {node: read_parameter_file(params, node, namespace) for node in _NODES}
+        return {node: {} for node in NODES}
+    values = {node: read_parameter_file(params, node, namespace) for node in NODES}
     unknown = [
         name
         for node, given in values.items()
@@ -208,24 +206,24 @@ def _read_values(params: Path | None, namespace: str) -> dict[str, dict[str, Any
     ]
     for name in dict.fromkeys(unknown):
         print(f"unknown parameter {name} is ignored ({params})", file=sys.stderr)
-    for section, node in misspelt_sections(params, _NODES):
+    for section, node in misspelt_sections(params, NODES):
         print(f"section {section} is for no node: {node}? ({params})", file=sys.stderr)
     return values
 
 
 def _parameters_of(node: str, given: dict[str, Any]) -> tuple[Parameter, ...]:
-    return target_parameters() if node == _TARGET_NODE else horizon_parameters(given)
+    return target_parameters() if node == TARGET_NODE else horizon_parameters(given)
 
 
 def _plan(values: dict[str, dict[str, Any]]) -> _Plan:
     settings = _of_each(values, _settings_of)
     horizon = {n: s for n, s in settings.items() if isinstance(s, HorizonSettings)}
-    target = settings.get(_TARGET_NODE)
+    target = settings.get(TARGET_NODE)
     return _Plan(horizon, target if isinstance(target, TargetSettings) else None)
 
 
 def _settings_of(node: str, given: dict[str, Any]) -> HorizonSettings | TargetSettings:
-    if node == _TARGET_NODE:
+    if node == TARGET_NODE:
         return target_settings(given)
     settings = horizon_settings(given)
     if None in settings.pipeline.rotations:
