@@ -218,25 +218,20 @@ def sample_limb(
         num_valid = int(np.count_nonzero(valid))
         if num_valid < MIN_PROFILES:
             return LimbPoints.none(Status.NO_LIMB, "the limb is behind the mask")
-    # Neighbours see the same edge: their mean says as much as they do, for a part of the work.
-    size = len(curve) / _BUNDLES
-    if modelled:
-        size = max(size, min(_STRETCH_PX / step.spacing_px, num_valid / _LEAST_STRETCHES))
-    size = max(1, min(round(size), num_valid // MIN_PROFILES))
-    bundles = Bundles.of(valid, size)
+    bundles = Bundles.of(valid, _profiles_together(len(curve), num_valid, step, modelled))
     if len(bundles) < MIN_PROFILES:
         return LimbPoints.none(Status.NO_LIMB, "the limb runs along the frame's border")
     profiles = bundles.mean(profiles)
     pitch_rad = step.factor * view.camera.pixel_rad
-    noise = pixel_noise(profiles, size)
+    noise = pixel_noise(profiles, bundles.size)
     black = None
-    if step.factor == 1 and may_be_clipped(space_mean(profiles), noise * math.sqrt(size)):
+    if step.factor == 1 and may_be_clipped(space_mean(profiles), noise * math.sqrt(bundles.size)):
         some = bundles.index[:: max(1, num_valid // _OF_SPACE)]
         # Nearer to the edge its foot may be what is not black.
         black = black_of(pixels_across(gray, curve, some, grid.d_px[-_FAR_OUT:]).ravel())
     if black is not None:
         profiles = black.unclipped(profiles)
-        noise = max(noise, black.sigma / math.sqrt(size))
+        noise = max(noise, black.sigma / math.sqrt(bundles.size))
     return LimbSample(
         gray,
         step.factor,
@@ -252,3 +247,13 @@ def sample_limb(
         step.blur_open_px,
         None if view.corner_blur_px is None else view.corner_blur_px / step.factor,
     )
+
+
+def _profiles_together(num: int, num_valid: int, step: RefinePass, modelled: bool) -> int:
+    """How many neighbouring profiles of `num` are given as one: they see the same edge, and their
+    mean says as much as they do, for a part of the work.
+    """
+    size = num / _BUNDLES
+    if modelled:
+        size = max(size, min(_STRETCH_PX / step.spacing_px, num_valid / _LEAST_STRETCHES))
+    return max(1, min(round(size), num_valid // MIN_PROFILES))
