@@ -92,8 +92,8 @@ def bound_of(information: np.ndarray) -> np.ndarray:
 
 
 def nadir_sigma_bound_rad(information: np.ndarray) -> float:
-    """Least sigma (rad) that nadir can have in its least certain direction; infinite where that is
-    left open.
+    """Least sigma (rad) that nadir can have in its least certain direction, by an information
+    (3, 3) of `horizon_information`; infinite where that is left open.
     """
     cov = bound_of(information)
     if not np.isfinite(cov).all():

@@ -182,7 +182,7 @@ class LimbSample:
 
 
 def thinning(gray: np.ndarray) -> int:
-    """How many pixels of limb go to a profile, where each does in a small frame.
+    """How many pixels of limb of an image (H, W) go to a profile, where one does in a small frame.
 
     Every pixel of a long limb would cost more than it adds: the edge's texture spans many.
     """
@@ -200,6 +200,7 @@ def sample_limb(
 ) -> LimbSample | LimbPoints:
     """Sample the limb where it is predicted; no limb, and why, where it cannot be looked at.
 
+    gray : (H, W), reduced by ``step.factor``. nadir_base, rho_rad : (3,) and radius of its cone.
     modelled : the edge's look is known, so that profiles are given to a model.
     """
     spacing_px = step.spacing_px * thinning(gray)
