@@ -226,7 +226,7 @@ def test_stamps_from_a_file_without_names_and_from_names(tmp_path: Path, folders
     assert stamps(read(tmp_path / "b")["/camera_1/image_raw"]) == [9.0, 10.0, 11.0]
 
 
-def test_clouds(tmp_path: Path) -> None:
+def test_folders_of_clouds_become_a_bag_that_replays(tmp_path: Path) -> None:
     (tmp_path / "scans").mkdir()
     for index in range(3):
         np.save(tmp_path / "scans" / f"{index}.npy", scan(index))

@@ -507,7 +507,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-def test_a_full_disk(
+def test_a_full_disk_is_said_and_nothing_left(
     small_disk: Path,
     flight: Path,
     params: Path,
