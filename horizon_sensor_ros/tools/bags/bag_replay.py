@@ -14,7 +14,6 @@ from typing import Any, TypeVar
 from rosbags.rosbag2 import Reader
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
-from tqdm import tqdm
 
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
@@ -33,7 +32,13 @@ from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings, ta
 from horizon_sensor_ros.ros.parameters.unknown import unknown_parameters
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TargetPipeline
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
-from horizon_sensor_ros.tools.bags.input_bag import STORAGE, bag_messages, open_bag, storage_of
+from horizon_sensor_ros.tools.bags.input_bag import (
+    STORAGE,
+    bag_messages,
+    open_bag,
+    progress,
+    storage_of,
+)
 from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU, POINT_CLOUD, POSE
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag, check_replaceable
 from horizon_sensor_ros.tools.bags.replayed_node import (
@@ -110,12 +115,8 @@ class _Replay:
         """Read all, write all; KeyboardInterrupt between two messages when asked to stop."""
         typestore = get_typestore(Stores.ROS2_JAZZY)
         wanted = [c for c in reader.connections if (c.topic, c.msgtype) in self._handlers]
-        total = sum(c.msgcount for c in wanted)
-        messages = bag_messages(reader, wanted)
-        with tqdm(messages, total=total, unit="msg", file=sys.stderr) as progress:
-            for connection, time, raw in progress:
-                if stopped():
-                    raise KeyboardInterrupt
+        with progress(bag_messages(reader, wanted, stopped), wanted) as messages:
+            for connection, time, raw in messages:
                 for node in self._nodes:
                     node.advance(time)
                 try:
