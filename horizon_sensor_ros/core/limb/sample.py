@@ -125,16 +125,16 @@ class LimbSample:
         base[:, :2] = normal_px
         base[:, 2] = 1.0
         return Stretches(
-            self.profiles,
-            self.grid.d_px,
-            PLAIN_NOISE * self.noise,
-            psf_px,
-            self.stretch_px,
-            ground_across_px(self.pitch_rad, rho_rad),
-            base,
-            self.cornered,
-            self.blur_open_px,
-            self.corner_px,
+            profiles=self.profiles,
+            d_px=self.grid.d_px,
+            noise=PLAIN_NOISE * self.noise,
+            psf_px=psf_px,
+            length_px=self.stretch_px,
+            px_over_radius=ground_across_px(self.pitch_rad, rho_rad),
+            base=base,
+            cornered=self.cornered,
+            blur_open_px=self.blur_open_px,
+            corner_px=self.corner_px,
         )
 
     def steps(self) -> tuple[np.ndarray, np.ndarray]:
@@ -234,19 +234,19 @@ def sample_limb(
         profiles = black.unclipped(profiles)
         noise = max(noise, black.sigma / math.sqrt(bundles.size))
     return LimbSample(
-        gray,
-        step.factor,
-        curve,
-        bundles,
-        grid,
-        spacing_px,
-        pitch_rad,
-        profiles,
-        noise,
-        view.camera.cornered(curve.px[bundles.middle]),
-        black,
-        step.blur_open_px,
-        None if view.corner_blur_px is None else view.corner_blur_px / step.factor,
+        gray=gray,
+        factor=step.factor,
+        curve=curve,
+        bundles=bundles,
+        grid=grid,
+        spacing_px=spacing_px,
+        pitch_rad=pitch_rad,
+        profiles=profiles,
+        noise=noise,
+        cornered=view.camera.cornered(curve.px[bundles.middle]),
+        black=black,
+        blur_open_px=step.blur_open_px,
+        corner_px=None if view.corner_blur_px is None else view.corner_blur_px / step.factor,
     )
 
 

@@ -163,9 +163,16 @@ def _none(
     size = len(unknowns)
     nothing = np.full(size, np.nan)
     return Calibration(
-        status, reason, unknowns, nothing, np.full((size, size), np.nan), np.zeros(size), (),
-        nominal, sets,
-    )  # fmt: skip
+        status=status,
+        reason=reason,
+        unknowns=unknowns,
+        values=nothing,
+        cov=np.full((size, size), np.nan),
+        observed_share=np.zeros(size),
+        not_observed=(),
+        rot_base_from_cam=nominal,
+        sets=sets,
+    )
 
 
 class _Adjustment:
