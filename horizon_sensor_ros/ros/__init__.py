@@ -8,6 +8,6 @@ core), ``horizon_outputs``; and ``debug_image``. A cloud: ``target_node``, ``tar
 Every node: ``managed_node`` (lifecycle, ``parameters``), ``reporting_node``, ``diagnostics`` (with
 ``horizon_diagnostics`` and ``target_diagnostics``), ``qos``. Processes: ``executable``,
 ``interruption``, ``node_names``, and the executables ``local_vertical_node``, ``attitude_node``,
-``target_pose_node`` and, all in one, ``horizon_sensor``. Files: ``yaml_file``, ``resources``.
-``sensor_messages``: what sensors send, for whoever plays one.
+``target_pose_node`` and, all in one, ``horizon_sensor``. Files: ``yaml_file``, ``resources`` (named
+by parameters). ``sensor_messages``: what sensors send, for whoever plays one.
 """
