@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.horizon_fix import Frame
+from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.detector import detect_limb
 from horizon_sensor_ros.core.limb.passes import EXPECTED
@@ -62,7 +62,7 @@ PAIR_COLUMNS = (
     "limb and glow in one fit",
 )
 FOLLOWED_COLUMNS = ("frame", "limb drawn", "+ profiles", "+ edges", "all, ms")
-# Issue's bars, times Canny's, by width of the frame.
+# Bars, times Canny's, by width of the frame.
 _BARS = {640: (6.0, 2.5), 2048: (4.0, 0.5)}
 _TURN_RAD = np.radians(0.1)  # from frame to frame: about a pixel of the smaller frames
 _STEPS = 3
@@ -150,9 +150,22 @@ def _stages(
         "drawn": lambda: limb_curve(*near, spacing_px=max(1, round(frame.gray.shape[1] / 1024))),
         "profiles": lambda: sample_limb(frame.gray, *near, EXPECTED, modelled=True),
         "edges": lambda: refine_limb(frame.gray, *near, EXPECTED, looks),
-        # A copy keeps the track where it was.
-        "tracking": lambda: copy(following).process([frame]),
+        "tracking": lambda: _followed_again(following, [frame]),
     }
+
+
+def _followed_again(following: HorizonSensor, frames: list[Frame]) -> HorizonFix:
+    """A copy keeps the track where it was."""
+    return copy(following).process(frames)
+
+
+def _medians(stages: dict[str, Callable[[], object]]) -> dict[str, float]:
+    """CPU seconds of each stage; they take turns, so that all see the same load."""
+    taken: dict[str, list[float]] = {stage: [] for stage in stages}
+    for _ in range(_REPEATS):
+        for stage, call in stages.items():
+            taken[stage].append(_seconds(call))
+    return {stage: float(np.median(seconds)) for stage, seconds in taken.items()}
 
 
 def _seconds(call: Callable[[], object]) -> float:
@@ -201,13 +214,13 @@ def _pairs(options: Options, searching: HorizonSensor) -> Table:
             limbs = again.process(last).limbs
             followed += again.following
             joint += all(limb.glow_separated for limb in limbs)
-            taken: dict[str, list[float]] = {stage: [] for stage in times}
-            for _ in range(_REPEATS):
-                taken["canny"].append(_seconds(partial(canny_seconds, images)))
-                taken["search"].append(_seconds(partial(searching.process, last)))
-                taken["tracking"].append(_seconds(partial(copy(following).process, last)))
-            for stage, seconds in taken.items():
-                times[stage].append(float(np.median(seconds)))
+            stages = {
+                "canny": partial(canny_seconds, images),
+                "search": partial(searching.process, last),
+                "tracking": partial(_followed_again, following, last),
+            }
+            for stage, seconds in _medians(stages).items():
+                times[stage].append(seconds)
         canny = np.array(times["canny"])
         cells = []
         for stage in ("search", "tracking"):
@@ -248,13 +261,8 @@ def run(options: Options) -> list[Table]:
                 again = copy(following)
                 again.process(frames[-1:])
                 followed += again.following
-                stages = _stages(frames, searching, following)
-                taken: dict[str, list[float]] = {stage: [] for stage in stages}
-                for _ in range(_REPEATS):
-                    for stage, call in stages.items():
-                        taken[stage].append(_seconds(call))
-                for stage, seconds in taken.items():
-                    times.setdefault(stage, []).append(float(np.median(seconds)))
+                for stage, seconds in _medians(_stages(frames, searching, following)).items():
+                    times.setdefault(stage, []).append(seconds)
             rows.append(_row(name, width, times, f"{fixed}/{count}", f"{followed}/{count}"))
             stages_ms = (
                 number(1e3 * float(np.median(times[stage])), 2)

@@ -1,6 +1,8 @@
 """The benchmark: runs its parts, prints their tables and writes them to a directory.
 
 A missed bar is marked MISSED in its row and does not change the exit code; a part that breaks does.
+Beside it are commands of their own: ros_latency.py, transport.py and two_hosts.py (live nodes),
+soak.py (a million pairs and clouds), demo_flights.py (the demo's flight, and others like it).
 """
 
 from __future__ import annotations

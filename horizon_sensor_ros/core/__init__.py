@@ -1,11 +1,22 @@
 """The algorithms: numpy, scipy and OpenCV only, nothing of ROS.
 
-Horizon: ``camera`` and ``lens`` (pixels to rays), ``limb`` (image to limb points), ``fits`` (limb
-points to nadir and altitude), ``covariance`` (what else may be wrong), ``airglow`` (by night),
-``judgement`` and ``agreement`` (whether to believe it). ``horizon_estimator`` runs these over limbs
-that were found, ``horizon_search`` over whole frames, and ``horizon_sensor`` is the whole chain:
-start there.
-The planet: ``planet``, ``planet_figure`` (an ellipsoid fitted as a sphere). Point clouds:
-``target``. The cameras' mounting: ``self_calibration``. Where a mounting sees the horizon:
-``applicability``.
+Start at ``horizon_sensor``, the whole chain: frames in, a ``horizon_fix`` out. It follows the limb
+(``track``) or has it searched for (``horizon_search``, over whole frames); ``horizon_estimator``
+makes a fix of limbs that were found. Whom to believe: ``judgement`` (a fit), ``agreement`` (of the
+cameras), ``doubts`` (about cameras that contradicted others), ``repeated_images`` (frozen ones).
+
+The folders these use, in the order of the data: ``lens`` (rays to the image plane), ``limb`` (image
+to limb points), ``fits`` (limb points to nadir and altitude), ``covariance`` (what else may be
+wrong), ``airglow`` (by night).
+
+What is told and known: ``horizon_config`` (once), ``aiding`` (with each set of frames), ``status``
+(why there is an answer, or none). Cameras: ``camera``, ``camera_view`` (in its place), ``mask``,
+``linear_light``, ``white_level``, ``derived_camera`` and of it ``stretched_camera``. The planet:
+``planet``, ``planet_figure`` (an ellipsoid fitted as a sphere), ``limb_curve`` (where a cone's limb
+runs in an image), ``limb_points`` (what was found of it). Motion: ``gyro``, ``turn_rate``,
+``nadir_rate``, ``readout`` (rows and frames of different moments). Mathematics: ``attitude``,
+``rigid``, ``robust``, ``symmetric3``.
+
+Beside the horizon: ``target`` (point clouds to a target's motion), ``self_calibration`` (how the
+cameras are mounted), ``applicability`` (where a mounting sees the horizon).
 """

@@ -141,6 +141,7 @@ def pose_covariance(
     for "up": a nadir error d in the level frame means ``e = s (d_y, -d_x)``, and the error of
     position.z is -s times that of the altitude. x, y and yaw are not observed: `GROUND_VARIANCE_M2`
     and `YAW_VARIANCE_RAD2`, uncorrelated with the rest.
+    Raises ValueError for a wrong shape, a matrix that is no rotation, another level_z.
     """
     cov = np.asarray(cov_nadir_altitude, dtype=float)
     if cov.shape != (4, 4):

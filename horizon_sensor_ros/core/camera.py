@@ -112,36 +112,14 @@ class Camera:
         Raises ValueError, saying what is wrong, for an uncalibrated (k[0] <= 0), non-finite or
         inconsistent one.
         """
-        matrix = np.asarray(k, dtype=float)
-        if matrix.size != 9:
-            raise ValueError(f"camera matrix K must have 9 elements, got {matrix.size}")
-        matrix = matrix.reshape(3, 3)
-        if not np.all(np.isfinite(matrix)):
-            raise ValueError("camera matrix K has non-finite elements")
-        if matrix[0, 0] <= 0:
-            raise ValueError(f"camera is uncalibrated: K[0] = {matrix[0, 0]:g}")
-        shape = (matrix[0, 1], matrix[1, 0], *matrix[2])
-        if not np.allclose(shape, (0, 0, 0, 0, 1), rtol=0, atol=1e-12):
-            raise ValueError("camera matrix K is not of the form [fx 0 cx; 0 fy cy; 0 0 1]")
+        matrix = _camera_matrix(k)
         coefficients = np.asarray(distortion, dtype=float).ravel()
         if not model and coefficients.size == 0:
             model = "plumb_bob"
         if binning_x < 0 or binning_y < 0:
             raise ValueError(f"binning must not be negative, got {binning_x} x {binning_y}")
         bin_x, bin_y = max(int(binning_x), 1), max(int(binning_y), 1)
-        roi_x, roi_y, roi_width, roi_height = (int(value) for value in roi)
-        if roi_width == 0 and roi_height == 0:
-            roi_width, roi_height = int(width), int(height)
-        inside = (
-            roi_x >= 0
-            and roi_y >= 0
-            and roi_width > 0
-            and roi_height > 0
-            and roi_x + roi_width <= width
-            and roi_y + roi_height <= height
-        )
-        if not inside:
-            raise ValueError(f"region of interest {tuple(roi)} is not inside {width} x {height}")
+        roi_x, roi_y, roi_width, roi_height = _region(roi, width, height)
         return cls(
             width=roi_width // bin_x,
             height=roi_height // bin_y,
@@ -263,6 +241,40 @@ class Camera:
     @cached_property
     def _centre_px(self) -> np.ndarray:
         return np.array([self.cx, self.cy])
+
+
+def _camera_matrix(k: np.ndarray | Sequence[float]) -> np.ndarray:
+    """K (3, 3) as a pinhole camera has it; ValueError says why it is none."""
+    matrix = np.asarray(k, dtype=float)
+    if matrix.size != 9:
+        raise ValueError(f"camera matrix K must have 9 elements, got {matrix.size}")
+    matrix = matrix.reshape(3, 3)
+    if not np.all(np.isfinite(matrix)):
+        raise ValueError("camera matrix K has non-finite elements")
+    if matrix[0, 0] <= 0:
+        raise ValueError(f"camera is uncalibrated: K[0] = {matrix[0, 0]:g}")
+    shape = (matrix[0, 1], matrix[1, 0], *matrix[2])
+    if not np.allclose(shape, (0, 0, 0, 0, 1), rtol=0, atol=1e-12):
+        raise ValueError("camera matrix K is not of the form [fx 0 cx; 0 fy cy; 0 0 1]")
+    return matrix
+
+
+def _region(roi: Sequence[int], width: int, height: int) -> tuple[int, int, int, int]:
+    """x, y, width, height of a region of interest; ValueError where it is not in the frame."""
+    x, y, roi_width, roi_height = (int(value) for value in roi)
+    if roi_width == 0 and roi_height == 0:
+        roi_width, roi_height = int(width), int(height)
+    inside = (
+        x >= 0
+        and y >= 0
+        and roi_width > 0
+        and roi_height > 0
+        and x + roi_width <= width
+        and y + roi_height <= height
+    )
+    if not inside:
+        raise ValueError(f"region of interest {tuple(roi)} is not inside {width} x {height}")
+    return x, y, roi_width, roi_height
 
 
 def _rows(values: np.ndarray, columns: int, name: str) -> np.ndarray:

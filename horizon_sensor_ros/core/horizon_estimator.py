@@ -85,7 +85,7 @@ class Sighting:
 
     @property
     def images(self) -> list[np.ndarray]:
-        """Images, one per frame."""
+        """Images (H, W), one per frame."""
         return [frame.gray for frame in self.frames]
 
 

@@ -4,7 +4,7 @@ something against themselves, and by what single ones find.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -84,8 +84,8 @@ class HorizonSearch:
                     limbs[i] = limb
                 fix = replace(fix, reason=reason, limbs=tuple(_filled(limbs)))
                 fix = replace(fix, contradicting=_contradicting(frames, fix, alone))
-                contradicted = self._contradicted(frames, fix, alone)
-                contradicted = contradicted or self._apart(frames, sighting, fix, alone)
+                contradicted = self._refused_by_another(frames, fix, alone)
+                contradicted = contradicted or self._by_own_limbs(frames, sighting, fix, alone)
                 if contradicted is not None:
                     return contradicted, None
                 return self._from_singles(frames, fix, aiding, alone, layer) or (
@@ -115,7 +115,7 @@ class HorizonSearch:
 
         return alone
 
-    def _contradicted(
+    def _refused_by_another(
         self, frames: Sequence[Frame], fix: HorizonFix, alone: _Alone
     ) -> HorizonFix | None:
         """Refusal of one camera's fix where another camera, looked at alone, has a fix elsewhere.
@@ -125,25 +125,18 @@ class HorizonSearch:
         """
         if not fix.ok or len(fix.cameras_used) > 1:
             return None
-        for i, (frame, limb) in enumerate(zip(frames, fix.limbs, strict=True)):
-            if limb.status in (Status.OK, Status.BAD_IMAGE):
-                continue
-            by_itself = alone(i)[1].fix
-            if not by_itself.ok:
-                continue
-            apart = disagreement_rad(by_itself.fit, fix.fit)
-            if apart > 0.0:
-                reason = (
-                    f"{frame.view.name} alone finds nadir {np.degrees(apart):.1f} deg "
-                    f"from that of {fix.cameras_used[0]}"
-                )
-                refused = self._estimator.refused(
-                    Status.CAMERAS_DISAGREE, reason, fix.fit, fix.limbs
-                )
-                return replace(refused, contradicting=(frame.view.name, *fix.cameras_used))
+        unseen = [i for i, limb in enumerate(fix.limbs) if limb.status is not Status.OK]
+        for i, apart in _elsewhere(fix, unseen, alone):
+            name = frames[i].view.name
+            reason = (
+                f"{name} alone finds nadir {np.degrees(apart):.1f} deg "
+                f"from that of {fix.cameras_used[0]}"
+            )
+            refused = self._estimator.refused(Status.CAMERAS_DISAGREE, reason, fix.fit, fix.limbs)
+            return replace(refused, contradicting=(name, *fix.cameras_used))
         return None
 
-    def _apart(
+    def _by_own_limbs(
         self, frames: Sequence[Frame], sighting: Sighting, fix: HorizonFix, alone: _Alone
     ) -> HorizonFix | None:
         """Fix, or why there is none, by the limbs that cameras find by themselves, where these
@@ -289,17 +282,25 @@ def _contradicting(frames: Sequence[Frame], fix: HorizonFix, alone: _Alone) -> t
         return of_limb if fix.status is Status.CAMERAS_DISAGREE else ()
     if len(fix.cameras_used) < 2 or fix.airglow_alone:
         return ()
-    left_out = [
-        i
-        for i, (frame, limb) in enumerate(zip(frames, fix.limbs, strict=True))
-        if frame.view.name not in (*fix.cameras_used, *fix.cameras_spared)
-        and limb.status is not Status.BAD_IMAGE
-    ]
-    return tuple(
-        frames[i].view.name
-        for i in left_out
-        if alone(i)[1].fix.ok and disagreement_rad(alone(i)[1].fix.fit, fix.fit) > 0.0
-    )
+    taken = {*fix.cameras_used, *fix.cameras_spared}
+    left_out = [i for i, frame in enumerate(frames) if frame.view.name not in taken]
+    return tuple(frames[i].view.name for i, _ in _elsewhere(fix, left_out, alone))
+
+
+def _elsewhere(
+    fix: HorizonFix, cameras: Sequence[int], alone: _Alone
+) -> Iterator[tuple[int, float]]:
+    """Of cameras, by number, those that by themselves have a fix elsewhere, and how far off (rad).
+
+    One after the other, since to look at a camera alone takes time.
+    """
+    for i in cameras:
+        if fix.limbs[i].status is Status.BAD_IMAGE:
+            continue
+        by_itself = alone(i)[1].fix
+        apart_rad = disagreement_rad(by_itself.fit, fix.fit) if by_itself.ok else 0.0
+        if apart_rad > 0.0:
+            yield i, apart_rad
 
 
 def _no_fix(frames: Sequence[Frame], limbs: Sequence[LimbPoints | None]) -> HorizonFix:

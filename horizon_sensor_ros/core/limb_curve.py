@@ -65,7 +65,8 @@ def limb_curve(
 ) -> LimbCurve:
     """Draw the limb of the cone ``u . nadir = cos rho`` in the image of one camera.
 
-    Arc by arc in the order of the azimuth about nadir. No point in the frame: an empty curve.
+    nadir_base : (3,), base frame. Points lie about spacing_px apart, arc by arc in the order of the
+    azimuth about nadir. No point in the frame: an empty curve.
     """
     camera = view.camera
     nadir = view.rot_base_from_cam.T @ nadir_base

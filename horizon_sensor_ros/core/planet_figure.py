@@ -53,7 +53,7 @@ class Figure(Protocol):
         """Return a camera as it sees that sphere."""
 
     def aligned(self, nadir_base: np.ndarray) -> Figure:
-        """Return the figure with its axis where a first fit's nadir, of that sphere, puts it."""
+        """Return the figure with its axis where a first fit of that sphere, nadir (3,), puts it."""
 
     def covariance(self, fit: HorizonFit, observations: Sequence[LimbObservation]) -> np.ndarray:
         """(4, 4) of (nadir, altitude): error of a fit that the figure's own error makes."""
@@ -103,7 +103,7 @@ class MeanSphere:
         return self
 
     def covariance(self, fit: HorizonFit, observations: Sequence[LimbObservation]) -> np.ndarray:
-        """Error of taking the ellipsoid for a sphere, over all ways in which it may lie."""
+        """(4, 4), error of taking the ellipsoid for a sphere, over all ways in which it may lie."""
         if self._planet.flattening == 0.0:
             return np.zeros((4, 4))
         influence = figure_influence(fit, observations, self._planet, self._vertical)
@@ -177,7 +177,9 @@ class StretchedEllipsoid:
         )
 
     def covariance(self, fit: HorizonFit, observations: Sequence[LimbObservation]) -> np.ndarray:
-        """Error that the pose's leaves: its position's in latitude, its attitude's in heading."""
+        """(4, 4), error that the pose's leaves: its position's in latitude, its attitude's in
+        heading.
+        """
         influence = figure_influence(fit, observations, self._planet, self._vertical)
         distance = float(np.linalg.norm(self._pose.position_ecef_m))
         of_pole = pole_covariance(

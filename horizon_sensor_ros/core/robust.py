@@ -11,7 +11,7 @@ MAD_TO_SIGMA = 1.4826  # of a Gaussian, from the median of the absolute deviatio
 
 
 def median(values: np.ndarray) -> float:
-    """Median of a one-dimensional array without NaN; NaN of an empty one."""
+    """Median of values (N,) without NaN; NaN of none."""
     count = len(values)
     if count == 0:
         return np.nan
@@ -32,7 +32,9 @@ def stretches(values: np.ndarray, count: int) -> list[np.ndarray]:
 
 
 def quantile(values: np.ndarray, share: float) -> float:
-    """Value of N >= 1, without NaN, that a share of them lies below; linear between neighbours."""
+    """Which value a share of values (N,), N >= 1, without NaN, lies below; linear between
+    neighbours.
+    """
     rank = share * (len(values) - 1)
     low = int(rank)
     high = min(low + 1, len(values) - 1)
@@ -42,5 +44,5 @@ def quantile(values: np.ndarray, share: float) -> float:
 
 
 def robust_sigma(values: np.ndarray) -> float:
-    """Scale of residuals about zero from their median size."""
+    """Scale of residuals (N,) about zero from their median size; NaN of none."""
     return MAD_TO_SIGMA * median(np.abs(values))

@@ -53,15 +53,15 @@ class Track:
         assert fit.disc is not None
         disc = fit.disc
         return cls(
-            tuple(views),
-            cameras,
-            disc.nadir,
-            disc.rho_rad,
-            detection.state,
-            detection.working,
-            detection.layer_rad,
-            detection.airglow,
-            outside,
+            views=tuple(views),
+            cameras=cameras,
+            nadir_base=disc.nadir,
+            rho_rad=disc.rho_rad,
+            state=detection.state,
+            working=detection.working,
+            layer_rad=detection.layer_rad,
+            airglow=detection.airglow,
+            outside=outside,
         )
 
     def continued(self, detection: Detection, fit: HorizonFit) -> Track:

@@ -10,8 +10,8 @@ NEAR_WHITE = 0.97  # lossy coding and interpolation leave less of it
 
 
 def full_scale(gray: np.ndarray) -> float:
-    """Return the largest gray level that could be: 255, or for 16 bits that of the fewest bits that
-    hold the frame, eight or more.
+    """Return the largest gray level that could be in a frame (H, W): 255, or for 16 bits that of
+    the fewest bits that hold it, eight or more.
 
     Nothing in a message says how many of 16 bits a camera uses. A frame that leaves its upper bits
     unused, by its darkness, is taken for one of fewer bits.
@@ -22,8 +22,8 @@ def full_scale(gray: np.ndarray) -> float:
 
 
 def saturation_level(gray: np.ndarray, sampled: np.ndarray) -> float:
-    """Brightness at which a camera's frame saturates; infinite where none of it does, or nothing of
-    what is sampled from it can.
+    """Brightness at which a camera's frame (H, W) saturates; infinite where none of it does, or
+    nothing of what is sampled from it, any shape, can.
 
     Not `full_scale`, which a frame need not reach.
     """

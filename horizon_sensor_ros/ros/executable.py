@@ -16,14 +16,11 @@ from types import FrameType
 from typing import Any
 
 from horizon_sensor_ros.ros.interruption import END
+from horizon_sensor_ros.ros.node_names import HORIZON_NODES, NODES, TARGET_NODE
 
-# These share the work on each frame.
-_IMAGE_NODES = {
+_CLASSES = {
     "local_vertical_node": "horizon_sensor_ros.ros.horizon_node:LocalVerticalNode",
     "attitude_node": "horizon_sensor_ros.ros.horizon_node:AttitudeNode",
-}
-NODES = {
-    **_IMAGE_NODES,
     "target_pose_node": "horizon_sensor_ros.ros.target_node:TargetPoseNode",
 }
 
@@ -88,7 +85,7 @@ def run(names: Sequence[str] = ()) -> int:
     nodes: list[Any] = []
     executor = None
     try:
-        classes = {name: _load(NODES[name]) for name in names or NODES}
+        classes = {name: _load(_CLASSES[name]) for name in names or NODES}
         end.immediately = False
         # rclpy's own handlers would take the context from under a callback that is publishing.
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -132,7 +129,7 @@ def run(names: Sequence[str] = ()) -> int:
 
 
 def _help(name: str) -> str:
-    clouds = name == "target_pose_node"
+    clouds = name == TARGET_NODE
     remap = (
         "-r target/points:=/tof/points"
         if clouds
@@ -153,12 +150,13 @@ def _made(classes: dict[str, Any], *, pinned: bool) -> list[Any]:
     a launch file does.
     """
     shared: dict[str, Any] = {}
-    if not classes.keys().isdisjoint(_IMAGE_NODES):
+    # These share the work on each frame.
+    if not classes.keys().isdisjoint(HORIZON_NODES):
         shared["feeds"] = _load("horizon_sensor_ros.ros.image_feed:ImageFeeds")()
     nodes = []
     for name, make in classes.items():
         own = ["--ros-args", "-r", f"__node:={name}"] if pinned and _renames_all() else None
-        nodes.append(make(cli_args=own, **(shared if name in _IMAGE_NODES else {})))
+        nodes.append(make(cli_args=own, **(shared if name in HORIZON_NODES else {})))
     return nodes
 
 

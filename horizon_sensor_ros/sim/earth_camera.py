@@ -486,7 +486,6 @@ def _truth(
         planet=planet,
         nadir_cam=geocentric @ rot,
         nadir_base=base_from_cam @ (geocentric @ rot),
-        geodetic_nadir_cam=geodetic @ rot,
         geodetic_nadir_base=base_from_cam @ (geodetic @ rot),
         altitude_m=planet.geodetic_from_ecef(position)[2],
         rho_rad=_mean_rho(planet, position),

@@ -48,7 +48,7 @@ class LimbTruth:
 class FrameTruth:
     """Truth of one frame; unit vectors, rotations from the camera's optical frame and the base.
 
-    nadir_* : towards the planet's centre; geodetic_nadir_* : against the ellipsoid's normal (the
+    nadir_* : towards the planet's centre; geodetic_nadir_base : against the ellipsoid's normal (the
     same on a sphere). altitude_m : above `planet.radius_m`, on the ellipsoid above it, without
     the limb height. rho_rad : angle from nadir to the limb (mean over the limb on an ellipsoid).
     """
@@ -57,7 +57,6 @@ class FrameTruth:
     planet: Planet
     nadir_cam: FloatArray
     nadir_base: FloatArray
-    geodetic_nadir_cam: FloatArray
     geodetic_nadir_base: FloatArray
     altitude_m: float
     rho_rad: float

@@ -122,7 +122,17 @@ def hard_scene(kind: str, i: int, seed: int = 0) -> HardScene:
     limb = tuple(v.name for v, px in zip(views, visible, strict=True) if px >= _CLEAR_LIMB_PX)
     blind = tuple(v.name for v, px in zip(views, visible, strict=True) if px < _NO_LIMB_PX)
     expect = "fix" if limb else "none" if len(blind) == len(views) else "either"
-    return HardScene(f"{kind}{i}", kind, views, frames, scene, draft.imaging, expect, limb, blind)
+    return HardScene(
+        name=f"{kind}{i}",
+        kind=kind,
+        views=views,
+        frames=frames,
+        scene=scene,
+        imaging=draft.imaging,
+        expect=expect,
+        limb_cameras=limb,
+        blind_cameras=blind,
+    )
 
 
 def _plain(rng: np.random.Generator) -> _Draft:

@@ -58,12 +58,9 @@ def rot_level_from_body(roll_rad: float, pitch_rad: float, yaw_rad: float = 0.0)
     )
 
 
-def rot_world_from_level(
-    position_ecef_m: FloatArray, planet: Planet | None = None, vertical: str = "geocentric"
-) -> FloatArray:
-    """Rotation (3, 3) of the north, east, down frame at a position (3,) into ECEF."""
-    position = np.asarray(position_ecef_m, float)
-    down = (Planet() if planet is None else planet).nadir_ecef(position, vertical)
+def rot_world_from_level(position_ecef_m: FloatArray, planet: Planet) -> FloatArray:
+    """Rotation (3, 3) of the geocentric north, east, down frame at a position (3,) into ECEF."""
+    down = planet.nadir_ecef(position_ecef_m)
     east = np.cross([0.0, 0.0, 1.0], -down)
     if np.linalg.norm(east) < 1e-9:  # over a pole
         east = np.array([0.0, 1.0, 0.0])

@@ -2,6 +2,9 @@
 
 ``bags`` (replay, bags from images, tables from bags), ``calibration`` (how the cameras sit),
 ``applicability`` (where a mounting sees the horizon), ``demo`` (a flight past the nodes),
-``report`` (a bag as one page), ``truth`` (answers held against a simulation's). What they share
-lies beside them.
+``report`` (a bag as one page), ``truth`` (answers held against a simulation's).
+
+What they share: ``command`` (signals, errors, exit codes), ``camera_file`` and
+``horizon_parameters`` (read what a person wrote), ``reference_topics`` (nadir and altitude from
+elsewhere), ``package_share`` (the package's own files), ``private_domain`` (runs side by side).
 """

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from horizon_sensor_ros.ros.node_names import HORIZON_NODES
 from horizon_sensor_ros.ros.parameters.file import read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings, horizon_settings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
-
-_NODES = ("attitude_node", "local_vertical_node")
 
 
 def horizon_values(params: Path, namespace: str) -> list[dict[str, Any]]:
@@ -18,7 +17,7 @@ def horizon_values(params: Path, namespace: str) -> list[dict[str, Any]]:
 
     Raises ParameterError, saying what is wrong with the file.
     """
-    return [read_parameter_file(params, node, namespace) for node in _NODES]
+    return [read_parameter_file(params, node, namespace) for node in sorted(HORIZON_NODES)]
 
 
 def settings_of_a_node(values: Sequence[Mapping[str, Any]]) -> HorizonSettings:

@@ -88,7 +88,9 @@ def test_rotations_follow_each_other() -> None:
         ([0, 0.1], 0.1, 0.1, True),
     ],
 )
-def test_gaps(stamps: list[float], start: float, end: float, known: bool) -> None:
+def test_across_a_gap_no_rotation_is_known(
+    stamps: list[float], start: float, end: float, known: bool
+) -> None:
     rates = history([START + round(s * S) for s in stamps], np.ones((len(stamps), 3)))
     rot = rates.rotation(START + round(start * S), START + round(end * S))
     assert (rot is not None) == known

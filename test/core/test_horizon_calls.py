@@ -101,7 +101,7 @@ def test_limb_above_the_highest_altitude_makes_no_sense() -> None:
         HorizonConfig(planet=Planet(limb_height_m=60e3), altitude_max_m=50e3)
 
 
-def test_full_scale() -> None:
+def test_full_scale_is_that_of_the_fewest_bits_that_hold_the_frame() -> None:
     assert full_scale(np.zeros((2, 2), np.uint8)) == 255
     for bits in (8, 10, 12, 14, 16):
         assert full_scale(np.full((2, 2), 2**bits - 1, np.uint16)) == 2**bits - 1

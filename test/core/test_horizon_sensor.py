@@ -169,7 +169,7 @@ def test_the_base_frame_turns_the_answer_with_it() -> None:
 
 @pytest.mark.parametrize("method", ["chord", "arc", "gauss_newton", "cone", "ml"])
 @pytest.mark.parametrize("limb", ["subpixel", "canny"])
-def test_every_method(method: str, limb: str) -> None:
+def test_every_method_finds_nadir_with_either_limb(method: str, limb: str) -> None:
     views = limb_views(500e3, azimuths_rad=SQUARE)
     frames = as_frames(views, draw(views, 500e3, None, Imaging(noise_dn=1.0)))
     fix = HorizonSensor(HorizonConfig(method=method, limb=limb)).process(frames)
@@ -194,14 +194,14 @@ def statistics(
     return np.array(errors), np.array(ratios), refused
 
 
-def test_set_a_sample() -> None:
+def test_errors_and_claims_over_an_even_planet() -> None:
     errors, ratios, refused = statistics(set_a(8, seed=5))
     assert refused == 0
     assert np.sqrt(np.mean(errors**2)) < 0.004
     assert np.mean(ratios) < 6.0
 
 
-def test_set_b_sample() -> None:
+def test_errors_over_clouds() -> None:
     errors, ratios, refused = statistics(set_b(8, seed=6))
     assert refused <= 2
     assert np.median(errors) < 0.06

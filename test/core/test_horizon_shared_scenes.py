@@ -51,7 +51,7 @@ def test_shared_scenes_with_a_blind_camera(kind: str, shared_data: Path) -> None
         assert "camera_2" not in fix.limbs[0].reason
 
 
-def test_shared_night(shared_data: Path) -> None:
+def test_a_night_frame_is_refused(shared_data: Path) -> None:
     truth = shared_truths(shared_data)["night0"]
     assert_refused(SENSOR.process(shared_frames(shared_data, truth)), 2)
 

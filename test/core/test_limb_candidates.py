@@ -205,7 +205,7 @@ def test_space_level_is_that_of_space_wherever_the_limb_crosses_the_tiles(slope:
 
 
 @pytest.mark.parametrize("sigma", [1.0, 4.0, 20.0])
-def test_space_noise(sigma: float) -> None:
+def test_level_and_noise_of_space_are_those_that_were_drawn(sigma: float) -> None:
     image = np.random.default_rng(2).normal(100.0, sigma, (240, 320)).astype(np.float32)
     image[150:] = 4000.0
     level, noise = space_level_and_noise(image)

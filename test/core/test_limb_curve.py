@@ -178,7 +178,7 @@ def test_limb_out_of_the_frame_is_empty(offset_deg: float) -> None:
     st.tuples(*[st.floats(-np.pi, np.pi)] * 3),
     st.floats(0.5, 8.0),
 )
-def test_any_attitude(
+def test_at_any_attitude_the_limb_lies_on_its_cone_in_the_frame(
     nadir: np.ndarray,
     rho: float,
     camera: Camera,

@@ -128,7 +128,7 @@ def test_half_of_the_limb_by_night() -> None:
     assert told.clear_sky > 0.95
 
 
-def test_flooded_sky() -> None:
+def test_a_flooded_sky_is_seen() -> None:
     view, frame = drawn()
     y, x = np.mgrid[:480, :640]
     outside = frame.image < 100

@@ -305,7 +305,7 @@ def test_profiles_that_leave_the_frame_are_marked() -> None:
 
 
 @pytest.mark.parametrize("sigma", [2.0, 10.0, 300.0])
-def test_pixel_noise(sigma: float) -> None:
+def test_pixel_noise_is_that_of_the_samples(sigma: float) -> None:
     """No less than the true noise of uncorrelated samples, and no more than half as much again."""
     rng = np.random.default_rng(0)
     d_px = GRID.d_px

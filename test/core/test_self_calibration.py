@@ -256,7 +256,7 @@ def test_horizons_that_no_fit_gives_are_the_callers_bug(name: str, value: Any) -
         replace(horizon, **{name: value})
 
 
-def test_arguments() -> None:
+def test_wrong_arguments_are_said() -> None:
     sets = frame_sets(swinging(10), ROTATIONS)
     with pytest.raises(ValueError, match="no rotation for camera_2"):
         calibrate(sets, {"camera_1": np.eye(3)}, PLANET)

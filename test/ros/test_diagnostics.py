@@ -84,7 +84,7 @@ def test_a_fix_with_doubts_says_them() -> None:
     assert health.reason == "camera_1 and camera_2 are 9 sigma apart"
 
 
-def test_all_well() -> None:
+def test_a_fix_of_all_cameras_is_ok() -> None:
     monitor = monitor_of()
     deliver(monitor, S, fix_of())
     health = monitor.health(S)
@@ -119,7 +119,7 @@ def test_a_refusal_lasts_until_the_cameras_next_good_frame() -> None:
     assert monitor.health(S).state == "ok"
 
 
-def test_silence() -> None:
+def test_a_silent_camera_is_an_error_and_silent_ones_are_stale() -> None:
     monitor = monitor_of()
     deliver(monitor, 0, fix_of())
     monitor.on_step(Step("camera_1"), 3 * S)
@@ -235,7 +235,7 @@ def test_changes_of_state_are_noticed_once() -> None:
     assert monitor.changed(3 * S)
 
 
-def test_the_message() -> None:
+def test_what_the_message_says() -> None:
     pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
     pipeline.rejected["zero_size"] = 3
     monitor = monitor_of()

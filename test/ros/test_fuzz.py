@@ -220,7 +220,9 @@ def points(seed: int) -> np.ndarray:
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("number", NUMBERS)
 @pytest.mark.parametrize("kind", [HorizonFuzz, TargetFuzz])
-def test_bad_messages(kind: type[HorizonFuzz | TargetFuzz], number: int) -> None:
+def test_bad_messages_leave_nothing_behind_and_good_ones_work_again(
+    kind: type[HorizonFuzz | TargetFuzz], number: int
+) -> None:
     fuzz = kind(seed=0)
     fuzz.pipeline.warm_up()
     while fuzz.messages < number // 4:

@@ -194,7 +194,7 @@ def test_no_image_raises(
         cause_of(result)
 
 
-def test_stamps() -> None:
+def test_stamps_there_and_back() -> None:
     msg = image_of(np.zeros((2, 2), np.uint8), 12_000_000_034)
     assert stamp_ns(msg) == 12_000_000_034
     assert time_from_ns(12_000_000_034) == Time(sec=12, nanosec=34)

@@ -34,7 +34,7 @@ from target_messages import (
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
 
 NODE = "target_pose_node"
-POSE, DELTA, TWIST = TARGET_TOPICS
+POSE, _, TWIST = TARGET_TOPICS
 
 pytestmark = pytest.mark.usefixtures("environment")
 

@@ -47,5 +47,5 @@ def test_cities_are_small_and_few() -> None:
     assert light.max() <= 1.0
 
 
-def test_no_points() -> None:
+def test_no_points_have_no_brightness() -> None:
     assert cloud_brightness(np.empty((0, 3)), 0, 0.5, 50.0, 250.0).shape == (0,)

@@ -134,14 +134,14 @@ def test_truth_of_the_pose_follows_paper_c() -> None:
 
 def test_geodetic_truth_differs_from_geocentric_on_the_ellipsoid_only() -> None:
     on_sphere = draw().truth
-    np.testing.assert_allclose(on_sphere.geodetic_nadir_cam, on_sphere.nadir_cam, atol=1e-12)
+    np.testing.assert_allclose(on_sphere.geodetic_nadir_base, on_sphere.nadir_base, atol=1e-12)
     truth = draw(EarthScene(planet=Planet.wgs84())).truth
     latitude = 0.7
     east_of_up = [np.cos(latitude) * np.cos(1.1), -np.cos(latitude) * np.sin(1.1), np.sin(latitude)]
     np.testing.assert_allclose(
-        truth.rot_world_from_cam @ truth.geodetic_nadir_cam, -np.array(east_of_up), atol=1e-9
+        truth.rot_world_from_base @ truth.geodetic_nadir_base, -np.array(east_of_up), atol=1e-9
     )
-    apart = np.degrees(np.arccos(truth.nadir_cam @ truth.geodetic_nadir_cam))
+    apart = np.degrees(np.arccos(truth.nadir_base @ truth.geodetic_nadir_base))
     assert 0.15 < apart < 0.2
 
 

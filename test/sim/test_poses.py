@@ -53,7 +53,7 @@ def test_side_views_look_forward_and_right() -> None:
         side_views(camera, "enu")
 
 
-def test_lenses() -> None:
+def test_a_camera_has_the_field_of_view_asked_for() -> None:
     camera = camera_from_fov(400, 300, np.radians(60.0))
     edge = camera.rays(np.array([[-0.5, 149.5], [399.5, 149.5]]))
     assert np.degrees(np.arccos(edge[0] @ edge[1])) == pytest.approx(60.0)

@@ -113,7 +113,7 @@ def test_a_level_craft_over_roll_and_pitch(tmp_path, content):
     assert np.ptp(lengths) < 5.0
 
 
-def test_figure_6(tmp_path, capsys):
+def test_figure_6_has_its_maxima_on_the_diagonal(tmp_path, capsys):
     prefix = tmp_path / "figure6"
     assert main(["--figure6", "--step", "2", "-o", str(prefix)]) == 0
     assert "the diagonal: 19.62, +-36.87" in capsys.readouterr().out
@@ -292,7 +292,7 @@ def test_wrong_options(tmp_path, capsys, options, message):
 @pytest.mark.parametrize(
     "options", [[], ["--figure6", "--error", "ml"], [str(EXAMPLE), "--axes", "yaw,yaw"]]
 )
-def test_wrong_usage(capsys, options):
+def test_wrong_usage_ends_with_code_2(capsys, options):
     with pytest.raises(SystemExit) as stop:
         main(options)
     assert stop.value.code == 2

@@ -129,7 +129,7 @@ def test_a_header_that_promises_more_than_there_is_takes_no_memory(tmp_path: Pat
     assert "cut short" in said(tmp_path / "b.pcd", pcd("binary", b"", size="999999999 999999999"))
 
 
-def test_bounds(tmp_path: Path) -> None:
+def test_larger_files_than_are_read_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.xyz").write_bytes(FILES["plain.xyz"])
     with pytest.raises(BagError, match="more than the 10 that are read"):
         read_cloud(tmp_path / "a.xyz", max_bytes=10)

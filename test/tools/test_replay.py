@@ -10,11 +10,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import called, refusal
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from horizon_messages import (
@@ -72,16 +74,8 @@ def read(bag: Path, prefix: str = "") -> dict[str, list[tuple[int, Any]]]:
     return found
 
 
-def run(*arguments: Any) -> int:
-    return main([str(a) for a in arguments])
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
-    """Run what has to fail; what it says."""
-    assert run(*arguments) == 1
-    errors = capsys.readouterr().err
-    assert "Traceback" not in errors
-    return errors
+run = partial(called, main)
+refused = partial(refusal, main)
 
 
 def states(bag: Path) -> list[str]:
@@ -557,7 +551,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-def test_a_full_disk(
+def test_a_full_disk_is_said_and_nothing_left(
     small_disk: Path,
     flight: Path,
     params: Path,

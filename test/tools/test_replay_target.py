@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import filecmp
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import called
 from diagnostic_msgs.msg import DiagnosticArray
 from horizon_messages import PERIOD_NS, START_NS, recording, write_bag, write_parameters
 from rclpy.serialization import deserialize_message, serialize_message
@@ -46,8 +48,7 @@ def read(bag: Path) -> dict[str, list[tuple[int, Any]]]:
     return found
 
 
-def run(*arguments: Any) -> int:
-    return main([str(a) for a in arguments])
+run = partial(called, main)
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])

@@ -5,12 +5,14 @@ from __future__ import annotations
 import shutil
 from collections import Counter
 from collections.abc import Iterator
+from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import called, refusal
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped
 from horizon_messages import (
@@ -50,6 +52,9 @@ PAIRS = 24
 FLOODED = range(9, 13)
 CLOUDS = 10
 GRAVITY = 9.81
+
+run = partial(called, main)
+refused = partial(refusal, main)
 
 
 def imu_of(nadir_base: np.ndarray, stamp: int) -> Imu:
@@ -104,7 +109,7 @@ def page(bags: tuple[Path, Path, Path]) -> Path:
     out, source, params = bags
     path = out.parent / "report.html"
     arguments = (out, "--input", source, "--params", params, "--out", path)
-    assert main([str(a) for a in arguments]) == 0
+    assert run(*arguments) == 0
     return path
 
 
@@ -218,17 +223,10 @@ def test_without_parameters_the_frames_are_shown_as_they_are(
     path = tmp_path / "report.html"
     path.write_text("an older one")
     arguments = (bags[0], "--input", bags[1], "--out", path, "--force")
-    assert main([str(a) for a in arguments]) == 0
+    assert run(*arguments) == 0
     read = Reader(path)
     assert "shown when --params FILE is given" in read.text
     assert read.alts.count("frame of camera_1") == len(FLOODED) + 4
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
-    assert main([str(a) for a in arguments]) == 1
-    errors = capsys.readouterr().err
-    assert "Traceback" not in errors
-    return errors
 
 
 def test_what_is_wrong_is_said(
@@ -264,7 +262,7 @@ def text_of_replay(tmp_path: Path, flown: Path, source: Path) -> str:
     params, out, page = (tmp_path / name for name in ("params.yaml", "out", "report.html"))
     write_parameters(params)
     assert replay([str(flown), str(out), "--params", str(params)]) == 0
-    assert main([str(a) for a in (out, "--input", source, "--out", page)]) == 0
+    assert run(out, "--input", source, "--out", page) == 0
     return Reader(page).text
 
 
@@ -421,7 +419,7 @@ def test_remapped_frames_are_the_cameras(tmp_path: Path) -> None:
     assert replay([str(a) for a in given]) == 0
     for with_params in ([], ["--params", params]):
         given = [tmp_path / "out", "--input", source, *with_params, *remap]
-        assert main([str(a) for a in (*given, "--out", page, "--force")]) == 0
+        assert run(*given, "--out", page, "--force") == 0
         read = Reader(page)
         assert "3 of 3" in read.text
         for camera in CAMERAS:
@@ -443,10 +441,10 @@ def test_an_accelerometer_in_another_frame_is_not_compared(
     page, params = tmp_path / "page.html", tmp_path / "params.yaml"
     params.write_text("/**: {ros__parameters: {base_frame: imu_link}}")
     arguments = (source, "--out", page, *(("--params", params) if told else ()))
-    assert main([str(a) for a in arguments]) == 0
+    assert run(*arguments) == 0
     read = Reader(page)
-    refusal = "in the frame 'imu_link', and the answers are in 'base_link': nothing is compared"
-    assert (refusal in read.text) != told
+    why_not = "in the frame 'imu_link', and the answers are in 'base_link': nothing is compared"
+    assert (why_not in read.text) != told
     assert ("paper B's bench: pitch" in read.words) == told
 
 
@@ -490,7 +488,7 @@ def test_as_many_frames_wait_for_the_other_cameras_as_the_parameters_say(tmp_pat
     assert replay([str(source), str(tmp_path / "out"), "--params", str(params)]) == 0
     page = tmp_path / "report.html"
     arguments = (tmp_path / "out", "--input", source, "--params", params, "--out", page)
-    assert main([str(a) for a in arguments]) == 0
+    assert run(*arguments) == 0
     assert "13 frame sets, evenly chosen" in Reader(page).text
 
 
@@ -503,7 +501,7 @@ def test_parameters_that_replay_takes_make_a_page(
     one.write_text(params.read_text().replace("/**:", "local_vertical_node:"))
     page = tmp_path / "report.html"
     given = ("--out", page, "--force")
-    assert main([str(a) for a in (out, "--input", source, "--params", one, *given)]) == 0
+    assert run(out, "--input", source, "--params", one, *given) == 0
     assert "Agreement of the cameras" in Reader(page).headings
     target = tmp_path / "target.yaml"
     target.write_text("/**:\n  ros__parameters:\n    max_gap: 1.0\n")
@@ -511,7 +509,7 @@ def test_parameters_that_replay_takes_make_a_page(
         tmp_path / "clouds", [each for each in flight_messages() if "target" in each[0]]
     )
     assert replay([str(clouds), str(tmp_path / "answers"), "--params", str(target)]) == 0
-    assert main([str(a) for a in (tmp_path / "answers", "--params", target, *given)]) == 0
+    assert run(tmp_path / "answers", "--params", target, *given) == 0
     assert "Target" in Reader(page).headings
 
 
@@ -522,7 +520,7 @@ def test_rotations_from_tf_are_said(
     params, page = tmp_path / "params.yaml", tmp_path / "report.html"
     write_parameters(params, extrinsics_source="tf")
     arguments = (out, "--input", source, "--params", params, "--out", page)
-    assert main([str(a) for a in arguments]) == 0
+    assert run(*arguments) == 0
     read = Reader(page)
     assert "extrinsics_source is tf, and a report has no TF" in read.text
     assert read.alts.count("frame of camera_1") == len(FLOODED) + 4
@@ -535,7 +533,7 @@ def test_a_camera_without_frames_is_said_and_the_others_are_shown(tmp_path: Path
     assert replay([str(source), str(tmp_path / "out"), "--params", str(params)]) == 0
     page = tmp_path / "report.html"
     arguments = (tmp_path / "out", "--input", source, "--params", params, "--out", page)
-    assert main([str(a) for a in arguments]) == 0
+    assert run(*arguments) == 0
     read = Reader(page)
     assert "no frames of camera_2, which the parameters name" in read.text
     assert read.text.count("s, answered") == 4
@@ -567,7 +565,7 @@ def test_the_second_look_hears_the_gyro(
     monkeypatch.setattr(AidingSources, "on_imu", counted)
     out, source, params = bags
     arguments = (out, "--input", source, "--params", params, "--out", tmp_path / "page.html")
-    assert main([str(a) for a in arguments]) == 0
+    assert run(*arguments) == 0
     assert sorted(heard.values()) == [PAIRS] * (1 + len(CAMERAS))
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from commands import called, refusal
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from horizon_messages import (
     ALTITUDE_M,
@@ -95,15 +97,11 @@ def params(tmp_path: Path) -> Path:
     return path
 
 
-def run(*arguments: Any) -> int:
-    return main([str(a) for a in arguments])
+run = partial(called, main)
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
-    assert run(*arguments) == 1
-    errors = capsys.readouterr().err
-    assert "Traceback" not in errors
-    return errors.split("\r")[-1]
+    return refusal(main, capsys, *arguments).split("\r")[-1]
 
 
 def corrected(path: Path, node: str, camera: str) -> np.ndarray:

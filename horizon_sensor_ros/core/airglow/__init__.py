@@ -1,1 +1,3 @@
-"""What the night's airglow, a layer above the limb, tells of nadir and altitude."""
+"""What the night's airglow, a layer above the limb, tells of nadir and altitude: ``nadir`` (joined
+with the ground's limb), ``alone`` (where no ground shows).
+"""

@@ -28,7 +28,10 @@ def observe(
     sigma_px: float = 0.1,
     spacing_px: float = 1.0,
 ) -> list[LimbObservation]:
-    """Exact limb points of every camera that has the horizon in its frame; see `limb_in_view`."""
+    """Exact limb points of every camera that has the horizon in its frame; none: an empty list.
+
+    Arguments as of `limb_in_view`.
+    """
     limbs = [limb_in_view(view, rays_down, attitude, sigma_px, spacing_px) for view in views]
     return [
         LimbObservation(view, limb)
@@ -87,7 +90,8 @@ def bound_error(
 ) -> float:
     """Cramer-Rao bound on the RMS angle (rad) between estimated and true nadir.
 
-    An ellipsoid is taken as its mean sphere. NaN when the frames hold too little of the limb.
+    attitude : (3, 3) rot_base_from_down. sigma_px : as of `horizon_bound`, with its errors. An
+    ellipsoid is taken as its mean sphere. NaN when the frames hold too little of the limb.
     """
     nadir = np.asarray(attitude, dtype=float)[:, 2]
     cov = horizon_bound(views, planet, nadir, altitude_m, sigma_px)

@@ -231,11 +231,7 @@ def _measure(
     """
     cells, count = len(rot_cam_from_down), len(rays_down)
     near = np.flatnonzero(rot_cam_from_down[:, 2] @ rays_down.T >= cos_field)
-
-    def project(cell: np.ndarray, rays: np.ndarray) -> np.ndarray:
-        return camera.pixels(np.einsum("nij,nj->ni", rot_cam_from_down[cell], rays))
-
-    px = project(near // count, rays_down[near % count])
+    px = _projected(camera, rot_cam_from_down, near // count, rays_down[near % count])
     seen = camera.in_frame(px)
     sample, px = near[seen], px[seen]
     cell, azimuth = np.divmod(sample, count)
@@ -254,21 +250,11 @@ def _measure(
     length = np.where(goes_on, np.hypot(*(px[at_next] - px).T), 0.0)
     share = goes_on.astype(float)
     for end, beyond in ((~goes_on, following), (~comes_on, preceding)):
-        at = azimuth[end]
-        inner, outer = rays_down[at], rays_down[beyond[end] % count]
-        # Second difference: between samples the horizon bends, which counts where it grazes a side.
-        bend = 0.5 * (rays_down[(at + 1) % count] - 2 * inner + rays_down[(at - 1) % count])
-        low, high = np.zeros(inner.shape[0]), np.ones(inner.shape[0])
-        last = px[end].copy()
-        for _ in range(_EDGE_BISECTIONS):
-            middle = 0.5 * (low + high)
-            t = middle[:, None]
-            trial = project(cell[end], inner + t * (outer - inner) + t * (t - 1) * bend)
-            inside = camera.in_frame(trial)
-            last[inside] = trial[inside]
-            low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-        length[end] += np.hypot(*(last - px[end]).T)
-        share[end] += low
+        length_px, part = _to_the_border(
+            camera, rot_cam_from_down, rays_down, sample[end], beyond[end], px[end]
+        )
+        length[end] += length_px
+        share[end] += part
 
     # Contiguous arcs; one that runs over azimuth zero is the row's last and first together.
     label = np.cumsum(~comes_on | (np.diff(cell, prepend=-1) > 0)) - 1
@@ -283,3 +269,39 @@ def _measure(
     first = np.unique(label, return_index=True)[1]
     arcs += np.bincount(cell[first], minlength=cells)
     return fraction, arc, longest, arcs
+
+
+def _to_the_border(
+    camera: Camera,
+    rot_cam_from_down: np.ndarray,
+    rays_down: np.ndarray,
+    sample: np.ndarray,
+    beyond: np.ndarray,
+    px: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far (E,) the horizon goes on from samples at pixels (E, 2) before it leaves the frame on
+    its way to others beyond, by number: pixels, and share of the way.
+    """
+    count = len(rays_down)
+    cell, at = np.divmod(sample, count)
+    inner, outer = rays_down[at], rays_down[beyond % count]
+    # Second difference: between samples the horizon bends, which counts where it grazes a side.
+    bend = 0.5 * (rays_down[(at + 1) % count] - 2 * inner + rays_down[(at - 1) % count])
+    low, high = np.zeros(inner.shape[0]), np.ones(inner.shape[0])
+    last = px.copy()
+    for _ in range(_EDGE_BISECTIONS):
+        middle = 0.5 * (low + high)
+        t = middle[:, None]
+        rays = inner + t * (outer - inner) + t * (t - 1) * bend
+        trial = _projected(camera, rot_cam_from_down, cell, rays)
+        inside = camera.in_frame(trial)
+        last[inside] = trial[inside]
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    return np.hypot(*(last - px).T), low
+
+
+def _projected(
+    camera: Camera, rot_cam_from_down: np.ndarray, cell: np.ndarray, rays: np.ndarray
+) -> np.ndarray:
+    """Pixels (E, 2) of rays (E, 3), down frame, at the attitudes with these numbers (E,)."""
+    return camera.pixels(np.einsum("nij,nj->ni", rot_cam_from_down[cell], rays))

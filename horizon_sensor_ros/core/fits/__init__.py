@@ -1,4 +1,10 @@
-"""Fits: limb points of any number of cameras -> nadir, disc radius, altitude."""
+"""Fits: limb points of any number of cameras -> nadir, disc radius, altitude.
+
+In: ``observation``, ``limb_rays``; out: ``result``. Methods: ``maximum_likelihood`` (the default);
+the papers' ``chord``, ``arc`` and ``gauss_newton``; ``cone`` and, to start from, ``circle``. Around
+them: ``assessment`` (covariance, and whether to trust it), ``bound`` (what none can beat),
+``known_altitude`` and ``moved`` (joined with what else is known), ``disc`` (drawn in the frames).
+"""
 
 from __future__ import annotations
 

@@ -113,7 +113,8 @@ def cone_refusal(
 
 
 def too_uncertain(cov: np.ndarray, rho_rad: float) -> tuple[Status, str] | None:
-    """Refusal when the covariance (tangent components first) leaves nadir open; else None.
+    """Refusal when the covariance (3, 3), tangent components before rho, leaves nadir open; else
+    None.
 
     On a short arc the errors that are nearly Gaussian are those of the limb's curvature, cot rho;
     a small disc fitted by chance looks sharper than it is. So the limit is put on the disc
@@ -144,7 +145,7 @@ def inliers(residual: np.ndarray) -> np.ndarray:
 
 
 def root_mean_square(residual: np.ndarray) -> float:
-    """Root mean square; infinite of nothing."""
+    """Root mean square of values (N,); infinite of none."""
     return math.sqrt(float(residual @ residual) / residual.size) if residual.size else np.inf
 
 

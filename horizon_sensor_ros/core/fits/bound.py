@@ -19,18 +19,16 @@ def horizon_bound(
     nadir_base: np.ndarray,
     altitude_m: float,
     sigma_px: float,
-    samples: int = 3600,
 ) -> np.ndarray:
     """Covariance (4, 4) of (nadir_base, altitude_m) that the limb in these cameras' frames allows.
 
     sigma_px : error across the limb of an edge measurement that uses one pixel of limb length,
-    independent from pixel to pixel. samples : limb rays around the whole disc.
+    independent from pixel to pixel.
     NaN when no limb is in any frame, or too little of it. Raises ValueError for a sigma_px that is
     not positive or an altitude below the limb.
     """
     informations = [
-        horizon_information(view, planet, nadir_base, altitude_m, sigma_px, samples)
-        for view in views
+        horizon_information(view, planet, nadir_base, altitude_m, sigma_px) for view in views
     ]
     information = np.sum(informations, axis=0) if informations else np.zeros((3, 3))
     nadir = np.asarray(nadir_base, dtype=float)
@@ -50,7 +48,8 @@ def horizon_information(
     """Fisher information (3, 3) that one camera's frame holds of nadir and the disc's radius.
 
     Of nadir's two components along `tangent_basis` (rad) and rho (rad); that of several cameras is
-    the sum. Arguments and errors as of `horizon_bound`.
+    the sum. samples : limb rays around the whole disc. Other arguments, and errors, as of
+    `horizon_bound`.
     """
     rho = planet.rho_from_altitude(altitude_m)
     if not np.isfinite(rho):
@@ -93,8 +92,8 @@ def bound_of(information: np.ndarray) -> np.ndarray:
 
 
 def nadir_sigma_bound_rad(information: np.ndarray) -> float:
-    """Least sigma (rad) that nadir can have in its least certain direction; infinite where that is
-    left open.
+    """Least sigma (rad) that nadir can have in its least certain direction, by an information
+    (3, 3) of `horizon_information`; infinite where that is left open.
     """
     cov = bound_of(information)
     if not np.isfinite(cov).all():

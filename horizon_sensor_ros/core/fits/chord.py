@@ -73,17 +73,7 @@ def _fit(
     def refuse(status: Status, reason: str) -> HorizonFit:
         return HorizonFit.none(status, reason, method, rays.num_points)
 
-    ends = [_ends(rays, index) for index in range(len(rays.cameras))]
-    by_name = {observation.view.name: observation.view for observation in observations}
-    chords, pairs = [], []
-    for name, pair in zip(rays.cameras, ends, strict=True):
-        if pair is None:
-            continue
-        rot_base_from_cam = by_name[name].rot_base_from_cam
-        first, second = (point_of_ray(ray @ rot_base_from_cam) for ray in rays.rays_base[pair])
-        if np.all(np.isfinite(first - second)) and np.any(first != second):
-            chords.append(rot_base_from_cam @ (first - second))
-            pairs.append(pair)
+    chords, pairs = _chords(rays, observations, point_of_ray)
     if len(chords) < 2:
         return refuse(Status.ILL_CONDITIONED, f"{len(chords)} chord, two cameras' needed")
     directions = np.array([chord / np.linalg.norm(chord) for chord in chords])
@@ -126,6 +116,26 @@ def _fit(
         num_inliers=int(np.count_nonzero(inlying)),
         cameras=tuple(rays.cameras[int(rays.camera[pair[0]])] for pair in pairs),
     )
+
+
+def _chords(
+    rays: LimbRays,
+    observations: Sequence[LimbObservation],
+    point_of_ray: Callable[[np.ndarray], np.ndarray],
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Chords (3,), base frame, of the cameras that have one, and the numbers (2,) of their ends."""
+    by_name = {observation.view.name: observation.view for observation in observations}
+    chords, pairs = [], []
+    for camera, name in enumerate(rays.cameras):
+        pair = _ends(rays, camera)
+        if pair is None:
+            continue
+        rot_base_from_cam = by_name[name].rot_base_from_cam
+        first, second = (point_of_ray(ray @ rot_base_from_cam) for ray in rays.rays_base[pair])
+        if np.all(np.isfinite(first - second)) and np.any(first != second):
+            chords.append(rot_base_from_cam @ (first - second))
+            pairs.append(pair)
+    return chords, pairs
 
 
 def _ends(rays: LimbRays, camera: int) -> np.ndarray | None:

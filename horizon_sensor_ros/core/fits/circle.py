@@ -52,7 +52,8 @@ def robust_circle_on_sphere(
 
     The circle through three points whose residuals' 40 % quantile is least (of a fixed number of
     triples, the same ones for the same points) starts a reweighting by Geman and McClure's
-    function, so many rounds of it. Holds up to about half of the points being elsewhere.
+    function, so many rounds of it. Holds up to about half of the points being elsewhere. Returns
+    nadir (3,) and rho (rad), NaN where there is no circle.
     """
     weight = rays.sigma_rad**-2
     nadir, rho = circle_on_sphere(rays, weight)

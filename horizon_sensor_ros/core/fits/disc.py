@@ -41,6 +41,8 @@ class Disc:
         return seen.camera.pixels(rays @ seen.rot_base_from_cam)
 
     def residuals_px(self, view: CameraView, limb: LimbPoints) -> np.ndarray:
-        """Distance of one camera's usable limb points from the disc's edge, along their normals."""
+        """Distances (N,) of one camera's usable limb points from the disc's edge, along their
+        normals.
+        """
         rays = LimbObservation(self.figure.view(view), limb).rays
         return rays.residuals_px(self.nadir, self.rho_rad)

@@ -68,7 +68,10 @@ def refine(
     planet: Planet,
     initial: tuple[np.ndarray, float] | None = None,
 ) -> HorizonFit:
-    """`fit_maximum_likelihood` of points that are gathered already."""
+    """`fit_maximum_likelihood` of points that are gathered already.
+
+    initial : nadir (3,), base frame, and rho (rad) to start from; None: those of a robust circle.
+    """
     refused = too_few(rays, METHOD)
     if refused:
         return refused

@@ -22,7 +22,9 @@ def canny_limbs(
     rho_rad: float,
 ) -> tuple[LimbPoints, ...]:
     """Whole-pixel limb points as in the papers: the Canny edges within two pixels of the predicted
-    limb.
+    limb; one result a view, NO_LIMB where too few lie there.
+
+    images : (H, W) uint8 or uint16. nadir_base, rho_rad : (3,) and radius of the predicted cone.
     """
     limbs = []
     for view, image in zip(views, images, strict=True):

@@ -81,7 +81,8 @@ def sky_evidence(
     predicted: LimbCurve | None = None,
     layer_rad: float = 0.0,
 ) -> SkyEvidence:
-    """Look at both sides of a fitted limb in a working image.
+    """Look at both sides of a fitted limb, the cone of nadir_base (3,) and rho_rad, in a working
+    image.
 
     predicted : the limb as it was drawn before it was fitted; it will do where it lies near enough.
     layer_rad : how far above the limb a layer of airglow lies; the sky begins beyond it.

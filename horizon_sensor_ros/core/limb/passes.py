@@ -184,7 +184,10 @@ def refined(
     step: RefinePass,
     looks: Sequence[tuple[EdgeLook, ...]],
 ) -> tuple[list[LimbObservation], list[tuple[EdgeLook, ...]]]:
-    """One pass over all frames around a cone: each frame's limb, and models that fit its edge."""
+    """One pass over all frames around a cone: each frame's limb, and models that fit its edge.
+
+    near, looks : as of `look_for`.
+    """
     seen, held = [], []
     for view, frame, kinds in zip(views, frames, looks, strict=True):
         here = step

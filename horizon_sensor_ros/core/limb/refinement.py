@@ -52,9 +52,10 @@ def refine_limb(
     where a given one does not hold. Too few significant edges: status NO_LIMB, and no looks.
     """
     cone = nadir_base, rho_rad
-    separate, uneven = step.separate_glow, False
+    joint = _JointFit(gray, step, view, cone)
+    separate = step.separate_glow
     if separate and len(looks) == 1 and looks[0].air is not None:
-        found, uneven = _in_known_air(gray, step, view, cone, looks[0])
+        found = joint.in_known_air(looks[0])
         if found is not None:
             return found
         # The next frame's fit begins anew.
@@ -77,14 +78,6 @@ def refine_limb(
                 Status.NO_LIMB, "the edge is soft, or the air above it glows"
             ), ()
     edges = LimbEdges(steepest, good)
-
-    def with_glow(look: EdgeLook) -> _Refined | None:
-        """Separated from glow of such a look, if the limb is."""
-        nonlocal uneven
-        found, too_uneven = _with_glow(gray, step, view, cone, look, edges.jumps_px)
-        uneven |= too_uneven
-        return found
-
     if looks and enough:
         plain = good & ~sample.clipped
         shown = profiles[plain if np.count_nonzero(plain) >= MIN_PROFILES else good]
@@ -93,7 +86,7 @@ def refine_limb(
         for climb in (False, True) if perhaps and len(looks) > 1 else (True,):
             look = likeliest_look(shown, noise, looks, grid, climb=climb)
             if separate and look.glow_px > 0.0:
-                found = with_glow(look)
+                found = joint.of(look, edges.jumps_px)
                 if found is not None:
                     return found
         looks = (look,)
@@ -101,49 +94,54 @@ def refine_limb(
     if separate and looks and enough and edges.model_free and looks[0].glow_px == 0.0:
         # From far away air is as thin as the blur, and no edge quite looks like either.
         thin = EdgeLook(USUAL_PSF_PX, usual_length_px(view, rho_rad, step.factor))
-        found = with_glow(thin) if thin.glow_px > _THINNEST_PX else None
+        found = joint.of(thin, edges.jumps_px) if thin.glow_px > _THINNEST_PX else None
         if found is not None:
             return found
-    return limb_of_edges(sample, edges, steepest, looks, view, rho_rad, step, uneven=uneven)
+    return limb_of_edges(sample, edges, steepest, looks, view, rho_rad, step, uneven=joint.uneven)
 
 
-def _in_known_air(
-    gray: np.ndarray,
-    step: RefinePass,
-    view: CameraView,
-    cone: tuple[np.ndarray, float],
-    look: EdgeLook,
-) -> tuple[_Refined | None, bool]:
-    """`_with_glow` from the air that the last frame's fit found; where that was hardly any, and the
-    limb is where it was expected, without it.
+class _JointFit:
+    """Fits of the limb near a predicted cone together with the glow above it.
+
+    uneven : glow was too uneven for one of them.
     """
-    if step.expected and look.air is not None and look.air.faint:
-        sharp = EdgeLook(look.psf_px, 0.0)
-        sample = sample_limb(gray, view, *cone, step, modelled=True)
-        if isinstance(sample, LimbSample):
-            followed = expected_limb(sample, sharp, cone[1])
-            if followed is not None:
-                return (followed, (sharp,)), False
-    return _with_glow(gray, step, view, cone, look)
 
+    def __init__(
+        self,
+        gray: np.ndarray,
+        step: RefinePass,
+        view: CameraView,
+        cone: tuple[np.ndarray, float],
+    ) -> None:
+        self._gray, self._step, self._view, self._cone = gray, step, view, cone
+        self.uneven = False
 
-def _with_glow(
-    gray: np.ndarray,
-    step: RefinePass,
-    view: CameraView,
-    cone: tuple[np.ndarray, float],
-    look: EdgeLook,
-    jumps_px: float = np.inf,
-) -> tuple[_Refined | None, bool]:
-    """Points of the limb near a predicted cone, fitted together with the glow above it, and the
-    look with its air; None where that fit does not hold, and whether glow is too uneven for it.
-    """
-    factor = step.factor
-    limb = fit_glow(gray, view, *cone, look, factor, in_part=step.in_part)
-    if not isinstance(limb, GlowLimb):
-        return None, limb is not None
-    if step.blur_open_px > 0.0:
-        limb = replace(limb, smeared=True)
-    points = replace(points_alone(limb), jumps_px=jumps_px * factor)
-    points = replace(points, offset_px=rays_of(view, points).residuals_px(*cone))
-    return (points, (replace(look, air=limb.air),)), False
+    def of(self, look: EdgeLook, jumps_px: float = np.inf) -> _Refined | None:
+        """Points of the limb, and the look with its air; None where the fit does not hold.
+
+        look : to start from. jumps_px : of edges that were found one by one.
+        """
+        step, view, cone = self._step, self._view, self._cone
+        limb = fit_glow(self._gray, view, *cone, look, step.factor, in_part=step.in_part)
+        if not isinstance(limb, GlowLimb):
+            self.uneven |= limb is not None
+            return None
+        if step.blur_open_px > 0.0:
+            limb = replace(limb, smeared=True)
+        points = replace(points_alone(limb), jumps_px=jumps_px * step.factor)
+        points = replace(points, offset_px=rays_of(view, points).residuals_px(*cone))
+        return points, (replace(look, air=limb.air),)
+
+    def in_known_air(self, look: EdgeLook) -> _Refined | None:
+        """`of` from the air that the last frame's fit found; where that was hardly any, and the
+        limb is where it was expected, without it.
+        """
+        step, cone = self._step, self._cone
+        if step.expected and look.air is not None and look.air.faint:
+            sharp = EdgeLook(look.psf_px, 0.0)
+            sample = sample_limb(self._gray, self._view, *cone, step, modelled=True)
+            if isinstance(sample, LimbSample):
+                followed = expected_limb(sample, sharp, cone[1])
+                if followed is not None:
+                    return followed, (sharp,)
+        return self.of(look)

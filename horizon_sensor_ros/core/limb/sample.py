@@ -125,16 +125,16 @@ class LimbSample:
         base[:, :2] = normal_px
         base[:, 2] = 1.0
         return Stretches(
-            self.profiles,
-            self.grid.d_px,
-            PLAIN_NOISE * self.noise,
-            psf_px,
-            self.stretch_px,
-            ground_across_px(self.pitch_rad, rho_rad),
-            base,
-            self.cornered,
-            self.blur_open_px,
-            self.corner_px,
+            profiles=self.profiles,
+            d_px=self.grid.d_px,
+            noise=PLAIN_NOISE * self.noise,
+            psf_px=psf_px,
+            length_px=self.stretch_px,
+            px_over_radius=ground_across_px(self.pitch_rad, rho_rad),
+            base=base,
+            cornered=self.cornered,
+            blur_open_px=self.blur_open_px,
+            corner_px=self.corner_px,
         )
 
     def steps(self) -> tuple[np.ndarray, np.ndarray]:
@@ -182,7 +182,7 @@ class LimbSample:
 
 
 def thinning(gray: np.ndarray) -> int:
-    """How many pixels of limb go to a profile, where each does in a small frame.
+    """How many pixels of limb of an image (H, W) go to a profile, where one does in a small frame.
 
     Every pixel of a long limb would cost more than it adds: the edge's texture spans many.
     """
@@ -200,6 +200,7 @@ def sample_limb(
 ) -> LimbSample | LimbPoints:
     """Sample the limb where it is predicted; no limb, and why, where it cannot be looked at.
 
+    gray : (H, W), reduced by ``step.factor``. nadir_base, rho_rad : (3,) and radius of its cone.
     modelled : the edge's look is known, so that profiles are given to a model.
     """
     spacing_px = step.spacing_px * thinning(gray)
@@ -218,37 +219,42 @@ def sample_limb(
         num_valid = int(np.count_nonzero(valid))
         if num_valid < MIN_PROFILES:
             return LimbPoints.none(Status.NO_LIMB, "the limb is behind the mask")
-    # Neighbours see the same edge: their mean says as much as they do, for a part of the work.
-    size = len(curve) / _BUNDLES
-    if modelled:
-        size = max(size, min(_STRETCH_PX / step.spacing_px, num_valid / _LEAST_STRETCHES))
-    size = max(1, min(round(size), num_valid // MIN_PROFILES))
-    bundles = Bundles.of(valid, size)
+    bundles = Bundles.of(valid, _profiles_together(len(curve), num_valid, step, modelled))
     if len(bundles) < MIN_PROFILES:
         return LimbPoints.none(Status.NO_LIMB, "the limb runs along the frame's border")
     profiles = bundles.mean(profiles)
     pitch_rad = step.factor * view.camera.pixel_rad
-    noise = pixel_noise(profiles, size)
+    noise = pixel_noise(profiles, bundles.size)
     black = None
-    if step.factor == 1 and may_be_clipped(space_mean(profiles), noise * math.sqrt(size)):
+    if step.factor == 1 and may_be_clipped(space_mean(profiles), noise * math.sqrt(bundles.size)):
         some = bundles.index[:: max(1, num_valid // _OF_SPACE)]
         # Nearer to the edge its foot may be what is not black.
         black = black_of(pixels_across(gray, curve, some, grid.d_px[-_FAR_OUT:]).ravel())
     if black is not None:
         profiles = black.unclipped(profiles)
-        noise = max(noise, black.sigma / math.sqrt(size))
+        noise = max(noise, black.sigma / math.sqrt(bundles.size))
     return LimbSample(
-        gray,
-        step.factor,
-        curve,
-        bundles,
-        grid,
-        spacing_px,
-        pitch_rad,
-        profiles,
-        noise,
-        view.camera.cornered(curve.px[bundles.middle]),
-        black,
-        step.blur_open_px,
-        None if view.corner_blur_px is None else view.corner_blur_px / step.factor,
+        gray=gray,
+        factor=step.factor,
+        curve=curve,
+        bundles=bundles,
+        grid=grid,
+        spacing_px=spacing_px,
+        pitch_rad=pitch_rad,
+        profiles=profiles,
+        noise=noise,
+        cornered=view.camera.cornered(curve.px[bundles.middle]),
+        black=black,
+        blur_open_px=step.blur_open_px,
+        corner_px=None if view.corner_blur_px is None else view.corner_blur_px / step.factor,
     )
+
+
+def _profiles_together(num: int, num_valid: int, step: RefinePass, modelled: bool) -> int:
+    """How many neighbouring profiles of `num` are given as one: they see the same edge, and their
+    mean says as much as they do, for a part of the work.
+    """
+    size = num / _BUNDLES
+    if modelled:
+        size = max(size, min(_STRETCH_PX / step.spacing_px, num_valid / _LEAST_STRETCHES))
+    return max(1, min(round(size), num_valid // MIN_PROFILES))

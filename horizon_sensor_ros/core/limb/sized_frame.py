@@ -55,7 +55,7 @@ class SizedFrame:
         return True
 
     def image(self) -> np.ndarray:
-        """Gray levels in that size."""
+        """Gray levels (h, w) in that size."""
         if self.factor not in self._reduced:
             self._reduced[self.factor] = block_average(self._reduced[1], self.factor)
         return self._reduced[self.factor]

@@ -181,8 +181,8 @@ def smears_now(
     near: tuple[np.ndarray, float],
     before: Sequence[Smear | None],
 ) -> tuple[Smear | None, ...]:
-    """Smears of frames that follow on others, by the limb near a predicted cone: as it is told, or
-    as it was.
+    """Smears of frames that follow on others, by the limb near a predicted cone, nadir (3,) and
+    rho: as it is told, or as it was; None of a frame that had none.
     """
     return tuple(
         smear and (told_smear(view, *near) or smear)

@@ -115,9 +115,10 @@ def calibrate(
 ) -> Calibration:
     """Find how the cameras are mounted from what each saw of the horizon at many moments.
 
-    sets : in order of time. rot_base_from_cam : nominal, by camera; the first stays as it is unless
-    a set has a reference attitude. planet : the sphere that was fitted; its limb height is what the
-    found one adds to. Raises ValueError for a horizon of a camera that is not among them.
+    sets : in order of time. rot_base_from_cam : (3, 3), nominal, by camera; the first stays as it
+    is unless a set has a reference attitude. planet : the sphere that was fitted; its limb height
+    is what the found one adds to. Too few sets, or sets that do not agree: a status that is
+    not OK, and why. Raises ValueError for a horizon of a camera that is not among them.
     """
     config = CalibrationConfig() if config is None else config
     nominal = {c: require_rotation(rot, c) for c, rot in rot_base_from_cam.items()}
@@ -162,9 +163,16 @@ def _none(
     size = len(unknowns)
     nothing = np.full(size, np.nan)
     return Calibration(
-        status, reason, unknowns, nothing, np.full((size, size), np.nan), np.zeros(size), (),
-        nominal, sets,
-    )  # fmt: skip
+        status=status,
+        reason=reason,
+        unknowns=unknowns,
+        values=nothing,
+        cov=np.full((size, size), np.nan),
+        observed_share=np.zeros(size),
+        not_observed=(),
+        rot_base_from_cam=nominal,
+        sets=sets,
+    )
 
 
 class _Adjustment:

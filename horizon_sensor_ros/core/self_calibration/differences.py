@@ -31,7 +31,10 @@ class NadirDifference:
 def nadir_differences(
     sets: Sequence[FrameSet], rot_base_from_cam: Mapping[str, np.ndarray]
 ) -> tuple[NadirDifference, ...]:
-    """Each camera against the first one that saw the horizon, or all against the reference."""
+    """Each camera against the first one that saw the horizon, or all against the reference.
+
+    rot_base_from_cam : (3, 3) of each camera by which its nadirs are taken to the base frame.
+    """
     found: dict[str, list[tuple[int, np.ndarray]]] = {}
     for index, frames in enumerate(sets):
         nadirs = {h.camera: rot_base_from_cam[h.camera] @ h.nadir_cam for h in frames.horizons}

@@ -104,7 +104,10 @@ class Model:
         self._limb_height = int(where("limb_height")[0])
 
     def start(self, rot_base_from_cam: Mapping[str, np.ndarray]) -> State:
-        """State with nothing to correct: each set's nadir and rho as its first camera saw them."""
+        """State with nothing to correct: each set's nadir and rho as its first camera saw them.
+
+        rot_base_from_cam : (3, 3) by camera.
+        """
         first = [s.horizons[0] for s in self.sets]
         nadir = [rot_base_from_cam[h.camera] @ h.nadir_cam for h in first]
         rho = [h.rho_rad for h in first]

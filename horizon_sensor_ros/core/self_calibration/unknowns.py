@@ -67,7 +67,7 @@ class Unknowns:
         return np.array([unknown.scale for unknown in self.all])
 
     def where(self, kind: str, camera: str = "") -> np.ndarray:
-        """Indices of the unknowns of a kind (of one camera)."""
+        """Indices (K,) of the unknowns of a kind (of one camera)."""
         found = [
             i
             for i, unknown in enumerate(self.all)

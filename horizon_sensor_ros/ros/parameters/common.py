@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from horizon_sensor_ros.ros.executable import NODES
+from horizon_sensor_ros.ros.node_names import NODES
 from horizon_sensor_ros.ros.parameters.parameter import Parameter
 
 # Of every node, and of its part in a replay.

@@ -1,1 +1,5 @@
-"""Where a horizon sensor works for given cameras: the command `horizon_applicability`."""
+"""Where a horizon sensor works for given cameras: the command `horizon_applicability`.
+
+``applicability`` (the command), ``arguments``, ``modes`` (what can be asked). Computed:
+``quality_map``, ``mounting_angle``, ``figure6`` (paper A's). Written: ``figures``, ``table``.
+"""

@@ -87,16 +87,29 @@ def _mode(args: argparse.Namespace) -> Callable[[argparse.Namespace], str]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    from horizon_sensor_ros.core.fits import METHODS  # noqa: PLC0415 - takes time
-
     parser = argparse.ArgumentParser(
         prog="horizon_applicability",
         description=DESCRIPTION,
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add = parser.add_argument
-    add("camera_file", nargs="?", type=Path, help="YAML file of cameras and extrinsics")
+    parser.add_argument(
+        "camera_file", nargs="?", type=Path, help="YAML file of cameras and extrinsics"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="PREFIX",
+        help="write PREFIX.png and PREFIX.csv (default applicability, or figure6)",
+    )
+    _add_map(parser.add_argument_group("where, and with which cameras").add_argument)
+    _add_field(parser.add_argument_group("the field and the error in it").add_argument)
+    _add_questions(parser.add_argument_group("other questions").add_argument)
+    return parser
+
+
+def _add_map(add: Callable[..., argparse.Action]) -> None:
     add(
         "--axes",
         type=_axes,
@@ -130,6 +143,11 @@ def _parser() -> argparse.ArgumentParser:
         help="above the surface (default: the file's; 300 for --figure6)",
     )
     add("--cameras", metavar="NAME,...", help="those to use (default: all of the file)")
+
+
+def _add_field(add: Callable[..., argparse.Action]) -> None:
+    from horizon_sensor_ros.core.fits import METHODS  # noqa: PLC0415 - takes time
+
     add(
         "--min-arc",
         type=float,
@@ -161,6 +179,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="noisy fits an attitude (default 0: one noise-free fit, which shows model error)",
     )
+
+
+def _add_questions(add: Callable[..., argparse.Action]) -> None:
     add(
         "--quality",
         action="store_true",
@@ -185,14 +206,6 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="paper A's figure 6 (half-aperture 28 deg, 3:4, 300 km), exact and as printed",
     )
-    add(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="PREFIX",
-        help="write PREFIX.png and PREFIX.csv (default applicability, or figure6)",
-    )
-    return parser
 
 
 def _axes(text: str) -> tuple[str, str]:

@@ -27,13 +27,15 @@ from horizon_sensor_ros.tools.camera_file import Rig
 _CIRCLE_SAMPLES = 14400
 
 
-def paper_rig(width: int = 640, height: int = 480, half_aperture_deg: float = 28.0) -> Rig:
+def paper_rig() -> Rig:
     """The two-camera layout of papers A and B at 300 km.
 
     The long axis (x) is upright at zero angles; camera 1 looks along y, camera 2 along z, both with
-    the planet at the frame's bottom. half_aperture_deg : of the cone through the frame's corners.
+    the planet at the frame's bottom. The cone through the frame's corners has a half-aperture of
+    28 deg.
     """
-    focal = np.hypot(width, height) / 2 / np.tan(np.radians(half_aperture_deg))
+    width, height = 640, 480
+    focal = np.hypot(width, height) / 2 / np.tan(np.radians(28.0))
     camera = Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
     down = (-1.0, 0.0, 0.0)
     return Rig(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +9,9 @@ from typing import Any
 
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
-from tqdm import tqdm
 
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
-from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag
+from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag, progress
 from horizon_sensor_ros.tools.bags.topic_advice import advice
 
 
@@ -50,12 +48,8 @@ def listen(path: Path, listeners: Sequence[Listener], stopped: Callable[[], bool
             )
         if not wanted:
             return
-        total = sum(connection.msgcount for connection in wanted)
-        messages = bag_messages(reader, wanted)
-        with tqdm(messages, total=total, unit="msg", file=sys.stderr) as progress:
-            for connection, _, raw in progress:
-                if stopped():
-                    raise KeyboardInterrupt
+        with progress(bag_messages(reader, wanted, stopped), wanted) as messages:
+            for connection, _, raw in messages:
                 try:
                     msg = typestore.deserialize_cdr(raw, connection.msgtype)
                 except SerdeError:

@@ -14,11 +14,10 @@ from typing import Any, TypeVar
 from rosbags.rosbag2 import Reader
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
-from tqdm import tqdm
 
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
-from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
+from horizon_sensor_ros.ros.node_names import HORIZON_NODES, NODES, TARGET_NODE
 from horizon_sensor_ros.ros.parameters.file import misspelt_sections, read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
 from horizon_sensor_ros.ros.parameters.horizon_settings import (
@@ -33,7 +32,13 @@ from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings, ta
 from horizon_sensor_ros.ros.parameters.unknown import unknown_parameters
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TargetPipeline
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
-from horizon_sensor_ros.tools.bags.input_bag import STORAGE, bag_messages, open_bag, storage_of
+from horizon_sensor_ros.tools.bags.input_bag import (
+    STORAGE,
+    bag_messages,
+    open_bag,
+    progress,
+    storage_of,
+)
 from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU, POINT_CLOUD, POSE
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag, check_replaceable
 from horizon_sensor_ros.tools.bags.replayed_node import (
@@ -44,10 +49,8 @@ from horizon_sensor_ros.tools.bags.replayed_node import (
 )
 from horizon_sensor_ros.tools.bags.topic_advice import advice
 
-_TARGET_NODE = "target_pose_node"
-_NODES = (*HORIZON_OUTPUTS, _TARGET_NODE)
 # Those of a kind share their sensors.
-_KINDS = (frozenset(HORIZON_OUTPUTS), frozenset([_TARGET_NODE]))
+_KINDS = (frozenset(HORIZON_NODES), frozenset([TARGET_NODE]))
 # A topic and its type.
 _Input = tuple[str, str]
 _Made = TypeVar("_Made")
@@ -105,21 +108,17 @@ class _Replay:
 
     def _add_target(self, settings: TargetSettings) -> None:
         pipeline = TargetPipeline(settings.pipeline)
-        node = ReplayedTargetNode(_TARGET_NODE, settings, pipeline, self._names, self._bag)
+        node = ReplayedTargetNode(TARGET_NODE, settings, pipeline, self._names, self._bag)
         self._handlers[_cloud_input(self._names)] = [partial(_hand_on, pipeline.on_cloud, [node])]
         self._nodes.append(node)
-        self._pipelines.append((_TARGET_NODE, pipeline, node))
+        self._pipelines.append((TARGET_NODE, pipeline, node))
 
     def run(self, reader: Reader, stopped: Callable[[], bool]) -> None:
         """Read all, write all; KeyboardInterrupt between two messages when asked to stop."""
         typestore = get_typestore(Stores.ROS2_JAZZY)
         wanted = [c for c in reader.connections if (c.topic, c.msgtype) in self._handlers]
-        total = sum(c.msgcount for c in wanted)
-        messages = bag_messages(reader, wanted)
-        with tqdm(messages, total=total, unit="msg", file=sys.stderr) as progress:
-            for connection, time, raw in progress:
-                if stopped():
-                    raise KeyboardInterrupt
+        with progress(bag_messages(reader, wanted, stopped), wanted) as messages:
+            for connection, time, raw in messages:
                 for node in self._nodes:
                     node.advance(time)
                 try:
@@ -187,7 +186,7 @@ def _inputs_of(
     """What each node listens to."""
 
     def inputs(node: str, given: dict[str, Any]) -> frozenset[_Input]:
-        if node == _TARGET_NODE:
+        if node == TARGET_NODE:
             return frozenset([_cloud_input(names)])
         return frozenset(i for camera in cameras_of(given) for i in _camera_inputs(camera, names))
 
@@ -213,8 +212,8 @@ def _taking_part(inputs: dict[str, frozenset[_Input]], reader: Reader) -> list[s
 def _read_values(params: Path | None, namespace: str) -> dict[str, dict[str, Any]]:
     """Parameters that the file has for each node."""
     if params is None:
-        return {node: {} for node in _NODES}
-    values = {node: read_parameter_file(params, node, namespace) for node in _NODES}
+        return {node: {} for node in NODES}
+    values = {node: read_parameter_file(params, node, namespace) for node in NODES}
     unknown = [
         name
         for node, given in values.items()
@@ -222,24 +221,24 @@ def _read_values(params: Path | None, namespace: str) -> dict[str, dict[str, Any
     ]
     for name in dict.fromkeys(unknown):
         print(f"unknown parameter {name} is ignored ({params})", file=sys.stderr)
-    for section, node in misspelt_sections(params, _NODES):
+    for section, node in misspelt_sections(params, NODES):
         print(f"section {section} is for no node: {node}? ({params})", file=sys.stderr)
     return values
 
 
 def _parameters_of(node: str, given: dict[str, Any]) -> tuple[Parameter, ...]:
-    return target_parameters() if node == _TARGET_NODE else horizon_parameters(given)
+    return target_parameters() if node == TARGET_NODE else horizon_parameters(given)
 
 
 def _plan(values: dict[str, dict[str, Any]]) -> _Plan:
     settings = _of_each(values, _settings_of)
     horizon = {n: s for n, s in settings.items() if isinstance(s, HorizonSettings)}
-    target = settings.get(_TARGET_NODE)
+    target = settings.get(TARGET_NODE)
     return _Plan(horizon, target if isinstance(target, TargetSettings) else None)
 
 
 def _settings_of(node: str, given: dict[str, Any]) -> HorizonSettings | TargetSettings:
-    if node == _TARGET_NODE:
+    if node == TARGET_NODE:
         return target_settings(given)
     settings = horizon_settings(given)
     if None in settings.pipeline.rotations:

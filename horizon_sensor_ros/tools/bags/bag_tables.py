@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import csv
 import shutil
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -17,10 +16,9 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
-from tqdm import tqdm
 
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
-from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag
+from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag, progress
 from horizon_sensor_ros.tools.bags.message_tables import (
     TABLES,
     MessageTable,
@@ -109,9 +107,7 @@ def _decoded(
             unreadable[other.topic] += other.msgcount
     if not connections:
         return
-    for connection, time, raw in bag_messages(reader, connections):
-        if stopped():
-            raise KeyboardInterrupt
+    for connection, time, raw in bag_messages(reader, connections, stopped):
         try:
             yield connection, time, typestore.deserialize_cdr(raw, connection.msgtype)
         except SerdeError:
@@ -134,12 +130,13 @@ def _write(
             file = stack.enter_context(files[topic].open("w", newline="", encoding="utf-8"))
             writers[topic] = csv.writer(file)
             writers[topic].writerow(table.columns)
-        total = sum(c.msgcount for c in reader.connections if c.topic in tables)
-        messages = _decoded(reader, kinds, stopped, unreadable)
-        for connection, _, message in tqdm(messages, total=total, unit="msg", file=sys.stderr):
-            found = tables[connection.topic].rows(message)
-            writers[connection.topic].writerows(found)
-            rows[connection.topic] += len(found)
+        connections = [c for c in reader.connections if c.topic in tables]
+        decoded = _decoded(reader, kinds, stopped, unreadable)
+        with progress(decoded, connections) as messages:
+            for connection, _, message in messages:
+                found = tables[connection.topic].rows(message)
+                writers[connection.topic].writerows(found)
+                rows[connection.topic] += len(found)
     return rows, unreadable
 
 

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import resource
-from collections.abc import Iterator, Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader, StoragePlugin
+from tqdm import tqdm
 
 from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
 
 STORAGE = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
+
+_Message = TypeVar("_Message")
 
 # A few kilobytes of compressed bag can say that they are terabytes; no sensor's message comes near.
 _MAX_BYTES = 4_000_000_000
@@ -49,9 +54,12 @@ def _remedy(path: Path) -> str:
 
 
 def bag_messages(
-    reader: Reader, connections: Sequence[Connection]
+    reader: Reader, connections: Sequence[Connection], stopped: Callable[[], bool] = bool
 ) -> Iterator[tuple[Connection, int, bytes]]:
-    """Connection, record time (ns) and bytes of each message; BagError where the file is broken."""
+    """Connection, record time (ns) and bytes of each message.
+
+    Raises BagError where the file is broken, and KeyboardInterrupt soon after `stopped` says so.
+    """
     messages = reader.messages(connections)
     while True:
         try:
@@ -62,7 +70,15 @@ def bag_messages(
         except Exception as error:
             # As above, of a damaged file.
             raise BagError(f"{reader.path} is truncated or damaged: {in_one_line(error)}") from None
+        if stopped():
+            raise KeyboardInterrupt
         yield message
+
+
+def progress(messages: Iterator[_Message], connections: Sequence[Connection]) -> tqdm[_Message]:
+    """Messages of these connections under a progress bar; as a context, which ends it in time."""
+    total = sum(connection.msgcount for connection in connections)
+    return tqdm(messages, total=total, unit="msg", file=sys.stderr)
 
 
 @contextmanager

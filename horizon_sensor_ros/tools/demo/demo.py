@@ -17,6 +17,7 @@ from types import FrameType
 import numpy as np
 
 from horizon_sensor_ros.ros.messages import NANOSECONDS
+from horizon_sensor_ros.ros.node_names import HORIZON_NODES, NODES
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.sim.flight import Flight
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
@@ -56,8 +57,6 @@ from horizon_sensor_ros.tools.truth.target_errors import (
     target_table,
 )
 
-HORIZON_NODES = ("local_vertical_node", "attitude_node")
-NODES = (*HORIZON_NODES, "target_pose_node")
 LEVEL_Z = "down"
 _QUIET_S = 3.0
 _BAG = "demo"

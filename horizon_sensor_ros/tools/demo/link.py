@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -39,6 +38,7 @@ OUTPUT_TOPICS: dict[str, type] = {
 }
 # Frame of the clouds.
 RANGE_CAMERA_FRAME = "tof_optical"
+_PATIENCE_S = 30.0  # with nodes that come up
 
 
 class LinkTimeoutError(RuntimeError):
@@ -111,35 +111,28 @@ class DemoLink:
     def __enter__(self) -> DemoLink:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        value: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._executor.shutdown()
         self._node.destroy_node()
         rclpy.shutdown(context=self._context)
 
-    def wait_for_nodes(
-        self, names: Sequence[str], check: Callable[[], None], patience_s: float = 30.0
-    ) -> None:
+    def wait_for_nodes(self, names: Sequence[str], check: Callable[[], None]) -> None:
         """Return when all nodes are active and connected both ways.
 
         check is called again and again, and may raise. LinkTimeoutError says what is missing.
         """
-        deadline = time.monotonic() + patience_s
+        deadline = time.monotonic() + _PATIENCE_S
         for name in names:
             client = self._node.create_client(GetState, f"/{name}/get_state")
             while not self._is_active(client):
                 check()
                 if time.monotonic() > deadline:
-                    raise LinkTimeoutError(f"{name} did not become active within {patience_s:g} s")
+                    raise LinkTimeoutError(f"{name} did not become active within {_PATIENCE_S:g} s")
         while not self._connected():
             check()
             self.spin(0.05)
             if time.monotonic() > deadline:
-                raise LinkTimeoutError(f"the nodes' topics did not connect within {patience_s:g} s")
+                raise LinkTimeoutError(f"the topics did not connect within {_PATIENCE_S:g} s")
         # Both sides of a match learn of it one after the other; a best-effort image sent in
         # between is lost. CameraInfo, small and repeated, may go ahead.
         for _ in range(5):

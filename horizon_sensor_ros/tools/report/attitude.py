@@ -60,17 +60,17 @@ def attitudes(recorded: Recorded) -> Attitudes | None:
     cov = np.array([np.reshape(m.pose.covariance, (6, 6)) for m in messages.values()])
     sigmas = attitude_sigmas(cov, angles[:, 1])
     return Attitudes(
-        tuple(messages),
-        recorded.seconds(list(messages)),
-        level_z,
-        nadir,
-        angles[:, 0],
-        angles[:, 1],
-        np.array([a for _, a in told]),
-        sigmas.nadir_rad,
-        sigmas.roll_rad,
-        sigmas.pitch_rad,
-        sigmas.altitude_m,
+        stamps=tuple(messages),
+        time_s=recorded.seconds(list(messages)),
+        level_z=level_z,
+        nadir_base=nadir,
+        roll_rad=angles[:, 0],
+        pitch_rad=angles[:, 1],
+        altitude_m=np.array([a for _, a in told]),
+        nadir_sigma_rad=sigmas.nadir_rad,
+        roll_sigma_rad=sigmas.roll_rad,
+        pitch_sigma_rad=sigmas.pitch_rad,
+        altitude_sigma_m=sigmas.altitude_m,
     )
 
 

@@ -15,14 +15,13 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
-from tqdm import tqdm
 
 from horizon_sensor_ros.ros.aiding_sources import IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
 from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
-from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag
+from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag, progress
 from horizon_sensor_ros.tools.bags.message_types import (
     DIAGNOSTICS,
     IMAGE,
@@ -321,19 +320,16 @@ def _read(
     taken.update(c.topic for c in connections)
     if not connections:
         return
-    total = sum(c.msgcount for c in connections)
-    messages = bag_messages(reader, connections)
-    for connection, time, raw in tqdm(messages, total=total, unit="msg", file=sys.stderr):
-        if stopped():
-            raise KeyboardInterrupt
-        try:
-            if wanted.is_big(connection):
-                wanted.take_stamp(connection, time, raw)
-            else:
-                msg = typestore.deserialize_cdr(raw, connection.msgtype)
-                wanted.take(connection.topic, time, msg)
-        except (SerdeError, struct.error):
-            found.unreadable += 1
+    with progress(bag_messages(reader, connections, stopped), connections) as messages:
+        for connection, time, raw in messages:
+            try:
+                if wanted.is_big(connection):
+                    wanted.take_stamp(connection, time, raw)
+                else:
+                    msg = typestore.deserialize_cdr(raw, connection.msgtype)
+                    wanted.take(connection.topic, time, msg)
+            except (SerdeError, struct.error):
+                found.unreadable += 1
 
 
 def _stamp_in(raw: bytes) -> int:

@@ -55,7 +55,7 @@ def imu_section(recorded: Recorded, base_frame: str | None) -> Section | None:
             f"answers are in {base_frame!r}: nothing is compared. Where both have the same axes, "
             "give --params FILE with the IMU's as base_frame."
         )
-        return Section("bench", "Camera against accelerometer", (Text(why),))
+        return _section(Text(why))
     compared = [
         (k, nadir)
         for k, stamp in enumerate(found.stamps)
@@ -66,7 +66,7 @@ def imu_section(recorded: Recorded, base_frame: str | None) -> Section | None:
             f"There is an IMU, at rest on the ground for {100 * share:.0f} % of its messages, but "
             "with no answer at the same time: nothing to compare."
         )
-        return Section("bench", "Camera against accelerometer", (Text(why),))
+        return _section(Text(why))
     index = np.array([k for k, _ in compared])
     felt = np.array([roll_pitch_from_nadir(n, found.level_z) for _, n in compared])
     seen = np.column_stack((found.roll_rad, found.pitch_rad))[index]
@@ -76,7 +76,7 @@ def imu_section(recorded: Recorded, base_frame: str | None) -> Section | None:
         ("roll", *_figures(apart[:, 0])),
         ("paper B's bench: pitch", "-", f"{_PAPER_RMS_DEG:.3f}", "-", "-"),
     ]
-    blocks: list[Block] = [
+    return _section(
         Table(
             ("difference (deg)", "mean", "RMS", "RMS about the mean", "largest"),
             tuple(rows),
@@ -93,8 +93,11 @@ def imu_section(recorded: Recorded, base_frame: str | None) -> Section | None:
             lambda axes: _draw(axes, found, index, np.degrees(felt[:, 1]), apart[:, 1]),
             panels=2,
         ),
-    ]
-    return Section("bench", "Camera against accelerometer", tuple(blocks))
+    )
+
+
+def _section(*blocks: Block) -> Section:
+    return Section("bench", "Camera against accelerometer", blocks)
 
 
 def _base_frame(recorded: Recorded) -> str:

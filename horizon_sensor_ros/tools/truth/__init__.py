@@ -1,1 +1,5 @@
-"""Answers held against a simulation's truth, for demo and report: its topics, and the errors."""
+"""Answers held against a simulation's truth, for demo and report.
+
+``topics`` (the truth's own), ``horizon_errors``, ``target_errors``, ``nees`` (errors beside the
+covariance claimed).
+"""

@@ -31,9 +31,11 @@ _USUAL = (EdgeLook(USUAL_PSF_PX, 0.0), *EdgeLook(USUAL_PSF_PX, 0.0).neighbours()
 def guess_looks(
     profiles: np.ndarray, d_px: np.ndarray, places: EdgePlaces, glow_share: float = _GLOW_SHARE
 ) -> tuple[EdgeLook, ...]:
-    """First guesses of the edge's look, at least two, from profiles aligned at their own edges.
+    """First guesses of the edge's look, at least two, from profiles (M, J) aligned at their own
+    edges.
 
-    glow_share : brightness left outside the edge from which glow is one of them.
+    d_px : (J,) places across the limb. places : of the edges, one a profile. glow_share :
+    brightness left outside the edge from which glow is one of them.
     """
     middle = median(places.offset_px)
     apart = np.abs(places.offset_px - middle)

@@ -101,7 +101,9 @@ class EdgeTable:
 
 
 def normal_cdf(x: np.ndarray) -> np.ndarray:
-    """Standard normal distribution function, to the last digits of its tails too."""
+    """Standard normal distribution function of values of any shape, to the last digits of its tails
+    too.
+    """
     # Not scipy.special: loading it takes a node as long as all its other libraries together.
     flat = (np.asarray(x, dtype=float) * -math.sqrt(0.5)).ravel().tolist()
     return 0.5 * np.array([math.erfc(value) for value in flat]).reshape(np.shape(x))

@@ -25,6 +25,8 @@ _KNOWN_PX = 0.5
 def told_smear(view: CameraView, nadir_base: np.ndarray, rho_rad: float) -> Smear | None:
     """Smear of the limb near a cone by what is told of the camera (`CameraView.exposure_s`) and of
     the craft's rate; None where it is not known, `NO_SMEAR` where hardly any limb is in sight.
+
+    nadir_base, rho_rad : (3,) and radius of the cone.
     """
     rate = view.rate
     if view.exposure_s == 0.0 or rate is None:

@@ -191,8 +191,7 @@ def _fitted(
     0 to 1 along it. Where glow is too uneven for daylight: the part that is lit.
     """
     length_px = usual_length_px(view, rho_rad, factor)
-    glow_px = max(look.glow_px, _LEAST_LENGTH * length_px)
-    outer_px = _FROM_PX + min(max(_LENGTHS * glow_px, _SHORTEST_PX), _LONGEST_PX)
+    outer_px = _outer_px(look, length_px)
     air = look.air
     keep = np.empty(0, dtype=bool)
     sight: GlowSight | None = None
@@ -217,40 +216,71 @@ def _fitted(
         if _too_few(keep):
             return None
         found = step_towards(sight, air, keep)
-        known = np.isfinite(found.change).all() and np.isfinite(found.cov).all()
-        if not (known and is_positive(found.cov[LIMB, LIMB])):
+        if not _determined(found):
             return None
-        shift = sight.rows @ found.change[:3]
-        share = _share(shift, last)
-        last = shift if share == 0.0 else None
-        change, shift = found.change / (1.0 - share), shift / (1.0 - share)
-        far = float(np.abs(shift).max())
-        if far > _MOST_STEP_PX:
-            # Beside overexposed ground the first steps may be hundreds of pixels.
-            change, shift = change * (_MOST_STEP_PX / far), shift * (_MOST_STEP_PX / far)
-            far = _MOST_STEP_PX
+        stride = _stride(found.change, sight.rows, last)
+        last = stride.last
         outlying = keep & (found.cost > _OUTLIER * max(1.0, median(found.cost[keep])))
-        if far <= _NEAR_PX and air.near(change) and not outlying.any():
+        settled = stride.far_px <= _NEAR_PX and not outlying.any()
+        if settled and air.near(stride.change):
             if part is None and _uneven(air):
                 return lit_part(guess.glow)
             holds = median(found.cost[keep]) < _MISFIT and _plausible(air)
             return _limb(sight, found, keep, air, nadir_base) if holds else None
-        settled = far <= _NEAR_PX and not outlying.any()
         keep = keep & ~outlying
-        air = air.changed(change)
+        air = air.changed(stride.change)
         pinned = pinned + 1 if settled and air.psf_px in BLURS_PX else 0
-        if pinned == _PINNED:
+        moved += stride.far_px
+        since += stride.far_px
+        if pinned == _PINNED or moved > most_px:
             return None
-        moved += far
-        since += far
-        if moved > most_px:
-            return None
-        nadir_base = nadir_base + tangent_basis(nadir_base) @ change[:2]
+        nadir_base = nadir_base + tangent_basis(nadir_base) @ stride.change[:2]
         nadir_base = nadir_base / np.linalg.norm(nadir_base)
-        rho_rad += float(change[2])
+        rho_rad += float(stride.change[2])
         if since <= _AFRESH_PX:
-            sight = sight.moved(gray, shift)
+            sight = sight.moved(gray, stride.shift_px)
     return None
+
+
+def _outer_px(look: EdgeLook, length_px: float) -> float:
+    """How far above the limb glow is looked at. length_px : over which the usual one fades."""
+    glow_px = max(look.glow_px, _LEAST_LENGTH * length_px)
+    return _FROM_PX + min(max(_LENGTHS * glow_px, _SHORTEST_PX), _LONGEST_PX)
+
+
+def _determined(found: GlowStep) -> bool:
+    """Whether a step tells all unknowns."""
+    known = np.isfinite(found.change).all() and np.isfinite(found.cov).all()
+    return bool(known and is_positive(found.cov[LIMB, LIMB]))
+
+
+class _Stride(NamedTuple):
+    """As much of a step as is gone at once.
+
+    change : of the unknowns. shift_px : (M,) of the limb outwards, far_px at most. last : (M,) the
+    step itself, for the next one to be held against; None after one that went farther than it.
+    """
+
+    change: np.ndarray
+    shift_px: np.ndarray
+    far_px: float
+    last: np.ndarray | None
+
+
+def _stride(change: np.ndarray, rows: np.ndarray, last: np.ndarray | None) -> _Stride:
+    """What to go of a step that changes the unknowns so. rows, last : as of `GlowSight` and of the
+    stride before.
+    """
+    shift = rows @ change[:3]
+    share = _share(shift, last)
+    last = shift if share == 0.0 else None
+    change, shift = change / (1.0 - share), shift / (1.0 - share)
+    far = float(np.abs(shift).max())
+    if far > _MOST_STEP_PX:
+        # Beside overexposed ground the first steps may be hundreds of pixels.
+        change, shift = change * (_MOST_STEP_PX / far), shift * (_MOST_STEP_PX / far)
+        far = _MOST_STEP_PX
+    return _Stride(change, shift, far, last)
 
 
 def _too_few(keep: np.ndarray) -> bool:
@@ -375,20 +405,20 @@ def _limb(
     value = np.zeros(len(KEPT))
     value[KEPT_BLUR], value[KEPT_LOG_GLOW] = air.psf_px, air.log_glow
     return GlowLimb(
-        sight.px[keep] + (sight.factor * (rows @ found.change[LIMB]))[:, None] * normal_px,
-        normal_px,
-        rows,
-        sight.along[keep],
-        sight.factor,
-        sight.stretch_px,
-        sight.curve,
-        nadir_base,
-        air,
-        air.height / median(sight.rise[keep]),
-        value,
-        found.cov,
-        beforehand,
-        found.ripple,
-        bool(sight.glare.any()),
-        float(sight.blind[keep].any(axis=1).mean()),
+        px=sight.px[keep] + (sight.factor * (rows @ found.change[LIMB]))[:, None] * normal_px,
+        normal_px=normal_px,
+        rows=rows,
+        along=sight.along[keep],
+        factor=sight.factor,
+        stretch_px=sight.stretch_px,
+        curve=sight.curve,
+        nadir_base=nadir_base,
+        air=air,
+        length_px=air.height / median(sight.rise[keep]),
+        value=value,
+        cov=found.cov,
+        beforehand=beforehand,
+        ripple=found.ripple,
+        glaring=bool(sight.glare.any()),
+        overexposed=float(sight.blind[keep].any(axis=1).mean()),
     )

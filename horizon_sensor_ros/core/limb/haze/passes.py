@@ -46,7 +46,10 @@ def look_through_haze(
     planet: Planet,
     near: tuple[np.ndarray, float],
 ) -> Detection | None:
-    """Limb of simultaneous frames under thick air, near a cone; None where the air is not such."""
+    """Limb of simultaneous frames under thick air, near a cone; None where the air is not such.
+
+    images : (H, W) uint8 or uint16, one a view. near : nadir (3,), base frame, and rho (rad).
+    """
     thickest_px = max(usual_length_px(view, near[1]) for view in views)
     if thickest_px < _THINNEST_PX or planet.altitude_from_rho(near[1]) < _LEAST_ALTITUDE_M:
         return None

@@ -75,7 +75,7 @@ def sample_haze(
 ) -> HazySample | None:
     """Sample a predicted limb; None where too little of it shows.
 
-    gray : reduced by `factor`.
+    gray : (H, W), reduced by `factor`. nadir_base, rho_rad : (3,) and radius of its cone.
     """
     reach_px, grid_px, spacing_px = sought
     predicted = limb_curve(view, nadir_base, rho_rad, spacing_px=spacing_px * factor)

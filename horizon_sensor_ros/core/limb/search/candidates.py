@@ -16,6 +16,7 @@ from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.mask import Mask
 from horizon_sensor_ros.core.white_level import full_scale
 
+_CANNY = 50.0, 150.0  # its two thresholds
 _OUTWARD_STEPS_PX = np.array(
     [3.0, 4.5, 6.5, 9.0, 13.0, 19.0, 28.0, 40.0], dtype=np.float32
 )  # working pixels
@@ -60,7 +61,7 @@ class LimbCandidates:
         return len(self.px)
 
 
-def canny_candidates(gray: np.ndarray, low: float = 50.0, high: float = 150.0) -> LimbCandidates:
+def canny_candidates(gray: np.ndarray) -> LimbCandidates:
     """All Canny edges of the full image, as the papers take them (8-bit; of 16-bit images the
     `full_scale` is scaled to that of 8 bits).
 
@@ -74,7 +75,7 @@ def canny_candidates(gray: np.ndarray, low: float = 50.0, high: float = 150.0) -
     smooth = cv2.GaussianBlur(image, (5, 5), 1.0)
     dx = cv2.Sobel(smooth, cv2.CV_16S, 1, 0)
     dy = cv2.Sobel(smooth, cv2.CV_16S, 0, 1)
-    v, u = np.nonzero(cv2.Canny(dx, dy, low, high, L2gradient=True))
+    v, u = np.nonzero(cv2.Canny(dx, dy, *_CANNY, L2gradient=True))
     gradient = np.stack([dx[v, u], dy[v, u]], axis=1).astype(np.float64)
     magnitude = np.linalg.norm(gradient, axis=1)
     px = np.stack([u, v], axis=1).astype(np.float64)

@@ -175,7 +175,9 @@ def limb_consensus(found: RayCandidates, *, rho_min_rad: float, rho_max_rad: flo
 
 
 def consensus_about(found: RayCandidates, nadir_base: np.ndarray, rho_rad: float) -> Consensus:
-    """`limb_consensus` on a cone that is known from elsewhere, with the candidates that agree."""
+    """`limb_consensus` on a cone, nadir (3,) and rho, that is known from elsewhere, with the
+    candidates that agree; status NO_LIMB where too few do.
+    """
     gains = _Ballot.of(found, _TOLERANCE).gains(nadir_base[None], np.cos([rho_rad]))
     inliers = gains[:, 0] > 0.0
     num_inliers = int(np.count_nonzero(inliers))

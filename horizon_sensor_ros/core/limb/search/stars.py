@@ -20,7 +20,7 @@ def shows_stars(
     beyond_rad: float,
     least: int = NIGHT_STARS,
 ) -> bool:
-    """Whether any working image shows so many stars farther from nadir than this."""
+    """Whether any working image shows so many stars, `count_stars`; arguments as of that."""
     return any(
         count_stars(view, image, nadir_base, beyond_rad) >= least
         for view, image in zip(views, working, strict=True)
@@ -30,7 +30,8 @@ def shows_stars(
 def count_stars(
     view: CameraView, working: WorkingImage, nadir_base: np.ndarray, beyond_rad: float
 ) -> int:
-    """How many spots of a pixel or two there are in the working image farther from nadir than this.
+    """How many spots of a pixel or two there are in the working image farther than beyond_rad from
+    nadir_base (3,).
 
     Hot pixels and lamps of the craft count like stars.
     """

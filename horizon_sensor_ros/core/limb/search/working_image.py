@@ -51,13 +51,14 @@ class WorkingImage:
 
 
 def reduce_image(gray: np.ndarray) -> tuple[np.ndarray, int]:
-    """Block-average an image to the working size: (float32 image, integer reduction factor)."""
+    """Block-average an image (H, W) to the working size: (h, w) float32, and by which factor."""
     factor = max(1, int(np.ceil(max(gray.shape) / WORKING_SIZE_PX - 0.25)))
     return block_average(gray, factor), factor
 
 
 def block_average(gray: np.ndarray, factor: int) -> np.ndarray:
-    """Mean of blocks of factor x factor pixels, float32; what does not fill a block is cut off.
+    """Mean (H // factor, W // factor), float32, of blocks of pixels of an image (H, W); what does
+    not fill a block is cut off.
 
     Not rounded: rounded means would make 8-bit images another search than the same in 16 bits.
     """
@@ -76,7 +77,8 @@ def block_average(gray: np.ndarray, factor: int) -> np.ndarray:
 def space_level_and_noise(
     small: np.ndarray, usable: np.ndarray | None = None
 ) -> tuple[float, float]:
-    """Gray level of empty space and its noise: median and spread of the darkest of 256 tiles.
+    """Gray level of empty space and its noise: median and spread of the darkest of 256 tiles of an
+    image (h, w).
 
     Darkest by its brighter part: the median of a tile that is just over half space is as dark.
     usable : mask like `small`; tiles that are not usable throughout count only if all are like

@@ -96,7 +96,7 @@ def _of_kinds(rough: np.ndarray, smooth: np.ndarray) -> np.ndarray:
 
 
 def rough_correlation(apart: np.ndarray) -> np.ndarray:
-    """Correlation of texture with edges, as of clouds."""
+    """Correlation of texture with edges, as of clouds, at distances of any shape."""
     return np.asarray(np.exp(-np.abs(apart) / _ROUGH_LENGTH))
 
 

@@ -460,16 +460,18 @@ def _tables(
     diagonals = np.diagonal(lower, axis1=1, axis2=2), np.diagonal(r, axis1=1, axis2=2)
     residual = whiten - q @ (np.swapaxes(q, 1, 2) @ whiten)
     return _Tables(
-        np.concatenate([weights, np.einsum("sk,sjk->sj", whole[:, -1], weighted)]).T.copy(),
-        np.sqrt(known[:, 1, 1]),
-        np.sqrt(np.einsum("sj,sjk,sk->s", weights, together, weights)),
-        np.sqrt(whole[:, -1, -1]),
-        weights @ design[:, -1],
-        residual.reshape(-1, num).T.copy(),
-        np.asarray(sum(2.0 * np.log(np.abs(diagonal)).sum(axis=1) for diagonal in diagonals)),
-        slope,
-        widening,
-        float(free[_samples(x_px, *_BESIDE_PX), 0].mean()),
+        weights=np.concatenate([weights, np.einsum("sk,sjk->sj", whole[:, -1], weighted)]).T.copy(),
+        sigma=np.sqrt(known[:, 1, 1]),
+        textured=np.sqrt(np.einsum("sj,sjk,sk->s", weights, together, weights)),
+        widening_sigma=np.sqrt(whole[:, -1, -1]),
+        lean=weights @ design[:, -1],
+        residual=residual.reshape(-1, num).T.copy(),
+        log_det=np.asarray(
+            sum(2.0 * np.log(np.abs(diagonal)).sum(axis=1) for diagonal in diagonals)
+        ),
+        slope=slope,
+        widening=widening,
+        rise=float(free[_samples(x_px, *_BESIDE_PX), 0].mean()),
     )
 
 

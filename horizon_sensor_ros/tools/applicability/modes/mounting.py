@@ -11,6 +11,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 import numpy as np
 from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
 from horizon_sensor_ros.core.camera_view import CameraView
@@ -110,53 +111,14 @@ def _draw_figure(
     tilt_deg: float,
     sigma_px: float,
 ) -> None:
-    several = found.altitudes_m.size > 1
     figure, (upper, lower) = plt.subplots(
         2, 1, figsize=(7.0, 8.0), layout="constrained", sharex=True, height_ratios=(3, 2)
     )
-    values = np.ma.masked_where(~(sigma_deg <= USABLE_DEG), sigma_deg)
-    heights_km = found.altitudes_m / 1e3
-    upper.set_facecolor(NOT_SEEN)
-    if several:
-        low = float(values.min()) if values.count() else 1e-3
-        top = (
-            max(float(np.percentile(values.compressed(), 98)), 1.01 * low) if values.count() else 1
-        )
-        image = upper.pcolormesh(
-            found.depression_deg, heights_km, values.T, norm=LogNorm(low, top), cmap="viridis",
-            shading="nearest", rasterized=True,
-        )  # fmt: skip
-        figure.colorbar(image, ax=upper, extend="max").set_label("nadir, one sigma (deg)")
-        dips = [90.0 - np.degrees(planet.rho_from_altitude(h)) for h in found.altitudes_m]
-        upper.plot(dips, heights_km, "--", color="white", linewidth=3.5)
-        upper.plot(dips, heights_km, "--", color=CIRCLE_COLOUR, linewidth=1.8, label="the horizon")
-        upper.legend(loc="upper right")
-        upper.set(yscale="log", ylabel="altitude (km)")
-        ticks = heights_km[:: max(1, len(heights_km) // 5)]
-        upper.set_yticks(ticks, [f"{tick:.0f}" for tick in ticks])
-        upper.minorticks_off()
+    if found.altitudes_m.size > 1:
+        _draw_by_altitude(upper, found, sigma_deg, planet)
     else:
         upper.set_visible(False)
-    worst = np.where(np.isfinite(sigma_deg.max(axis=1)), sigma_deg.max(axis=1), np.nan)
-    lower.semilogy(found.depression_deg, worst, color=EXACT_COLOUR, label="worst altitude")
-    lower.semilogy(
-        found.depression_deg, sigma_deg.min(axis=1), ":", color=EXACT_COLOUR, label="best altitude"
-    )
-    best = found.depression_deg[found.best]
-    good = found.depression_deg[found.good]
-    lower.axvspan(good[0], good[-1], color="0.93", label="nearly the same")
-    lower.axvline(best, color=CIRCLE_COLOUR, linewidth=1.8, label=f"best angle, {best:g} deg")
-    for i, angle in enumerate(sorted({round(angle, 1) for angle in now})):
-        lower.axvline(
-            angle, color="0.4", linestyle="--", label="as in the file" if i == 0 else None
-        )
-    lower.grid(visible=True, which="major", color="0.9")
-    lower.set(
-        xlabel="optical axes below the horizontal (deg)",
-        ylabel="nadir, one sigma (deg)",
-        xlim=(-1, 90),
-    )
-    lower.legend(loc="best", fontsize=9)
+    _draw_by_angle(lower, found, sigma_deg, now)
     tilt = f", craft within {tilt_deg:g} deg" if tilt_deg else ", level craft"
     figure.suptitle(
         f"Expected sigma, all cameras, {sigma_px:g} px a pixel of limb{tilt}.\n"
@@ -165,3 +127,51 @@ def _draw_figure(
     )
     figure.savefig(png, dpi=110)
     plt.close(figure)
+
+
+def _draw_by_altitude(axes: Axes, found: Mountings, sigma_deg: np.ndarray, planet: Planet) -> None:
+    """Sigma (A, H) over angle and altitude, and where the horizon is."""
+    values = np.ma.masked_where(~(sigma_deg <= USABLE_DEG), sigma_deg)
+    heights_km = found.altitudes_m / 1e3
+    axes.set_facecolor(NOT_SEEN)
+    low, top = 1e-3, 1.0
+    if values.count():
+        low = float(values.min())
+        top = max(float(np.percentile(values.compressed(), 98)), 1.01 * low)
+    image = axes.pcolormesh(
+        found.depression_deg, heights_km, values.T, norm=LogNorm(low, top), cmap="viridis",
+        shading="nearest", rasterized=True,
+    )  # fmt: skip
+    axes.figure.colorbar(image, ax=axes, extend="max").set_label("nadir, one sigma (deg)")
+    dips = [90.0 - np.degrees(planet.rho_from_altitude(h)) for h in found.altitudes_m]
+    axes.plot(dips, heights_km, "--", color="white", linewidth=3.5)
+    axes.plot(dips, heights_km, "--", color=CIRCLE_COLOUR, linewidth=1.8, label="the horizon")
+    axes.legend(loc="upper right")
+    axes.set(yscale="log", ylabel="altitude (km)")
+    ticks = heights_km[:: max(1, len(heights_km) // 5)]
+    axes.set_yticks(ticks, [f"{tick:.0f}" for tick in ticks])
+    axes.minorticks_off()
+
+
+def _draw_by_angle(
+    axes: Axes, found: Mountings, sigma_deg: np.ndarray, now: Sequence[float]
+) -> None:
+    """Sigma (A, H) over angle at the worst and the best altitude, and the angles as they are."""
+    worst = np.where(np.isfinite(sigma_deg.max(axis=1)), sigma_deg.max(axis=1), np.nan)
+    axes.semilogy(found.depression_deg, worst, color=EXACT_COLOUR, label="worst altitude")
+    axes.semilogy(
+        found.depression_deg, sigma_deg.min(axis=1), ":", color=EXACT_COLOUR, label="best altitude"
+    )
+    best = found.depression_deg[found.best]
+    good = found.depression_deg[found.good]
+    axes.axvspan(good[0], good[-1], color="0.93", label="nearly the same")
+    axes.axvline(best, color=CIRCLE_COLOUR, linewidth=1.8, label=f"best angle, {best:g} deg")
+    for i, angle in enumerate(sorted({round(angle, 1) for angle in now})):
+        axes.axvline(angle, color="0.4", linestyle="--", label="as in the file" if i == 0 else None)
+    axes.grid(visible=True, which="major", color="0.9")
+    axes.set(
+        xlabel="optical axes below the horizontal (deg)",
+        ylabel="nadir, one sigma (deg)",
+        xlim=(-1, 90),
+    )
+    axes.legend(loc="best", fontsize=9)

@@ -29,10 +29,24 @@ def draw_paper_figure(args: argparse.Namespace) -> str:
         raise ValueError(f"--altitude must be positive, got {altitude_km:g}")
     result = figure6(*grid.mesh_deg(), 1e3 * altitude_km)
     png, table = output_paths(args.output or Path("figure6"))
+    camera = result.camera
+    draw_figure6(
+        png,
+        grid,
+        _panels(result),
+        _frame(result),
+        f"Lomaka & Ustyugov, figure 6: half-aperture 28°, 3:4 ({camera.width} x {camera.height}), "
+        f"{altitude_km:g} km. Grey: no horizon in the frame",
+    )
+    write_csv(table, _columns(grid, result))
+    return f"{_answer(grid, result)}; wrote {png} and {table}"
+
+
+def _panels(result: Figure6) -> list[Panel]:
     yaw_deg, pitch_deg = result.maximum_deg
     circle_seen = result.circle_fraction > 0
     length = "length of the line (px)"
-    panels = [
+    return [
         Panel(
             "one camera, exact horizon",
             line_length(result.first),
@@ -60,24 +74,21 @@ def draw_paper_figure(args: argparse.Namespace) -> str:
             label="paper: first map turned by 90°",
         ),
     ]
-    frame = FrameView(
+
+
+def _frame(result: Figure6) -> FrameView:
+    yaw_deg, pitch_deg = result.maximum_deg
+    return FrameView(
         f"the first frame at yaw {yaw_deg:.1f}°, pitch {pitch_deg:.1f}°",
         result.camera.width,
         result.camera.height,
         result.exact_px,
         result.circle_limb_px,
     )
-    size = f"{result.camera.width} x {result.camera.height}"
-    draw_figure6(
-        png,
-        grid,
-        panels,
-        frame,
-        f"Lomaka & Ustyugov, figure 6: half-aperture 28°, 3:4 ({size}), {altitude_km:g} km. "
-        "Grey: no horizon in the frame",
-    )
-    write_csv(
-        table,
+
+
+def _columns(grid: AngleGrid, result: Figure6) -> dict[str, np.ndarray]:
+    return (
         angle_columns(grid)
         | visibility_columns("camera_1", result.first)
         | {
@@ -88,9 +99,8 @@ def draw_paper_figure(args: argparse.Namespace) -> str:
         | {
             "in_field": result.both.astype(int),
             "in_field_as_printed": result.both_as_printed.astype(int),
-        },
+        }
     )
-    return f"{_answer(grid, result)}; wrote {png} and {table}"
 
 
 def _answer(grid: AngleGrid, result: Figure6) -> str:

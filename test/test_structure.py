@@ -1,0 +1,71 @@
+"""How the package is laid out: what its folders say is in them, and which way imports go."""
+
+from __future__ import annotations
+
+import ast
+import re
+from functools import cache
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1] / "horizon_sensor_ros"
+FOLDERS = sorted(path.parent for path in ROOT.rglob("__init__.py"))
+# What files of a folder may import of the others.
+MAY_IMPORT = {
+    "core": {"core"},
+    "sim": {"core", "sim"},
+    "ros": {"core", "ros"},
+    "tools": {"core", "sim", "ros", "tools"},
+}
+# Only what drives its parts is named: the others are told in doc/target.md.
+PARTLY_NAMED = {ROOT / "core" / "target"}
+
+
+@cache
+def imports_of(path: Path) -> frozenset[str]:
+    """Modules of the package that a file imports, wherever in it."""
+    return frozenset(
+        node.module
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ImportFrom)
+        and node.module is not None
+        and node.module.startswith(f"{ROOT.name}.")
+    )
+
+
+def module_of(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT.parent).with_suffix("").parts).removesuffix(".__init__")
+
+
+@pytest.mark.parametrize(
+    "folder", FOLDERS, ids=lambda path: path.relative_to(ROOT.parent).as_posix()
+)
+def test_a_folder_names_what_is_in_it(folder: Path) -> None:
+    said = ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) or ""
+    named = re.findall(r"``(\w+)``", said)
+    there = {
+        path.stem
+        for path in folder.iterdir()
+        if (path.suffix == ".py" and path.stem != "__init__") or (path / "__init__.py").is_file()
+    }
+    assert set(named) <= there
+    assert len(named) == len(set(named))
+    if folder not in PARTLY_NAMED:
+        assert set(named) == there
+
+
+@pytest.mark.parametrize("floor", MAY_IMPORT)
+def test_imports_go_one_way(floor: str) -> None:
+    files = list((ROOT / floor).rglob("*.py"))
+    assert files
+    for path in files:
+        for module in imports_of(path):
+            assert module.split(".")[1] in MAY_IMPORT[floor], f"{path} imports {module}"
+
+
+def test_no_files_import_each_other_in_a_circle() -> None:
+    graph = {module_of(path): imports_of(path) for path in ROOT.rglob("*.py")}
+    assert frozenset().union(*graph.values()) <= graph.keys()
+    TopologicalSorter(graph).prepare()  # raises CycleError, which names them
