@@ -5,26 +5,19 @@ from __future__ import annotations
 import contextlib
 import io
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 import yaml
 from geometry_msgs.msg import Vector3
-from horizon_messages import recording, write_bag, write_parameters
-from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
-from sensor_msgs.msg import CompressedImage, Image
 
 from horizon_sensor_ros.core.attitude import nadir_from_roll_pitch
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.messages import attitude_message
-from horizon_sensor_ros.tools.bags.replay import main
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "doc" / "own_cameras.md").read_text(encoding="utf-8")
@@ -41,52 +34,6 @@ def function(name: str) -> Any:
     known: dict[str, Any] = {"np": np}
     exec(code_with(f"def {name}("), known)
     return known[name]
-
-
-def compressed(image: Image) -> CompressedImage:
-    dtype = np.uint16 if image.encoding == "mono16" else np.uint8
-    gray = np.frombuffer(image.data, dtype).reshape(image.height, image.width)
-    png = cv2.imencode(".png", gray)[1]
-    msg = CompressedImage(header=image.header, format=f"{image.encoding}; png compressed")
-    msg.data.frombytes(png.tobytes())
-    return msg
-
-
-@pytest.mark.parametrize("bits", [8, 16])
-def test_a_compressed_bag_is_decompressed(tmp_path: Path, bits: int) -> None:
-    def deep(image: Image) -> Image:
-        if bits == 16:
-            wide = np.frombuffer(image.data, np.uint8).astype("<u2") * 257
-            image.encoding, image.step = "mono16", 2 * image.width
-            image.data = wide.tobytes()
-        return image
-
-    messages = [
-        (topic, t, deep(msg) if isinstance(msg, Image) else msg) for topic, t, msg in recording(2)
-    ]
-    squeezed = [
-        (f"{topic}/compressed", t, compressed(msg)) if isinstance(msg, Image) else (topic, t, msg)
-        for topic, t, msg in messages
-    ]
-    bag = write_bag(tmp_path / "flight", squeezed)
-    script = tmp_path / "decompress.py"
-    script.write_text(code_with("imdecode"), encoding="utf-8")
-    subprocess.run([sys.executable, script, bag, tmp_path / "raw"], check=True)
-    with Reader(tmp_path / "raw") as reader:
-        images = {
-            (connection.topic, time): STORE.deserialize_cdr(raw, connection.msgtype)
-            for connection, time, raw in reader.messages()
-            if connection.topic.endswith("image_raw")
-        }
-    assert len(images) == 4
-    for topic, time, msg in messages:
-        if isinstance(msg, Image):
-            found = images[topic, time]
-            assert (found.encoding, found.step) == (msg.encoding, msg.step)
-            assert found.header.stamp.sec == msg.header.stamp.sec
-            assert found.data.tobytes() == msg.data.tobytes()
-    params = write_parameters(tmp_path / "params.yaml")
-    assert main([str(tmp_path / "raw"), str(tmp_path / "out"), "--params", str(params)]) == 0
 
 
 def test_the_rotation_from_angles() -> None:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import called, refusal
+from compressed_frames import compressed_recording, encoded
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from horizon_messages import (
@@ -37,7 +38,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.interfaces import QosReliability
 from rosbags.rosbag2 import Reader
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import String
 
 from horizon_sensor_ros.core.planet import Planet
@@ -478,7 +479,7 @@ def test_a_bag_without_the_topics_is_told_what_it_has(
 def test_what_would_help_where_topics_are_missing_is_said(
     tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of a remapped image the camera_info was forgotten; compressed images are not read."""
+    """Of a remapped image the camera_info was forgotten; compressed images have their own."""
     elsewhere = [(f"/left{topic}", t, msg) for topic, t, msg in recording(1)]
     bag = write_bag(tmp_path / "elsewhere", elsewhere)
     remap = ["--remap", "camera_1/image_raw:=/left/camera_1/image_raw"]
@@ -487,7 +488,7 @@ def test_what_would_help_where_topics_are_missing_is_said(
     assert "has no /camera_1/camera_info" in errors
     assert "--remap FROM:=TO for each topic, or the cameras' names" in errors
 
-    name = "/camera_1/image_raw/compressed"
+    name = "/camera_1/squeezed"
     squeezed = [
         (name, t, CompressedImage(format="jpeg"))
         if topic == "/camera_1/image_raw"
@@ -497,8 +498,56 @@ def test_what_would_help_where_topics_are_missing_is_said(
     bag = write_bag(tmp_path / "squeezed", squeezed)
     assert run(bag, tmp_path / "out2", "--params", params) == 0
     errors = capsys.readouterr().err
-    assert f"Compressed images are not read ({name}): doc/own_cameras.md" in errors
+    assert f"NAME/compressed, as by image_transport: not {name}." in errors
     assert "--remap" not in errors
+
+
+@pytest.mark.parametrize("encoding", ["mono8", "mono16", "bayer_rggb8", "bgr8", "rgb8"])
+def test_compressed_images_are_read_as_what_they_were_made_of(
+    tmp_path: Path, params: Path, encoding: str
+) -> None:
+    flight = [(topic, t, encoded(msg, encoding)) for topic, t, msg in recording(3)]
+    plain = write_bag(tmp_path / "plain", flight)
+    squeezed = write_bag(tmp_path / "squeezed", compressed_recording(flight))
+    for bag in (plain, squeezed):
+        assert run(bag, tmp_path / f"{bag.name}_out", "--params", params) == 0
+    told, found = (read(tmp_path / f"{bag.name}_out")["/attitude"] for bag in (plain, squeezed))
+    assert len(found) == 3
+    for (_, one), (_, other) in zip(told, found, strict=True):
+        assert one.pose.pose == other.pose.pose
+        assert (one.pose.covariance == other.pose.covariance).all()
+
+
+def test_a_jpeg_and_what_is_none(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As drivers record: a lossy one is near to the plain one; a broken one is counted."""
+    flight = recording(4)
+    squeezed = compressed_recording(flight, ".jpg")
+    broken = next(msg for topic, _, msg in squeezed if topic == "/camera_1/image_raw/compressed")
+    broken.data = broken.data[:40]
+    bag = write_bag(tmp_path / "squeezed", squeezed)
+    assert run(bag, tmp_path / "out", "--params", params) == 0
+    assert "skipped on /camera_1/image_raw: 1" in capsys.readouterr().err
+    plain = write_bag(tmp_path / "plain", flight)
+    assert run(plain, tmp_path / "plain_out", "--params", params) == 0
+    told, found = (read(tmp_path / name)["/local_vertical"] for name in ("plain_out", "out"))
+    assert len(found) == 3
+    for (_, one), (_, other) in zip(told[1:], found, strict=True):
+        apart = [getattr(one.vector, axis) - getattr(other.vector, axis) for axis in "xyz"]
+        assert np.degrees(np.linalg.norm(apart)) < 0.05
+
+
+def test_where_a_bag_has_both_the_plain_images_are_read(tmp_path: Path, params: Path) -> None:
+    flight = recording(2)
+    broken = [
+        (f"{topic}/compressed", t, CompressedImage())
+        for topic, t, msg in flight
+        if isinstance(msg, Image)
+    ]
+    bag = write_bag(tmp_path / "both", [*flight, *broken])
+    assert run(bag, tmp_path / "out", "--params", params) == 0
+    assert len(read(tmp_path / "out")["/attitude"]) == 2
 
 
 def test_nothing_is_overwritten_but_by_force(

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
 
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
-from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag, progress
+from horizon_sensor_ros.tools.bags.input_bag import open_bag, progress
 from horizon_sensor_ros.tools.bags.topic_advice import advice
 
 
@@ -35,29 +34,28 @@ def listen(path: Path, listeners: Sequence[Listener], stopped: Callable[[], bool
     Raises BagError for a bag that cannot be read or has not what is needed, and KeyboardInterrupt
     soon after `stopped` says so.
     """
-    typestore = get_typestore(Stores.ROS2_JAZZY)
-    reader = open_bag(path)
+    bag = open_bag(path)
     try:
-        takers = {c.id: _takers(c.topic, c.msgtype, listeners) for c in reader.connections}
-        wanted = [c for c in reader.connections if takers[c.id]]
+        takers = {c.id: _takers(c.topic, c.msgtype, listeners) for c in bag.connections}
+        wanted = [c for c in bag.connections if takers[c.id]]
         there = {connection.topic for connection in wanted}
         missing = [each for each in listeners if each.needed and each.topic not in there]
         if missing:
             raise BagError(
-                _complaint(path, missing, [(c.topic, c.msgtype) for c in reader.connections])
+                _complaint(path, missing, [(c.topic, c.msgtype) for c in bag.connections])
             )
         if not wanted:
             return
-        with progress(bag_messages(reader, wanted, stopped), wanted) as messages:
+        with progress(bag.messages(wanted, stopped), wanted) as messages:
             for connection, _, raw in messages:
                 try:
-                    msg = typestore.deserialize_cdr(raw, connection.msgtype)
+                    msg = bag.message(connection, raw)
                 except SerdeError:
                     continue
                 for take in takers[connection.id]:
                     take(msg, connection.msgtype)
     finally:
-        reader.close()
+        bag.close()
 
 
 def _takers(

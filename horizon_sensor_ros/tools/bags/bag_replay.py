@@ -11,9 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rosbags.rosbag2 import Reader
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
 
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
@@ -34,7 +32,7 @@ from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TargetPipeline
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.input_bag import (
     STORAGE,
-    bag_messages,
+    InputBag,
     open_bag,
     progress,
     storage_of,
@@ -113,16 +111,15 @@ class _Replay:
         self._nodes.append(node)
         self._pipelines.append((TARGET_NODE, pipeline, node))
 
-    def run(self, reader: Reader, stopped: Callable[[], bool]) -> None:
+    def run(self, recorded: InputBag, stopped: Callable[[], bool]) -> None:
         """Read all, write all; KeyboardInterrupt between two messages when asked to stop."""
-        typestore = get_typestore(Stores.ROS2_JAZZY)
-        wanted = [c for c in reader.connections if (c.topic, c.msgtype) in self._handlers]
-        with progress(bag_messages(reader, wanted, stopped), wanted) as messages:
+        wanted = [c for c in recorded.connections if (c.topic, c.msgtype) in self._handlers]
+        with progress(recorded.messages(wanted, stopped), wanted) as messages:
             for connection, time, raw in messages:
                 for node in self._nodes:
                     node.advance(time)
                 try:
-                    msg = typestore.deserialize_cdr(raw, connection.msgtype)
+                    msg = recorded.message(connection, raw)
                 except SerdeError:
                     self._unreadable[connection.topic] += 1
                     continue
@@ -193,17 +190,17 @@ def _inputs_of(
     return _of_each(values, inputs)
 
 
-def _taking_part(inputs: dict[str, frozenset[_Input]], reader: Reader) -> list[str]:
+def _taking_part(inputs: dict[str, frozenset[_Input]], recorded: InputBag) -> list[str]:
     """Nodes that the bag has a topic for; what it has not is said."""
-    present = {(c.topic, c.msgtype) for c in reader.connections}
+    present = {(c.topic, c.msgtype) for c in recorded.connections}
     wanted = frozenset[_Input]().union(*inputs.values())
     if not present & wanted:
         looked_for = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(wanted))
         there = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(present)) or "  nothing"
         lines = [looked_for, "It has:", there, *advice(wanted, present)]
-        raise BagError("\n".join([f"{reader.path} has none of the topics looked for:", *lines]))
+        raise BagError("\n".join([f"{recorded.path} has none of the topics looked for:", *lines]))
     for topic, kind in sorted(wanted - present):
-        print(f"{reader.path} has no {topic} ({kind})", file=sys.stderr)
+        print(f"{recorded.path} has no {topic} ({kind})", file=sys.stderr)
     for line in advice(wanted - present, present - wanted):
         print(line, file=sys.stderr)
     return [node for node, listened_to in inputs.items() if listened_to & present]
@@ -282,9 +279,9 @@ def replay(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) ->
         values = _read_values(arguments.params, arguments.namespace)
     except ParameterError as error:
         raise BagError(str(error)) from None
-    reader = open_bag(arguments.in_bag)
+    recorded = open_bag(arguments.in_bag)
     try:
-        nodes = _taking_part(_inputs_of(values, names), reader)
+        nodes = _taking_part(_inputs_of(values, names), recorded)
         plan = _plan({node: values[node] for node in nodes})
         check_replaceable(arguments.out_bag, arguments.in_bag, force=arguments.force)
         bag = OutputBag(
@@ -292,11 +289,11 @@ def replay(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) ->
         )
         try:
             run = _Replay(plan, names, bag)
-            run.run(reader, stopped)
+            run.run(recorded, stopped)
             bag.finish()
         except BaseException:
             bag.discard()
             raise
     finally:
-        reader.close()
+        recorded.close()
     return run.summary()

@@ -13,12 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
 
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
-from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag, progress
+from horizon_sensor_ros.tools.bags.input_bag import InputBag, open_bag, progress
 from horizon_sensor_ros.tools.bags.message_tables import (
     TABLES,
     MessageTable,
@@ -34,30 +32,30 @@ def write_tables(arguments: argparse.Namespace, stopped: Callable[[], bool] = bo
     so; nothing is then left behind.
     """
     out: Path = arguments.out_dir
-    reader = open_bag(arguments.bag)
+    bag = open_bag(arguments.bag)
     try:
-        chosen = _chosen(reader, arguments.topics)
+        chosen = _chosen(bag, arguments.topics)
         files = {topic: _file_name(topic) for topic in chosen}
         for name in files.values():
             if (out / name).exists() and not arguments.force:
                 raise BagError(f"{out / name} exists; choose another OUT_DIR, or --force")
-        tables = {topic: _table(reader, kind, topic, stopped) for topic, kind in chosen.items()}
+        tables = {topic: _table(bag, kind, topic, stopped) for topic, kind in chosen.items()}
         with _writing(out), _directory_beside(out) as work:
             places = {t: work / f for t, f in files.items()}
-            rows, unreadable = _write(reader, chosen, tables, places, stopped)
+            rows, unreadable = _write(bag, chosen, tables, places, stopped)
             out.mkdir(parents=True, exist_ok=True)
             for name in files.values():
                 (work / name).replace(out / name)
     finally:
-        reader.close()
+        bag.close()
     lines = [f"{out / files[topic]}: {rows[topic]} rows of {topic}" for topic in tables]
     lines += [f"unreadable messages skipped on {t}: {n}" for t, n in sorted(unreadable.items())]
     return "\n".join(lines)
 
 
-def _chosen(reader: Reader, wanted: list[str] | None) -> dict[str, str]:
+def _chosen(bag: InputBag, wanted: list[str] | None) -> dict[str, str]:
     """Topics and their types that become tables."""
-    present = {c.topic: c.msgtype for c in reader.connections}
+    present = {c.topic: c.msgtype for c in bag.connections}
     able = {t: kind for t, kind in sorted(present.items()) if kind in TABLES or kind == DIAGNOSTICS}
     there = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(present.items()))
     if wanted is not None:
@@ -66,13 +64,11 @@ def _chosen(reader: Reader, wanted: list[str] | None) -> dict[str, str]:
             if topic not in able:
                 kind = present.get(topic)
                 why = f"is a {kind}, of which there is no table" if kind else "is not there"
-                raise BagError(
-                    f"--topics: {topic} {why}. {reader.path} has:\n{there or '  nothing'}"
-                )
+                raise BagError(f"--topics: {topic} {why}. {bag.path} has:\n{there or '  nothing'}")
         return {topic: able[topic] for topic in names}
     if not able:
         raise BagError(
-            f"{reader.path} has no topic that can be a table. It has:\n{there or '  nothing'}\n"
+            f"{bag.path} has no topic that can be a table. It has:\n{there or '  nothing'}\n"
             "Estimates come from horizon_replay, or from recording the nodes' topics."
         )
     return able
@@ -82,40 +78,39 @@ def _file_name(topic: str) -> str:
     return topic.strip("/").replace("/", "__") + ".csv"
 
 
-def _table(reader: Reader, kind: str, topic: str, stopped: Callable[[], bool]) -> MessageTable:
+def _table(bag: InputBag, kind: str, topic: str, stopped: Callable[[], bool]) -> MessageTable:
     if kind != DIAGNOSTICS:
         return TABLES[kind]
     # Its columns are what its messages have: a first pass, over this topic alone.
     keys: dict[str, None] = {}
-    for _, _, message in _decoded(reader, {topic: kind}, stopped, Counter()):
+    for _, _, message in _decoded(bag, {topic: kind}, stopped, Counter()):
         for status in message.status:
             keys.update((pair.key, None) for pair in status.values)
     return diagnostics_table(tuple(keys))
 
 
 def _decoded(
-    reader: Reader,
+    bag: InputBag,
     kinds: Mapping[str, str],
     stopped: Callable[[], bool],
     unreadable: Counter[str],
 ) -> Iterator[tuple[Connection, int, Any]]:
     """Messages of topics that have the type that their table is of."""
-    typestore = get_typestore(Stores.ROS2_JAZZY)
-    connections = [c for c in reader.connections if c.msgtype == kinds.get(c.topic)]
-    for other in reader.connections:
+    connections = [c for c in bag.connections if c.msgtype == kinds.get(c.topic)]
+    for other in bag.connections:
         if other.topic in kinds and other not in connections:
             unreadable[other.topic] += other.msgcount
     if not connections:
         return
-    for connection, time, raw in bag_messages(reader, connections, stopped):
+    for connection, time, raw in bag.messages(connections, stopped):
         try:
-            yield connection, time, typestore.deserialize_cdr(raw, connection.msgtype)
+            yield connection, time, bag.message(connection, raw)
         except SerdeError:
             unreadable[connection.topic] += 1
 
 
 def _write(
-    reader: Reader,
+    bag: InputBag,
     kinds: Mapping[str, str],
     tables: dict[str, MessageTable],
     files: dict[str, Path],
@@ -130,8 +125,8 @@ def _write(
             file = stack.enter_context(files[topic].open("w", newline="", encoding="utf-8"))
             writers[topic] = csv.writer(file)
             writers[topic].writerow(table.columns)
-        connections = [c for c in reader.connections if c.topic in tables]
-        decoded = _decoded(reader, kinds, stopped, unreadable)
+        connections = [c for c in bag.connections if c.topic in tables]
+        decoded = _decoded(bag, kinds, stopped, unreadable)
         with progress(decoded, connections) as messages:
             for connection, _, message in messages:
                 found = tables[connection.topic].rows(message)

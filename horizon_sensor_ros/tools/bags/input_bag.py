@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import resource
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader, StoragePlugin
+from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
 from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
+from horizon_sensor_ros.tools.bags.compressed_images import SUFFIX, decompressed
+from horizon_sensor_ros.tools.bags.message_types import COMPRESSED_IMAGE, IMAGE
 
 STORAGE = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 
@@ -23,8 +26,70 @@ _Message = TypeVar("_Message")
 _MAX_BYTES = 4_000_000_000
 
 
-def open_bag(path: Path) -> Reader:
-    """Return an open reader of a directory, an .mcap or a .db3; BagError says why there is none."""
+class InputBag:
+    """An open bag.
+
+    connections : what is in it. Compressed images count as the images that they were made of, under
+    their name, where the bag has no such topic. recorded : the same as they are in the file.
+    """
+
+    def __init__(self, path: Path, reader: Reader) -> None:
+        self.path = path
+        self._reader = reader
+        self._typestore = get_typestore(Stores.ROS2_JAZZY)
+        self.recorded = tuple(reader.connections)
+        self._kinds = {each.id: each.msgtype for each in self.recorded}
+        there = {connection.topic for connection in self.recorded}
+        self.connections = tuple(_as_image(each, there) for each in self.recorded)
+
+    def messages(
+        self, connections: Sequence[Connection], stopped: Callable[[], bool] = bool
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        """Connection, record time (ns) and bytes of each message.
+
+        Raises BagError where the file is broken, and KeyboardInterrupt soon after `stopped` says
+        so.
+        """
+        asked = {connection.id: connection for connection in connections}
+        messages = self._reader.messages([each for each in self.recorded if each.id in asked])
+        while True:
+            try:
+                with _bounded_memory():
+                    recorded, time, raw = next(messages)
+            except StopIteration:
+                return
+            except Exception as error:
+                # As below, of a damaged file.
+                why = f"{self.path} is truncated or damaged: {in_one_line(error)}"
+                raise BagError(why) from None
+            if stopped():
+                raise KeyboardInterrupt
+            yield asked[recorded.id], time, raw
+
+    def message(self, connection: Connection, raw: bytes) -> Any:
+        """Return a message of one of the connections; SerdeError where it cannot be read."""
+        kind = self._kinds[connection.id]
+        msg = self._typestore.deserialize_cdr(raw, kind)
+        if kind == connection.msgtype:
+            return msg
+        with _bounded_memory():
+            return decompressed(msg, self._typestore)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._reader.close()
+
+
+def _as_image(connection: Connection, there: Collection[str]) -> Connection:
+    """Return a connection of compressed images as one of images, but where these are there too."""
+    topic = connection.topic.removesuffix(SUFFIX)
+    if connection.msgtype != COMPRESSED_IMAGE or topic in there:
+        return connection
+    return connection._replace(topic=topic, msgtype=IMAGE)
+
+
+def open_bag(path: Path) -> InputBag:
+    """Return a directory, an .mcap or a .db3, opened; BagError says why it cannot be."""
     if not path.exists():
         raise BagError(f"there is no bag {path}")
     try:
@@ -35,7 +100,7 @@ def open_bag(path: Path) -> Reader:
         # Whatever the storage libraries raise; rosbags says in its own words what it misses.
         why = f"{path} cannot be read as a rosbag2: {in_one_line(error)}"
         raise BagError(f"{why}{_remedy(path)}") from None
-    return reader
+    return InputBag(path, reader)
 
 
 def _remedy(path: Path) -> str:
@@ -51,28 +116,6 @@ def _remedy(path: Path) -> str:
     if path.suffix == ".mcap" or any(path.glob("*.mcap")):
         return "; if the recording was cut off, `mcap recover` saves what was written"
     return ""
-
-
-def bag_messages(
-    reader: Reader, connections: Sequence[Connection], stopped: Callable[[], bool] = bool
-) -> Iterator[tuple[Connection, int, bytes]]:
-    """Connection, record time (ns) and bytes of each message.
-
-    Raises BagError where the file is broken, and KeyboardInterrupt soon after `stopped` says so.
-    """
-    messages = reader.messages(connections)
-    while True:
-        try:
-            with _bounded_memory():
-                message = next(messages)
-        except StopIteration:
-            return
-        except Exception as error:
-            # As above, of a damaged file.
-            raise BagError(f"{reader.path} is truncated or damaged: {in_one_line(error)}") from None
-        if stopped():
-            raise KeyboardInterrupt
-        yield message
 
 
 def progress(messages: Iterator[_Message], connections: Sequence[Connection]) -> tqdm[_Message]:

@@ -17,8 +17,8 @@ def advice(missing: Iterable[tuple[str, str]], spare: Iterable[tuple[str, str]])
     compressed = sorted(topic for topic, kind in spare if kind == COMPRESSED_IMAGE)
     if compressed and any(kind == IMAGE for _, kind in missing):
         lines.append(
-            f"Compressed images are not read ({', '.join(compressed)}): "
-            "doc/own_cameras.md says how to decompress them."
+            "Compressed images are read where they are named NAME/compressed, as by "
+            f"image_transport: not {', '.join(compressed)}."
         )
     wrongly_named = {kind for _, kind in missing} & {kind for _, kind in spare}
     if wrongly_named & {IMAGE, CAMERA_INFO}:

@@ -12,16 +12,14 @@ from typing import Any
 
 import numpy as np
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
 
 from horizon_sensor_ros.ros.aiding_sources import IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
 from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
-from horizon_sensor_ros.tools.bags.input_bag import bag_messages, open_bag, progress
+from horizon_sensor_ros.tools.bags.input_bag import InputBag, open_bag, progress
 from horizon_sensor_ros.tools.bags.message_types import (
     DIAGNOSTICS,
     IMAGE,
@@ -155,11 +153,11 @@ def read_bags(
     wanted = _Wanted(found, names, imu_topic)
     taken: set[str] = set()
     for path in bags:
-        reader = open_bag(path)
+        bag = open_bag(path)
         try:
-            _read(reader, path.name, wanted, taken, stopped)
+            _read(bag, path.name, wanted, taken, stopped)
         finally:
-            reader.close()
+            bag.close()
     if not any(found.answers.values()) and not (found.diagnostics and wanted.may_be_diagnosed()):
         there = "\n".join(f"  {t.topic} ({t.msgtype}) in {t.bag}" for t in found.topics)
         looked_for = ", ".join(names(topic) for topic in ANSWER_TOPICS)
@@ -308,25 +306,24 @@ class _Wanted:
 
 
 def _read(
-    reader: Reader, name: str, wanted: _Wanted, taken: set[str], stopped: Callable[[], bool]
+    bag: InputBag, name: str, wanted: _Wanted, taken: set[str], stopped: Callable[[], bool]
 ) -> None:
-    typestore = get_typestore(Stores.ROS2_JAZZY)
     found = wanted.found
     found.topics += [
         TopicFacts(name, c.topic, c.msgtype, c.msgcount)
-        for c in sorted(reader.connections, key=lambda c: c.topic)
+        for c in sorted(bag.recorded, key=lambda c: c.topic)
     ]
-    connections = [c for c in reader.connections if wanted.is_wanted(c) and c.topic not in taken]
+    connections = [c for c in bag.connections if wanted.is_wanted(c) and c.topic not in taken]
     taken.update(c.topic for c in connections)
     if not connections:
         return
-    with progress(bag_messages(reader, connections, stopped), connections) as messages:
+    with progress(bag.messages(connections, stopped), connections) as messages:
         for connection, time, raw in messages:
             try:
                 if wanted.is_big(connection):
                     wanted.take_stamp(connection, time, raw)
                 else:
-                    msg = typestore.deserialize_cdr(raw, connection.msgtype)
+                    msg = bag.message(connection, raw)
                     wanted.take(connection.topic, time, msg)
             except (SerdeError, struct.error):
                 found.unreadable += 1

@@ -34,7 +34,6 @@ from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
 from horizon_sensor_ros.tools.bags.message_types import (
     CAMERA_INFO,
-    COMPRESSED_IMAGE,
     IMAGE,
     IMU,
     POSE,
@@ -127,8 +126,6 @@ def look_again(
     """
     if not recorded.frames:
         text = "The frames are not in the bag: give the one that has them with --input."
-        if any(facts.msgtype == COMPRESSED_IMAGE for facts in recorded.topics):
-            text += " Compressed images are not read; doc/own_cameras.md: how to decompress them."
         return SecondLook((Text(text),))
     notes: list[Block] = []
     if settings is None:
