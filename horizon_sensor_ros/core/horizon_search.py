@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import Aiding
-from horizon_sensor_ros.core.fits.observation import gather
+from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Judged, Sighting
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix, told_by
@@ -67,7 +67,7 @@ class HorizonSearch:
             if not rest:
                 return _no_fix(frames, limbs), None
             sighting = self._sighting([frames[i] for i in rest], aiding)
-            layer = layer or _layer(sighting)
+            layer = layer or _layer(sighting.detection)
             judged = self._estimator.judged(sighting)
             fix, detection = self._estimator.prefer_separated(sighting, judged.fix)
             judged = replace(judged, fix=fix)
@@ -77,7 +77,7 @@ class HorizonSearch:
                 judged = Judged(by_layer)
             if not judged.doubtful:
                 fix = judged.fix
-                if fix.ok and not fix.airglow_alone and _is_at_layer(detection, layer):
+                if fix.ok and not fix.airglow_alone and _is_at_layer(detection.observations, layer):
                     fix = self._estimator.refused(Status.POOR_FIT, _AT_LAYER, fix.fit, fix.limbs)
                 reason = fix.reason if fix.ok else _reason_and_left_out(frames, limbs, fix.reason)
                 for i, limb in zip(rest, fix.limbs, strict=True):
@@ -153,6 +153,13 @@ class HorizonSearch:
             return None
         if len(frames) < 2:
             return None
+        seen = zip(sighting.frames, sighting.detection.observations, strict=True)
+        of_name = {frame.view.name: limb for frame, limb in seen}
+        for i, frame in enumerate(frames):
+            limb = of_name.get(frame.view.name)
+            if limb and _is_at_layer([limb], _layer(alone(i)[0])):
+                reason = f"{frame.view.name}, by itself: {_AT_LAYER}"
+                return self._estimator.refused(Status.POOR_FIT, reason, fix.fit, fix.limbs)
         found = {
             i: alone(i)[0]
             for i, limb in enumerate(fix.limbs)
@@ -211,7 +218,7 @@ class HorizonSearch:
                 continue
             judged = alone(i)[1]
             by_itself = judged.fix
-            at_layer = not by_itself.airglow_alone and _is_at_layer(alone(i)[0], layer)
+            at_layer = not by_itself.airglow_alone and _is_at_layer(alone(i)[0].observations, layer)
             if by_itself.ok and not at_layer:
                 found.append(by_itself)
             elif not judged.doubtful and by_itself.status is not Status.NO_LIMB:
@@ -257,19 +264,19 @@ class HorizonSearch:
         return Sighting(frames, detection, figure, aiding)
 
 
-def _layer(sighting: Sighting) -> Consensus | None:
+def _layer(found: Detection) -> Consensus | None:
     """Consensus of frames in which a layer of airglow shows; else None."""
-    consensus = sighting.detection.consensus
+    consensus = found.consensus
     return consensus if consensus.layer_rad > 0.0 else None
 
 
-def _is_at_layer(found: Detection, layer: Consensus | None) -> bool:
-    """Whether limbs lie rather at the edge of a layer that more cameras showed than at the limb of
-    the ground below it; not where none did.
+def _is_at_layer(limbs: Sequence[LimbObservation], layer: Consensus | None) -> bool:
+    """Whether limbs lie rather at the edge of a layer that was seen elsewhere, by all cameras or by
+    one alone, than at the limb of the ground below it; not where none was.
     """
     if layer is None:
         return False
-    cosine = gather(found.observations).rays_base @ layer.nadir_base
+    cosine = gather(limbs).rays_base @ layer.nadir_base
     above_rad = np.arccos(np.clip(cosine, -1.0, 1.0)) - layer.rho_rad
     return bool(len(above_rad) and median(above_rad) > 0.5 * layer.layer_rad)
 
