@@ -87,6 +87,9 @@ _MOST_SLOPE = 0.3  # by daylight; more towards the terminator
 _MOST_BEND = 0.15  # likewise
 # Cost over the degrees of freedom.
 _OUTLIER = 5.0  # of a stretch, over the median one's: left out
+# Logarithm of the glow's brightness over white from where on saturated samples hide the limb below
+# it, and from where on no more of it is hidden.
+_DIM, _DROWNED = -1.0, 0.2
 _MISFIT = 1.4  # of the median stretch, from which the model does not hold
 # Least glow over its own error. Of simulated limbs without air one of 120 reaches more; above those
 # with air none of 1300 that are fixed has less than 5.
@@ -104,8 +107,9 @@ class GlowLimb:
     air : that glows above it, and length_px over which that fades. value (7,), cov (7, 7) : of the
     `KEPT` unknowns, the limb's three as they are off these points; beforehand : (7,) information on
     blur, slope and bend of log A that is in them. ripple : as of `GlowStep`. glaring : the Sun's
-    glare was taken off. overexposed : share of the stretches with saturated samples. smeared :
-    motion blurs the frame.
+    glare was taken off. overexposed : share of the stretches with saturated samples. drowned : by
+    how much of the logarithm of white the glow above the limb is saturated as well, from 0, `_DIM`,
+    on; mean over the stretches. smeared : motion blurs the frame.
     """
 
     px: np.ndarray
@@ -124,6 +128,7 @@ class GlowLimb:
     ripple: float
     glaring: bool
     overexposed: float
+    drowned: float
     smeared: bool = False
 
 
@@ -421,4 +426,16 @@ def _limb(
         ripple=found.ripple,
         glaring=bool(sight.glare.any()),
         overexposed=float(sight.blind[keep].any(axis=1).mean()),
+        drowned=_drowned(sight, air, keep),
     )
+
+
+def _drowned(sight: GlowSight, air: Air, keep: np.ndarray) -> float:
+    """`GlowLimb.drowned` of kept stretches (M,)."""
+    blind = sight.blind[keep]
+    if not blind.any():
+        return 0.0
+    white = max(median(sight.profiles[keep][blind]) - air.background, sight.noise)
+    over_white = powers(sight.along[keep]) @ air.log_glow - math.log(white)
+    near = np.clip(over_white - _DIM, 0.0, _DROWNED - _DIM)
+    return float((near * blind.any(axis=1)).mean())

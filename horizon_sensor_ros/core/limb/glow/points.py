@@ -60,6 +60,10 @@ _THIN_PX = 1.0
 _THINNER = np.array([0.0, 1.4, 1.1])
 # However exact the fit claims to be: errors of mean, slope and bend over the length of glow.
 _OF_LENGTH = np.array([0.001, 0.006, 0.012])
+# Where glow saturates together with the ground the limb is told by the law by which it fades alone:
+# how much higher, over the length of glow, all limbs of simulated frames come out by that, and what
+# each is off by besides.
+_OF_DROWNED = np.array([0.5, 0.15])
 _POINT_SHARE = 0.5  # sigma of a point by itself, over what would explain all of the limb's
 
 
@@ -102,11 +106,16 @@ def _points(limb: GlowLimb, together: Together, index: int) -> dict[str, Any]:
     factor, rows = limb.factor, limb.rows
     to_shape = np.linalg.pinv(powers(limb.along)) @ rows
     of_shape = np.linalg.inv(to_shape)
-    # Of each column of errors, all of them independent; the last are this limb's own.
+    # Of each column of errors, all of them independent; then this limb's own, and one of all.
     common = of_shape @ (_misjudged(limb, together.amplitude)[:, None] * (to_shape @ errors))
+    higher, besides = limb.length_px * limb.drowned * _OF_DROWNED
     own = np.zeros((3, errors.shape[1]))
-    own[:, 3 * index : 3 * index + 3] = of_shape * (limb.length_px * _OF_LENGTH)
-    errors = np.concatenate([common, own], axis=1)
+    of_length = limb.length_px * _OF_LENGTH
+    of_length[0] = math.hypot(of_length[0], besides)
+    own[:, 3 * index : 3 * index + 3] = of_shape * of_length
+    # The same in all frames: as a change of rho, which no other camera's takes back.
+    height = np.array([[0.0], [0.0], [higher / rows[:, 2].mean()]])
+    errors = np.concatenate([common, own, height], axis=1)
     shape = np.linalg.norm(to_shape @ errors, axis=1)
     coherent = float(max(shape[1] / _SLOPE_OF_STRETCHES, shape[2] / _BEND_OF_STRETCHES))
     mean = rows.mean(axis=0) @ errors
