@@ -56,7 +56,7 @@ _ALIKE = 0.14  # of the crest, by which a column may differ from the median one
 # A thin shell that emits is seen through the longer, the nearer to its edge: brightness goes with
 # one over the root of the depth, from the first of these on, so well as this where it is a layer's,
 # down to where the planet hides the rear half of the shell, by the last of them for sure.
-_SHELL_M = 30e3, 78e3, 108e3
+_SHELL_M = 36e3, 78e3, 108e3
 _SHELL_LAW = 0.1
 _REAR_HIDDEN = 0.7  # of what that law would have behind; air on the ground shows all of that
 # Brightness of the ground deep below the edge over the crest's: from the first on it is lit, and no
