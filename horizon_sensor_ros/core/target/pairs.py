@@ -176,9 +176,11 @@ class Matcher:
         front_b = b.fronts.take(of_b[keep], axis=0)
         same = np.flatnonzero(_dots(front_a, front_b) > 0.7)
         keep, front_a, front_b = keep[same], front_a[same], front_b[same]
+        of_a, of_b = of_a[keep], of_b[keep]
         noise = np.hypot(np.hypot(self.a.sigma_m, self.b.sigma_m), 0.1 * self.b.footprint_m)
-        fronts = (point[keep], other[keep], front_a, front_b, np.full(len(keep), noise),
-                  *_alike(len(keep), THIN, step))  # fmt: skip
+        sigma = np.sqrt(noise**2 + a.rough_m[of_a] ** 2 + b.rough_m[of_b] ** 2)
+        fronts = (point[keep], other[keep], front_a, front_b, sigma,
+                  *_alike(len(keep), THIN, step, a.tilt_rad[of_a] * b.tilt_rad[of_b]))  # fmt: skip
         return [sides, fronts]
 
     def _parts(self, rotation: np.ndarray, translation: np.ndarray, gate_m: float) -> _Set:
@@ -199,7 +201,7 @@ class Matcher:
 
 
 def _alike(
-    count: int, kind: int, step: int, tilt2: float = 0.0
+    count: int, kind: int, step: int, tilt2: float | np.ndarray = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weight, tilt2 and kind of pairs, each for ``step`` measurements."""
     return np.full(count, float(step)), np.full(count, tilt2), np.full(count, kind, np.int8)
