@@ -27,8 +27,8 @@ _BEHIND_FACE = {FAR_SIDE: (1.0, 1.0), EDGE_ON: (0.5, 0.7)}
 # What differs from place to place of that, in pixel widths, by kind.
 _ROUGH_PX = np.array([0, 0, _PLATE_PX / 6, _PLATE_PX / 2], np.float32)
 # Bars show other sides as they turn about themselves, which lie off by half of their width for each
-# radian, in pixel widths; by so much at least and at most.
-_SIDES_PX, _SAME_SIDES_PX, _OTHER_SIDES_PX = 0.85, 0.03, 0.3
+# radian, in pixel widths: at least this, as other parts of them fall into the pixels, and at most.
+_SIDES_PX, _SAME_SIDES_PX, _OTHER_SIDES_PX = 0.85, 0.1, 0.3
 # Those of one direction, within this cosine, turn alike. Beyond so many directions all are one.
 _SAME_DIRECTION, _MOST_DIRECTIONS = np.cos(np.radians(15.0)), 12
 # Cosine between normals of what may be one plane.
