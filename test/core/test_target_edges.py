@@ -1,5 +1,7 @@
 """Edges of thin parts that run obliquely, drawn in closed form."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
@@ -29,10 +31,7 @@ def edges_of_bar(angle_deg: float, width_px: float, seed: int) -> tuple[Edges, n
     spot = (edges.points[:, :2] / edges.points[:, 2:] + 0.25) * FOCAL_PX - middle
     free = (np.abs(spot @ along) < 58) & (np.abs(spot @ along) > 28)
     free &= np.abs(spot @ across) < 12
-    kept = Edges(
-        edges.points[free], edges.sides[free], edges.directions[free], edges.sigma_m[free],
-        edges.fronts[free], edges.creases[free],
-    )  # fmt: skip
+    kept = Edges(*(getattr(edges, each.name)[free] for each in fields(Edges)))
     return kept, (spot @ across)[free] * np.sign(edges.sides[free, :2] @ across)
 
 
@@ -60,3 +59,22 @@ def test_a_bar_along_the_pixels_is_known_better(angle_deg: float) -> None:
     assert len(straight) > 100
     assert np.median(oblique.sigma_m) > 2 * np.median(straight.sigma_m)
     assert abs(np.median(outwards_px) - 1.5) < 0.5
+
+
+@pytest.mark.parametrize("reach_m", [0.0, 0.06])
+def test_a_line_is_as_rough_as_its_returns_scatter(reach_m: float) -> None:
+    # The pixels of a rim show it, or what lies behind it by up to ``reach_m``.
+    rng = np.random.default_rng(1)
+    depth = np.full((SIDE_PX, SIDE_PX), np.nan)
+    depth[40:120, 60] = DEPTH_M + rng.uniform(0, reach_m, 80) * rng.integers(0, 2, 80)
+    depth[90:130, 80:130] = DEPTH_M + 1.5
+    depth += rng.normal(0, 0.004, depth.shape)
+    v, u = np.mgrid[:SIDE_PX, :SIDE_PX]
+    rays = np.stack([u / FOCAL_PX - 0.25, v / FOCAL_PX - 0.25, np.ones(u.shape)], axis=-1)
+    image = range_image(rays * depth[..., None], FOCAL_PX)
+    edges = find_edges(image, local_planes(image))
+    thin = np.isfinite(edges.fronts[:, 0])
+    assert np.count_nonzero(thin) > 20
+    rough = np.median(edges.rough_m[thin])
+    assert rough == 0 if reach_m == 0 else 0.008 < rough < 0.03
+    assert (edges.rough_m[~thin] == 0).all()

@@ -122,3 +122,17 @@ def test_the_roll_of_a_cylinder_is_not_known(noise_m: float) -> None:
         assert found.status is Status.ILL_CONDITIONED
         turn = found.weak[0, :3] / np.linalg.norm(found.weak[0, :3])
         assert np.abs(turn @ axis) > 0.99
+
+
+@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("far", [1.7, 2.5])
+def test_nothing_is_borrowed_from_the_limb(axis: tuple[float, float, float], far: float) -> None:
+    """Pixels farther in took on planes of windows at the limb: 9 to 11 deg off in the median."""
+    unit = axis_of(axis)
+    cloud = cylinder_cloud(unit, far * PLACE_M, 0.003, np.random.default_rng(3))
+    planes = local_planes(range_image(cloud, FOCAL_PX))
+    borrowed = np.flatnonzero(planes.found & ~planes.own & ~planes.limb)
+    points = planes.points[borrowed].astype(float)
+    truth, height = barrels_normals(points + (1 - far) * PLACE_M, unit)
+    lean = np.einsum("ij,ij->i", truth, planes.normals[borrowed]) < np.cos(np.radians(8.0))
+    assert np.count_nonzero(lean & (np.abs(height) < 0.7 * HALF_M)) <= 1

@@ -31,6 +31,9 @@ _SLANT_PX = 2.5
 # them: fewer lie between two holes as well. Their mean squares across a line at most, and along it
 # at least, pixels^2.
 _FEWEST_ON_LINE, _FEWEST_OBLIQUE, _WIDEST_LINE, _SHORTEST_LINE = 5, 8, 0.25, 1.0
+# Returns of a thin part lie on a line to their noise and this, in pixels' widths. Their mean square
+# is beyond it where it is by so many of its standard deviations.
+_STRAIGHT_PX, _BY_CHANCE = 0.07, 2.0
 # Planes of a crease: least difference of their slopes, and largest distance of where they meet
 # from the pixels between which they change.
 _MIN_BEND = 0.5
@@ -73,6 +76,8 @@ class Edges:
     sigma_m : (E,) across the edge.
     fronts : (E, 3) unit normals towards the sensor, across the part, where it is thin (a line);
         NaN elsewhere.
+    rough_m : (E,) scatter of the returns about that line, along its front, beyond the noise; 0
+        where there is none.  tilt_rad : (E,) error of the front that comes of it.
     creases : (E,) bool, where the face meets another one that is seen as well. Each is there
         twice, as the end of either face.
     """
@@ -82,6 +87,8 @@ class Edges:
     directions: np.ndarray
     sigma_m: np.ndarray
     fronts: np.ndarray
+    rough_m: np.ndarray
+    tilt_rad: np.ndarray
     creases: np.ndarray
 
     def __len__(self) -> int:
@@ -97,7 +104,8 @@ def find_edges(image: RangeImage, planes: Planes) -> Edges:
 
 def _none() -> Edges:
     empty = np.empty((0, 3))
-    return Edges(empty, empty, empty, np.empty(0), empty, np.empty(0, bool))
+    none = np.empty(0)
+    return Edges(empty, empty, empty, none, empty, none, none, np.empty(0, bool))
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,8 +232,9 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     same = np.flatnonzero(np.abs(w[j] - w[i]) < reach[i])
     i, j = i[same], j[same]
     out_u, out_v = _WAYS[places.way].T
-    own = np.array([np.ones(size), u, v, w, u * u, v * v, u * v, u * w, v * w, out_u, out_v])
-    own = np.ascontiguousarray(own.T)
+    own = np.column_stack(
+        [np.ones(size), u, v, w, u * u, v * v, u * v, u * w, v * w, out_u, out_v, w * w]
+    )
     first = np.zeros(size + 1, np.int32)
     np.cumsum(np.bincount(i, minlength=size), out=first[1:])
     near = csr_matrix((np.ones(len(j)), j, first), shape=(size, size))
@@ -236,7 +245,7 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     if len(place) >= _FEWEST_OBLIQUE:
         sums[:, place] = _of_one_side(sums[:, place], own, places.way, place, i, j)
     n = sums[0]
-    mean_u, mean_v, level, xw, yw, out_u, out_v = sums[[1, 2, 3, 7, 8, 9, 10]] / n
+    mean_u, mean_v, level, xw, yw, out_u, out_v, square = sums[[1, 2, 3, *range(7, 12)]] / n
     wide, long, angle = _widths(sums)
     along = np.array([np.cos(angle), np.sin(angle)])
     turn = along[0] * out_v - along[1] * out_u
@@ -247,10 +256,11 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     edge = ~(limb & places.sharp[k])
     k, normal = k[edge], normal[:, edge]
     u, v, w, mean_u, mean_v, level = u[k], v[k], w[k], mean_u[k], mean_v[k], level[k]
+    n, long = n[k], long[k]
     along, across, sharp = along[:, k], across[:, k], places.sharp[k]
     # The place on the line, and inverse depth along it.
     slope = along[0] * (xw[k] - mean_u * level) + along[1] * (yw[k] - mean_v * level)
-    slope /= long[k]
+    slope /= long
     mean_u, mean_v = mean_u - u, mean_v - v
     on_line = np.array([u, v]) + across * (mean_u * across[0] + mean_v * across[1])
     smooth = level - slope * (mean_u * along[0] + mean_v * along[1])
@@ -258,7 +268,15 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     ray, points, side, direction = _in_space(image, on_line, smooth, slope, along, across)
     front = _cross(side, direction)
     front *= -np.sign(_dot(front, ray))
+    # A rim, or the end of a steep surface, shows now more, now less of what lies behind it; and
+    # where an outline stays while the body turns under it, both views show the same.
+    scatter = (square[k] - level * level - slope * slope * long) * n / (n - 2)
+    chance = 1 + _BY_CHANCE * np.sqrt(2 / (n - 2))
+    noise2 = chance * (planes.sigma_m**2 + (_STRAIGHT_PX * planes.footprint_m) ** 2)
+    depth = np.sqrt(np.maximum(scatter / smooth**4 - noise2, 0))
+    rough = np.where(sharp, 0, depth * -_dot(front, ray))
     front[:, sharp] = np.nan
+    tilt = rough * smooth * image.focal_px / np.sqrt(n * long)
     # How far a side at right angles to the face would be turned towards the sensor.
     outward = _cross(normal, direction)
     outward *= np.sign(_dot(outward, side))
@@ -266,7 +284,8 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     edge_px = np.where(sharp, np.hypot(_EDGE_PX, _RIM_PX * np.maximum(rim, 0)), _THIN_EDGE_PX)
     edge_px = np.where(oblique[k], np.maximum(edge_px, _OBLIQUE_EDGE_PX), edge_px)
     sigma = edge_px / (smooth * image.focal_px)
-    return Edges(points.T, side.T, direction.T, sigma, front.T, np.zeros(len(k), bool))
+    creases = np.zeros(len(k), bool)
+    return Edges(points.T, side.T, direction.T, sigma, front.T, rough, tilt, creases)
 
 
 def _of_one_side(
@@ -277,7 +296,7 @@ def _of_one_side(
     i: np.ndarray,
     j: np.ndarray,
 ) -> np.ndarray:
-    """The (11, B) sums of the places ``place`` (B,) without the neighbours that lie on the other
+    """The (12, B) sums of the places ``place`` (B,) without the neighbours that lie on the other
     side of a part, if that makes a narrower line.
 
     Where a part is a few pixels thin and runs obliquely, a place that differs in its way by a right
@@ -362,12 +381,15 @@ def _creases(image: RangeImage, planes: Planes) -> Edges:
     along, out = np.array([-across_v, across_u]), -np.array([across_u, across_v])
     # From the first face to the second inverse depth falls the faster.
     _, points, side, direction = _in_space(image, np.array([place_u, place_v]), w, fall, along, out)
+    none = np.zeros(2 * len(w))
     return Edges(
         np.concatenate([points, points], axis=1).T,
         np.concatenate([side, -side], axis=1).T,
         np.concatenate([direction, direction], axis=1).T,
         np.tile(_CREASE_PX / (w * image.focal_px), 2),
         np.full((2 * len(w), 3), np.nan),
+        none,
+        none,
         np.ones(2 * len(w), bool),
     )
 

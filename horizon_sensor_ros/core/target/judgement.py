@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizon_sensor_ros.core.rigid import skew
-from horizon_sensor_ros.core.target.pairs import Pairs
+from horizon_sensor_ros.core.target.pairs import THIN, Pairs
 from horizon_sensor_ros.core.target.refinement import jacobian
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 
@@ -60,8 +60,13 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     information -= pairs.without_thickness(j, weight)
     residual = pairs.residual
     rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else np.nan
-    block = np.floor(pairs.point_b / (_BLOCK_PX * b.footprint_m)).astype(np.int64)
-    key = ((block[0] * 4099 + block[1]) * 4099 + block[2]) * 8 + pairs.kind
+    place = pairs.point_b.copy()
+    for k, axis in enumerate(pairs.bars):
+        # All along a bar alike.
+        bar = np.flatnonzero(pairs.kind == THIN + k)
+        place[:, bar] -= np.outer(axis, axis @ place[:, bar])
+    block = np.floor(place / (_BLOCK_PX * b.footprint_m)).astype(np.int64)
+    key = ((block[0] * 4099 + block[1]) * 4099 + block[2]) * 32 + pairs.kind
     order = np.argsort(key)
     first = np.flatnonzero(np.diff(key[order], prepend=-1))
     score = j * (weight * residual)

@@ -9,22 +9,28 @@ from functools import cached_property
 import numpy as np
 
 from horizon_sensor_ros.core.target.consistency import project
+from horizon_sensor_ros.core.target.edges import Edges
 from horizon_sensor_ros.core.target.parts import PART_TILT_RAD
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 
 # Cosines between side normals, and between directions, of edges that may be one.
 _SAME_SIDE, _SAME_LINE = 0.6, 0.93
-# Kinds of pairs.
-FACE, EDGE, THIN, FAR_SIDE, EDGE_ON = range(5)
+# Kinds of pairs; the last one and those above it are of bars, each of another direction.
+FACE, EDGE, FAR_SIDE, EDGE_ON, THIN = range(5)
 # Cosine to the normal at which a plate is seen edge on: its rim may be what was returned.
 _EDGE_ON_COSINE = 0.1
 # Thickness of plates, in pixel widths.
 _PLATE_PX = 1.0
 # What a plate seen from its far side, and one seen edge on, lies behind its face by, and how
-# uncertain that is, in thicknesses. Bars show other sides as they turn, by half of which to either.
-_BEHIND_FACE = {THIN: (0.0, 0.3), FAR_SIDE: (1.0, 1.0), EDGE_ON: (0.5, 0.7)}
+# uncertain that is, in thicknesses.
+_BEHIND_FACE = {FAR_SIDE: (1.0, 1.0), EDGE_ON: (0.5, 0.7)}
 # What differs from place to place of that, in pixel widths, by kind.
-_ROUGH_PX = np.array([0, 0, 0, _PLATE_PX / 6, _PLATE_PX / 2], np.float32)
+_ROUGH_PX = np.array([0, 0, _PLATE_PX / 6, _PLATE_PX / 2], np.float32)
+# Bars show other sides as they turn about themselves, which lie off by half of their width for each
+# radian, in pixel widths: at least this, as other parts of them fall into the pixels, and at most.
+_SIDES_PX, _SAME_SIDES_PX, _OTHER_SIDES_PX = 0.85, 0.1, 0.3
+# Those of one direction, within this cosine, turn alike. Beyond so many directions all are one.
+_SAME_DIRECTION, _MOST_DIRECTIONS = np.cos(np.radians(15.0)), 12
 # Cosine between normals of what may be one plane.
 _SAME_NORMAL = 0.85
 # point_a, point_b, normal_a, normal_b (N, 3), sigma_m, weight, tilt2 and kind of some pairs.
@@ -39,10 +45,12 @@ class Pairs:
     sigma_m : (N,) of the distance along the normal, for one raw measurement in each view.
     weight : (N,) raw measurements that the pair stands for.  tilt2 : (N,) covariance (rad^2) of
         both normals' errors.
-    kind : (N,) FACE, EDGE, THIN (part), FAR_SIDE: a plate that one view sees from the one side
-        and the other view from the other; it is as thick as the others, and nobody knows how thick.
-        EDGE_ON: a plate's face, and its rim or either face in the other view.
-    plate_m : thickness to be expected of a plate before it is measured.
+    kind : (N,) FACE, EDGE, FAR_SIDE: a plate that one view sees from the one side and the other
+        view from the other; it is as thick as the others, and nobody knows how thick. EDGE_ON: a
+        plate's face, and its rim or either face in the other view. THIN + k: a bar of direction k.
+    plate_m : thickness to be expected of a plate before it is measured.  bars : (K, 3) directions.
+    sides_m : (K,) standard deviation of what bars of direction k lie off by, as they show other
+        sides.
     rotation, translation_m : the motion that moved a's points.
     """
 
@@ -55,19 +63,22 @@ class Pairs:
     tilt2: np.ndarray
     kind: np.ndarray
     plate_m: float
+    bars: np.ndarray
+    sides_m: np.ndarray
     rotation: np.ndarray
     translation_m: np.ndarray
 
     @cached_property
     def _behind(self) -> list[tuple[np.ndarray, float, float]]:
-        """Plates and bars: their pairs, the thickness to be expected, and its standard
-        deviation."""
-        found = []
-        for kind, (mean, deviation) in _BEHIND_FACE.items():
-            rows = np.flatnonzero(self.kind == kind)
-            if len(rows):
-                found.append((rows, mean * self.plate_m, deviation * self.plate_m))
-        return found
+        """Plates, and bars of each direction: their pairs, by how much they are to be expected to
+        lie behind each other, and its standard deviation."""
+        expected = {
+            kind: (mean * self.plate_m, deviation * self.plate_m)
+            for kind, (mean, deviation) in _BEHIND_FACE.items()
+        }
+        expected |= {THIN + k: (0.0, float(each)) for k, each in enumerate(self.sides_m)}
+        rows = ((np.flatnonzero(self.kind == kind), of_kind) for kind, of_kind in expected.items())
+        return [(some, *of_kind) for some, of_kind in rows if len(some)]
 
     @cached_property
     def residual(self) -> np.ndarray:
@@ -112,6 +123,8 @@ class Matcher:
 
         self.a, self.b = a, b
         self._tree = cKDTree(b.edges.points)
+        # Directions of b's bars, and which of them each of b's edges has.
+        self._directions, self._direction = _directions(b.edges)
         # Which of b's parts is at a pixel, or -1.
         self._part = np.full(b.plane.shape, -1, np.int32)
         self._part[b.parts.place] = np.arange(len(b.parts))
@@ -139,8 +152,19 @@ class Matcher:
         sigma, weight, tilt2, kind = parts[4:]
         return Pairs(
             point_a, point_b, normal_a, normal_b, sigma, weight, tilt2, kind,
-            _PLATE_PX * b.footprint_m, rotation, translation,
+            _PLATE_PX * b.footprint_m, self._directions, self._sides_m(rotation), rotation,
+            translation,
         )  # fmt: skip
+
+    def _sides_m(self, rotation: np.ndarray) -> np.ndarray:
+        """(K,) standard deviation of what bars of each direction lie off by."""
+        axes = self._directions
+        before, after = rotation @ self.a.image.centroid_m, self.b.image.centroid_m
+        across = [sight - (axes @ sight)[:, None] * axes for sight in (before, after)]
+        before, after = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in across)
+        turn_rad = np.arccos(np.clip(_dots(before, after), -1, 1))
+        off_px = np.clip(_SIDES_PX * turn_rad, _SAME_SIDES_PX, _OTHER_SIDES_PX)
+        return off_px * self.b.footprint_m
 
     def _edges(
         self, rotation: np.ndarray, translation: np.ndarray, gate_m: float, step: int
@@ -176,9 +200,12 @@ class Matcher:
         front_b = b.fronts.take(of_b[keep], axis=0)
         same = np.flatnonzero(_dots(front_a, front_b) > 0.7)
         keep, front_a, front_b = keep[same], front_a[same], front_b[same]
+        of_a, of_b = of_a[keep], of_b[keep]
         noise = np.hypot(np.hypot(self.a.sigma_m, self.b.sigma_m), 0.1 * self.b.footprint_m)
-        fronts = (point[keep], other[keep], front_a, front_b, np.full(len(keep), noise),
-                  *_alike(len(keep), THIN, step))  # fmt: skip
+        sigma = np.sqrt(noise**2 + a.rough_m[of_a] ** 2 + b.rough_m[of_b] ** 2)
+        fronts = (point[keep], other[keep], front_a, front_b, sigma,
+                  *_alike(len(keep), THIN, step, a.tilt_rad[of_a] * b.tilt_rad[of_b]))  # fmt: skip
+        fronts[-1][:] += self._direction[of_b]
         return [sides, fronts]
 
     def _parts(self, rotation: np.ndarray, translation: np.ndarray, gate_m: float) -> _Set:
@@ -198,8 +225,25 @@ class Matcher:
         return point, other, normal, n, sigma, *alike
 
 
+def _directions(edges: Edges) -> tuple[np.ndarray, np.ndarray]:
+    """(K, 3) directions of bars, the commonest first, and (E,) which of them each edge has; 0 where
+    it is no bar's."""
+    which = np.zeros(len(edges), np.int8)
+    left = np.flatnonzero(np.isfinite(edges.fronts[:, 0]))
+    axes: list[np.ndarray] = []
+    while len(left) and len(axes) < _MOST_DIRECTIONS:
+        lines = edges.directions.take(left, axis=0)
+        some = lines[:: 1 + len(lines) // 60]
+        alike = np.abs(some @ lines.T) > _SAME_DIRECTION
+        best = int(alike.sum(axis=1).argmax())
+        which[left] = len(axes)
+        axes.append(some[best])
+        left = left[~alike[best]]
+    return np.array(axes).reshape(-1, 3), which
+
+
 def _alike(
-    count: int, kind: int, step: int, tilt2: float = 0.0
+    count: int, kind: int, step: int, tilt2: float | np.ndarray = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weight, tilt2 and kind of pairs, each for ``step`` measurements."""
     return np.full(count, float(step)), np.full(count, tilt2), np.full(count, kind, np.int8)

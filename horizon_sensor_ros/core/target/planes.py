@@ -93,7 +93,9 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     firm = (~curved | (fit.count > full)).ravel()
     fit = replace(fit, level=fit.level + sag)
     own, lending = flat.ravel(), (flat & ~curved).ravel()
-    found, slope_u, slope_v, level = _borrow_planes(fit, own, lending, seen, inverse, noise, radius)
+    found, slope_u, slope_v, level, lender = _borrow_planes(
+        fit, own, lending, seen, inverse, noise, radius
+    )
     tan_u, tan_v = (tangent.astype(np.float32) for tangent in image.tangents())
     returns = np.flatnonzero(seen)
     row, column = np.divmod(returns, inverse.shape[1])
@@ -122,6 +124,8 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     limb = np.zeros(inverse.size, bool)
     cut = at[(cosine[at] < _LIMB_COSINE) & (fit.count.ravel()[at] < full)]
     limb[cut] = _at_limb(cut, slope_u, slope_v, cosine, normals, limb_reach_px(radius), shape[1])
+    # So does a plane that comes from there.
+    limb |= limb[lender]
     own &= ~limb
     return Planes(
         sigma, footprint, sigma / footprint / _slope_gain(radius), radius, found.reshape(shape),
@@ -303,14 +307,14 @@ def _borrow_planes(
     inverse: np.ndarray,
     noise: np.ndarray,
     radius: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Where there is a plane, its slopes and level, all flat; where a window straddles an edge,
-    of a window beside it that does not and is ``lending``."""
-    found = own.copy()
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Where there is a plane, its slopes and level, and the pixel whose window it is of, all flat;
+    where a window straddles an edge, of one beside it that does not and is ``lending``."""
+    found, lender = own.copy(), np.arange(own.size)
     slope_u, slope_v, level = (m.ravel().copy() for m in (fit.slope_u, fit.slope_v, fit.level))
     here = np.flatnonzero(seen.ravel() & ~own)
     if not len(here):
-        return found, slope_u, slope_v, level
+        return found, slope_u, slope_v, level, lender
     # The image's margin is wider than a window, so that every return has all eight beside it.
     beside = np.array(
         [(u, v) for v in (-radius, 0, radius) for u in (-radius, 0, radius) if u or v]
@@ -327,7 +331,8 @@ def _borrow_planes(
     level[here], found[here] = guess.take(pick), True
     there = there.take(pick)
     slope_u[here], slope_v[here] = slope_u[there], slope_v[there]
-    return found, slope_u, slope_v, level
+    lender[here] = there
+    return found, slope_u, slope_v, level, lender
 
 
 def normal_noise(
