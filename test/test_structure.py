@@ -19,8 +19,6 @@ MAY_IMPORT = {
     "ros": {"core", "ros"},
     "tools": {"core", "sim", "ros", "tools"},
 }
-# Only what drives its parts is named: the others are told in doc/target.md.
-PARTLY_NAMED = {ROOT / "core" / "target"}
 
 
 @cache
@@ -50,10 +48,8 @@ def test_a_folder_names_what_is_in_it(folder: Path) -> None:
         for path in folder.iterdir()
         if (path.suffix == ".py" and path.stem != "__init__") or (path / "__init__.py").is_file()
     }
-    assert set(named) <= there
     assert len(named) == len(set(named))
-    if folder not in PARTLY_NAMED:
-        assert set(named) == there
+    assert set(named) == there
 
 
 @pytest.mark.parametrize("floor", MAY_IMPORT)

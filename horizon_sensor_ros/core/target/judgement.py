@@ -29,12 +29,10 @@ class Uncertainty:
 
     covariance : (6, 6) of (rotation vector, shift at ``centre_m``) in b's frame, rad and m: the
         true motion is the found one followed by that small motion about ``centre_m``.
-    information : (6, 6) of sensor noise alone, without what the noise of the normals feigns.
     rms_residual_m : of the pairs used.
     """
 
     covariance: np.ndarray
-    information: np.ndarray
     centre_m: np.ndarray
     rms_residual_m: float
 
@@ -80,7 +78,7 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     covariance = _MEASURED * (inverse + inverse @ (sums @ sums.T) @ inverse)
     drawn = inverse @ _drawn_back(pairs, weight, a, b)
     covariance += np.outer(drawn, drawn)
-    return Uncertainty((covariance + covariance.T) / 2, information, centre, rms)
+    return Uncertainty((covariance + covariance.T) / 2, centre, rms)
 
 
 def _drawn_back(pairs: Pairs, weight: np.ndarray, a: SurfaceView, b: SurfaceView) -> np.ndarray:
