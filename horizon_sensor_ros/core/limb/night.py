@@ -14,13 +14,13 @@ from horizon_sensor_ros.core.limb_curve import limb_in_sight
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 
-# Over what they are by day, of edges found one by one: below a layer of airglow, with a model of
-# them and without, since there the sky beside the limb is as bright as what lies behind it; and
-# without one, of a limb that in another camera's frame lies in the dark, since towards the night
-# air and ground change faster along it than is told. Of edges with a model that is in their errors.
-_MODELLED_BELOW_LAYER, _BELOW_LAYER, _BESIDE_DARK = 1.5, 3.0, 2.0
-# The same of a limb beside the dark that was separated from glow which fades along it: of 301
-# simulated ones 10 were turned by more than 2.5 sigma. Where glow is even nothing is added.
+# Over what they are by day, of edges found one by one, with a model of them and without: of a limb
+# that in another camera's frame lies in the dark, since towards the night air and ground change
+# faster along it than is told; and below a layer of airglow, since there the sky beside the limb is
+# as bright as what lies behind it.
+_MODELLED, _BESIDE_DARK, _BELOW_LAYER = 1.5, 2.0, 3.0
+# Of a limb beside the dark that is fitted together with its glow, where that fades along it: of 301
+# simulated ones 10 were turned by more than 2.5 sigma. What else the night does that fit knows.
 _FADING_BESIDE_DARK = 1.2
 # By how much edges without a model lie too far out there, all of them alike.
 _HEIGHT_PX = 0.7
@@ -38,7 +38,8 @@ def by_night(found: Detection) -> Detection:
             fading = beside_dark and isinstance(limb, GlowPoints) and limb.twilit
             return limb.with_shared_errors_times(_FADING_BESIDE_DARK) if fading else limb
         if limb.modelled:
-            return limb.with_shared_errors_times(_MODELLED_BELOW_LAYER) if below_layer else limb
+            doubted = beside_dark or below_layer
+            return limb.with_shared_errors_times(_MODELLED) if doubted else limb
         if below_layer:
             height_px = math.hypot(limb.shared.height_px, _HEIGHT_PX)
             enlarged = limb.with_shared_errors_times(_BELOW_LAYER)
