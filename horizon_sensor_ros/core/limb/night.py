@@ -19,8 +19,8 @@ from horizon_sensor_ros.core.status import Status
 # faster along it than is told; and below a layer of airglow, since there the sky beside the limb is
 # as bright as what lies behind it.
 _MODELLED, _BESIDE_DARK, _BELOW_LAYER = 1.5, 2.0, 3.0
-# Of a limb beside the dark that is fitted together with its glow, where that fades along it: of 301
-# simulated ones 10 were turned by more than 2.5 sigma. What else the night does that fit knows.
+# The same of a limb beside the dark that is fitted together with glow that fades along it, which
+# that fit knows: of 301 simulated ones 10 were turned by more than 2.5 sigma.
 _FADING_BESIDE_DARK = 1.2
 # By how much edges without a model lie too far out there, all of them alike.
 _HEIGHT_PX = 0.7
@@ -34,12 +34,11 @@ def by_night(found: Detection) -> Detection:
     below_layer = found.layer_rad > 0.0
 
     def known(limb: LimbPoints) -> LimbPoints:
-        if limb.glow_separated:
-            fading = beside_dark and isinstance(limb, GlowPoints) and limb.twilit
-            return limb.with_shared_errors_times(_FADING_BESIDE_DARK) if fading else limb
-        if limb.modelled:
-            doubted = beside_dark or below_layer
-            return limb.with_shared_errors_times(_MODELLED) if doubted else limb
+        if limb.glow_separated or limb.modelled:
+            doubted = beside_dark or (below_layer and not limb.glow_separated)
+            fading = isinstance(limb, GlowPoints) and limb.twilit
+            times = _FADING_BESIDE_DARK if fading else _MODELLED
+            return limb.with_shared_errors_times(times) if doubted else limb
         if below_layer:
             height_px = math.hypot(limb.shared.height_px, _HEIGHT_PX)
             enlarged = limb.with_shared_errors_times(_BELOW_LAYER)

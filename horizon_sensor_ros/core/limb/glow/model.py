@@ -45,9 +45,9 @@ _BLIND, _CLIPPED = 1e3, 0.02
 _STRENGTH_STEP = 2.0
 _STRENGTHS = _STRENGTH_STEP ** np.arange(-2.0, 2.0)
 _LEAST_SCATTER = 0.02
-# Ground in the dark, over the brightest: by day clouds leave more at both ends of 197 of 199
+# Ground in the dark, over the brightest: by day clouds leave .15 and more at the ends of 255
 # simulated limbs.
-_NIGHT = 0.2
+_NIGHT = 0.12
 _FAINT_GLOW = 0.5  # likewise, below which glow does not show by itself where it darkens
 _AGAIN = 2  # derivatives by what the step before takes the ground to be
 
