@@ -1,4 +1,4 @@
-"""Towards the terminator: the part of a limb that is lit, and by how much."""
+"""Towards the terminator: whether a limb ends there, the part that is lit, and by how much."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from horizon_sensor_ros.core.limb.glow.brightness import FURTHER, further_powers
-from horizon_sensor_ros.core.limb.glow.twilight import lit_part, lit_shares
+from horizon_sensor_ros.core.limb.glow.twilight import darker_end, lit_part, lit_shares
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -23,6 +23,15 @@ def test_the_lit_part_ends_where_an_eighth_of_the_glow_is_left(turned: bool) -> 
 def test_all_of_an_evenly_lit_limb_is_lit_and_nothing_of_a_dark_one() -> None:
     assert lit_part(np.full(20, 30.0)) == (0.0, 1.0)
     assert lit_part(np.full(20, -0.1)) is None
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_darker_end_of_a_limb_is_told_beside_clouds(turned: bool) -> None:
+    lit = np.clip(1.5 - 2.0 * np.linspace(0.0, 1.0, 25), 0.0, 1.0)
+    lit[:4] *= (0.6, 1.0, 0.3, 0.8)
+    dark, brightest = darker_end(100.0 * (lit[::-1] if turned else lit))
+    assert dark == 0.0
+    assert brightest == pytest.approx(100.0, abs=5.0)
 
 
 def test_further_powers_are_none_of_the_lower_ones() -> None:

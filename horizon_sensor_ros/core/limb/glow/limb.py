@@ -41,7 +41,7 @@ from horizon_sensor_ros.core.limb.glow.air import (
 )
 from horizon_sensor_ros.core.limb.glow.brightness import powers
 from horizon_sensor_ros.core.limb.glow.glare import glare_lines, in_glare, reach_px
-from horizon_sensor_ros.core.limb.glow.model import GlowStep, step_towards
+from horizon_sensor_ros.core.limb.glow.model import GlowStep, ends_unseen, step_towards
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight, look_along
 from horizon_sensor_ros.core.limb.glow.twilight import lit_part
 from horizon_sensor_ros.core.limb_curve import LimbCurve
@@ -228,7 +228,7 @@ def _fitted(
         outlying = keep & (found.cost > _OUTLIER * max(1.0, median(found.cost[keep])))
         settled = stride.far_px <= _NEAR_PX and not outlying.any()
         if settled and air.near(stride.change):
-            if part is None and _uneven(air):
+            if part is None and (_uneven(air) or ends_unseen(sight, air)):
                 return lit_part(guess.glow)
             holds = median(found.cost[keep]) < _MISFIT and _plausible(air)
             return _limb(sight, found, keep, air, nadir_base) if holds else None

@@ -30,7 +30,7 @@ from horizon_sensor_ros.core.limb.glow.brightness import further_powers, powers
 from horizon_sensor_ros.core.limb.glow.fading import with_either_lens
 from horizon_sensor_ros.core.limb.glow.ground import Ground
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight
-from horizon_sensor_ros.core.limb.glow.twilight import lit_shares
+from horizon_sensor_ros.core.limb.glow.twilight import darker_end, lit_shares
 from horizon_sensor_ros.core.robust import median, quantile
 
 # Up to where, beyond the edge, there may be texture: pixels, and blurs.
@@ -45,6 +45,10 @@ _BLIND, _CLIPPED = 1e3, 0.02
 _STRENGTH_STEP = 2.0
 _STRENGTHS = _STRENGTH_STEP ** np.arange(-2.0, 2.0)
 _LEAST_SCATTER = 0.02
+# Ground in the dark, over the brightest: by day clouds leave .15 and more at the ends of 255
+# simulated limbs.
+_NIGHT = 0.12
+_FAINT_GLOW = 0.5  # likewise, below which glow does not show by itself where it darkens
 _AGAIN = 2  # derivatives by what the step before takes the ground to be
 
 
@@ -65,7 +69,8 @@ class _Lit:
     """What the air makes of the profiles of kept stretches (K), and what is left of them.
 
     glow (K, J) : of the air beyond the limb. rest (K, J) : without the air. design (K, J, P) :
-    derivatives by the unknowns. variance, doubt (K, J) : of noise and model, and of blind samples.
+    derivatives by the unknowns. level (K,) : of the ground beside the edge. variance, doubt
+    (K, J) : of noise and model, and of blind samples.
     """
 
     def __init__(self, sight: GlowSight, air: Air, keep: np.ndarray) -> None:
@@ -84,6 +89,9 @@ class _Lit:
         sky = air.background + stray @ air.stray
         air_light = bright + air.share * glow * inside.bright
         self.rest = sight.profiles[keep] - sky - air_light
+        beside = (d_px >= _BESIDE_PX[0]) & (d_px <= _BESIDE_PX[1])
+        self.level = self.rest[:, beside].mean(axis=1)
+        self.level /= normal_cdf(-d_px[beside] / psf_px).mean()
         bright_level = quantile(sight.profiles[keep].ravel(), _BRIGHT) - air.background
         self.bright = max(bright_level, sight.noise)
         self.rows = sight.rows[keep]
@@ -157,9 +165,7 @@ def step_towards(sight: GlowSight, air: Air, keep: np.ndarray) -> GlowStep:
     lit = _Lit(sight, air, keep)
     d_px, psf_px = sight.d_px, air.psf_px
     num = int(np.count_nonzero(d_px <= max(_TEXTURE_PX, math.ceil(_TEXTURE_PSF * psf_px))))
-    beside = (d_px >= _BESIDE_PX[0]) & (d_px <= _BESIDE_PX[1])
-    level = lit.rest[:, beside].mean(axis=1, keepdims=True)
-    level /= normal_cdf(-d_px[beside] / psf_px).mean()
+    level = lit.level[:, None]
     lit.variance += np.square(_SHAPE_ERROR * level)
     ground = Ground(
         d_px[:num],
@@ -199,6 +205,15 @@ def step_towards(sight: GlowSight, air: Air, keep: np.ndarray) -> GlowStep:
     cost /= left.shape[1] - 2.0
     ripple = _ripple(far, weight, lit.glow[:, num:])
     return GlowStep(change, cov[KEPT[:, None], KEPT], cost, ripple)
+
+
+def ends_unseen(sight: GlowSight, air: Air) -> bool:
+    """Whether the ground along a limb ends in the dark, below a glow that is too faint to show that
+    it darkens there as well.
+    """
+    level = _Lit(sight, air, np.ones(len(sight), dtype=bool)).level
+    darker, brightest = darker_end(level)
+    return darker < _NIGHT * brightest and math.exp(air.log_glow[0]) < _FAINT_GLOW * brightest
 
 
 def _ripple(left: np.ndarray, weight: np.ndarray, glow: np.ndarray) -> float:

@@ -73,6 +73,11 @@ class GlowPoints(LimbPoints):
 
     alone: GlowLimb | None = None
 
+    @property
+    def twilit(self) -> bool:
+        """Whether the glow fades towards the terminator."""
+        return self.alone is not None and self.alone.air.twilit
+
 
 def points_alone(limb: GlowLimb) -> GlowPoints:
     """Points of a limb as its own frame's fit has them.
