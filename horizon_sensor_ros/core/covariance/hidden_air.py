@@ -9,24 +9,26 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.glow.air import USUAL_HEIGHT
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
+from horizon_sensor_ros.core.limb.haze.limb import ABOVE_M, THINNEST_PX
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 
-# Air is seen above a limb only if it fades over at least this many pixels.
+# Air is seen above a limb only if it fades over at least this many pixels. What is not seen may
+# hide the ground: simulated air, thin to thick, raised limbs by 2 to 33 km, 6500 to 60 000 km up.
 _SEEN_PX = 0.5
-# Air that is not seen raises the limb by this many scale heights, one sigma. Simulated: 0.2 to 1.5,
-# with 40 to 130 gray levels of air above even ground and clouds, 6500 to 60 000 km up.
+# Air that is not told raises edges that no model fits by this many scale heights, one sigma.
 _HIGHER = 0.8
 # Limbs that were not separated from the air by a joint fit. (pixels, scale heights): air that fades
 # over fewer pixels than the first passes for blur, and raises the limb by the second. Simulated
 # above even ground with 8 to 200 gray levels of air, 350 to 6000 km up.
-_PASSES_FOR_BLUR = ((0.75, 0.8), (1.0, 0.25), (2.5, 0.06))
+_PASSES_FOR_BLUR = ((1.0, 0.25), (2.5, 0.06))
 # Edges that no model fits may be those of air that fades over fewer pixels than this.
 _SEEN_WITHOUT_MODEL_PX = 1.0
 # One sigma of blur, pixel included. An edge sharper than the first (a lens in focus) has no air
 # above it; up to the second there is so little air that only the last row above applies.
 _SHARP_PX, _HARDLY_BLURRED_PX = 0.755, 0.775
-_ABOVE_M = 6e3  # one sigma of how high a limb lies in air that hides the ground: by colour and haze
+# One sigma of how high a limb lies in air that hides the ground: by colour and haze.
+_ABOVE_SIGMA_M = 6e3
 
 
 def hidden_air_sigma_m(
@@ -36,18 +38,27 @@ def hidden_air_sigma_m(
     ground; as if the air were the Earth's.
 
     Zero where a camera that was used is near enough, or its pixels are small enough, to show the
-    air: its effect is then in the errors of the limb's points.
+    air: its effect is then in the errors of the limb's points. Where air, or blur that may be air,
+    fades over too few pixels to tell whether it hides the ground, it may.
     """
     used = [each for each in observations if each.view.name in fit.cameras]
+    finest_px = max((usual_length_px(each.view, fit.rho_rad) for each in used), default=0.0)
     above_m = max((each.limb.above_m for each in used), default=0.0)
+    in_air = finest_px < THINNEST_PX and any(_may_be_in_air(each.limb) for each in used)
+    if finest_px < _SEEN_PX or in_air:
+        above_m = ABOVE_M
     if above_m > 0.0:
         # What is known of the visible limb's height counts.
-        return math.hypot(above_m - sphere.limb_height_m, _ABOVE_M)
-    finest_px = max((usual_length_px(each.view, fit.rho_rad) for each in used), default=0.0)
-    higher = _HIGHER if finest_px < _SEEN_PX else 0.0
-    if not any(each.limb.glow_separated for each in used):
-        higher = max(higher, _passed_for_blur([each.limb for each in used], finest_px))
+        return math.hypot(above_m - sphere.limb_height_m, _ABOVE_SIGMA_M)
+    if any(each.limb.glow_separated for each in used):
+        return 0.0
+    higher = _passed_for_blur([each.limb for each in used], finest_px)
     return higher * USUAL_HEIGHT * sphere.radius_m
+
+
+def _may_be_in_air(limb: LimbPoints) -> bool:
+    """Whether a limb was separated from air, or its edges are as those in air may be."""
+    return limb.glow_separated or not limb.modelled or not limb.blur_px <= _HARDLY_BLURRED_PX
 
 
 def _passed_for_blur(limbs: Sequence[LimbPoints], length_px: float) -> float:

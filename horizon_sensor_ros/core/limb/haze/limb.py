@@ -41,9 +41,10 @@ _OTHERS = (
 # Lenses are in focus, as a rule: by how much likelier a blurred edge has to be than a limb in air.
 _BLURRED_PX, _IN_FOCUS = 1.5, 100.0
 # Errors of stretches, of the whole limb and of its ends, over the scale height: two to four times
-# what they are beside the truth of simulated limbs, whose air is the same everywhere. And how far
-# above the ground such a limb may lie, which the frame does not tell.
-_COHERENT, _SHIFT, _SLOPE, _ABOVE_M = 0.05, 0.05, 0.035, 17e3
+# what they are beside the truth of simulated limbs, whose air is the same everywhere.
+_COHERENT, _SHIFT, _SLOPE = 0.05, 0.05, 0.035
+ABOVE_M = 17e3  # how far above the ground such a limb may lie, which the frame does not tell
+THINNEST_PX = 0.8  # scale height in the full image from which on thick air is told from a blur
 _LEAST_SIGMA_PX = 0.02
 
 
@@ -103,5 +104,5 @@ def hazy_limb(sample: HazySample, look: EdgeLook) -> LimbPoints:
         jumps_px=scatter_px(places.offset_px[good]) * sample.factor,
         predicted=sample.predicted,
         offset_px=offset_px,
-        above_m=_ABOVE_M,
+        above_m=ABOVE_M,
     )

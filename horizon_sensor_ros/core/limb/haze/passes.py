@@ -14,6 +14,7 @@ from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.haze.limb import (
     LENGTHS,
+    THINNEST_PX,
     haze_look,
     hazy_limb,
     may_be_haze,
@@ -33,7 +34,6 @@ from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
-_THINNEST_PX = 0.8  # scale height in the full image from which on thick air is told from a blur
 _EVIDENCE = 10.0  # logarithm by which it has to be likelier than any other edge, a camera
 _LEAST_ALTITUDE_M = 80e3  # below it the camera is in the air itself, which then looks otherwise
 _MORE = 2  # passes, where the limb still lies off its cone
@@ -51,7 +51,7 @@ def look_through_haze(
     images : (H, W) uint8 or uint16, one a view. near : nadir (3,), base frame, and rho (rad).
     """
     thickest_px = max(usual_length_px(view, near[1]) for view in views)
-    if thickest_px < _THINNEST_PX or planet.altitude_from_rho(near[1]) < _LEAST_ALTITUDE_M:
+    if thickest_px < THINNEST_PX or planet.altitude_from_rho(near[1]) < _LEAST_ALTITUDE_M:
         return None
     factors = tuple(haze_factor(view, near[1]) for view in views)
     reduced = _reduced(images, factors)
