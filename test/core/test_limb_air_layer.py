@@ -159,9 +159,13 @@ def test_a_layer_without_ground_is_not_the_grounds_limb() -> None:
     assert after.layer_rad > 0.0
 
 
-def lit_shell(low_m: float, high_m: float, view: CameraView) -> np.ndarray:
-    """A frame (H, W), without stars, of a shell that glows between two heights above black ground:
-    as bright as the way through what the planet does not hide of it is long.
+def lit_shell(
+    low_m: float, high_m: float, view: CameraView, lit_dn: float = 0.0, lit_columns: float = 0.0
+) -> np.ndarray:
+    """A frame (H, W), without stars, of a shell that glows between two heights above the ground: as
+    bright as the way through what the planet does not hide of it is long.
+
+    lit_dn : how bright the ground is, in so large a share of the frame's columns; else black.
     """
     rng = np.random.default_rng(1)
     height, width = view.camera.height, view.camera.width
@@ -179,6 +183,7 @@ def lit_shell(low_m: float, high_m: float, view: CameraView) -> np.ndarray:
     one_side_m = half_chord_m(high_m) - half_chord_m(low_m)
     way_m = np.where(half_chord_m(0.0) > 0.0, 1.0, 2.0) * one_side_m
     gray = 3.0 + 200.0 * way_m / way_m.max()
+    gray += np.where((half_chord_m(0.0) > 0.0) & (px[:, 0] < lit_columns * width), lit_dn, 0.0)
     gray = cv2.GaussianBlur(gray.reshape(height, width), (0, 0), 1.0)
     return np.clip(gray + rng.normal(0.0, 1.0, gray.shape), 0, 255).astype(np.uint8)
 
@@ -201,6 +206,25 @@ def test_without_stars_the_hidden_rear_of_a_layer_tells_it_from_air_over_a_dark_
     after = ground_under_airglow([view], [candidates.working], found, before, PLANET)
     assert (after.status is Status.POOR_FIT) is is_layer
     assert (after.layer_rad > 0.0) is is_layer
+
+
+@pytest.mark.parametrize("fov_deg", [15.0, 20.0, 25.0])
+@pytest.mark.parametrize(("lit_dn", "lit_columns"), [(25.0, 0.6), (90.0, 1.0)])
+def test_ground_below_a_layer_does_not_hide_it(
+    lit_dn: float, lit_columns: float, fov_deg: float
+) -> None:
+    """Lights here and there, or moonlit ground all along a limb too short for a cone of its own."""
+    camera = camera_from_fov(640, 480, np.radians(fov_deg))
+    (view,) = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.4,), above_rad=0.0)
+    candidates = space_boundary_candidates(lit_shell(91e3, 97e3, view, lit_dn, lit_columns))
+    found = rays_of_candidates([view], [candidates])
+    before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
+    assert before.status is Status.OK
+    after = ground_under_airglow([view], [candidates.working], found, before, PLANET)
+    assert after.layer_rad > 0.0
+    if after.status is Status.OK:
+        risen_m = PLANET.altitude_from_rho(after.rho_rad) - PLANET.altitude_from_rho(before.rho_rad)
+        assert risen_m == pytest.approx(100e3, abs=40e3)
 
 
 @pytest.mark.parametrize("stars", [0, 3000])

@@ -27,7 +27,7 @@ from horizon_sensor_ros.core.limb.search.selection import Consensus, RayCandidat
 from horizon_sensor_ros.core.limb.search.stars import shows_stars
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.robust import median
+from horizon_sensor_ros.core.robust import median, quantile
 from horizon_sensor_ros.core.status import Status
 
 _LAYER_M = 95e3  # height of the layer; depths below its edge are counted in this height's scale
@@ -58,7 +58,9 @@ _ALIKE = 0.14  # of the crest, by which a column may differ from the median one
 # down to where the planet hides the rear half of the shell, by the last of them for sure.
 _SHELL_M = 36e3, 78e3, 108e3
 _SHELL_LAW = 0.1
-_REAR_HIDDEN = 0.7  # of what that law would have behind; air on the ground shows all of that
+# Of what that law would have behind, in columns of which so large a share have less: air on the
+# ground shows all of it. Lights on the ground may hide it in others.
+_REAR_HIDDEN, _DARK_COLUMNS = 0.7, 0.25
 # Brightness of the ground deep below the edge over the crest's: from the first on it is lit, and no
 # layer stands above it alone; from the second on it may be. Below layers alone .29 and .32 in two
 # photographs, .12 to .29 simulated; over simulated dark sea by day .33 to .62.
@@ -118,7 +120,7 @@ def ground_under_airglow(
         cone = None
         if not refined:
             cone = _cone(rays[np.arange(len(rays)), ground[shown]], consensus, layer_rad)
-        if cone is None and starry():
+        if cone is None and (starry() or _fades_as_a_shell(level, crest) is not None):
             # The layer is about the same nadir, wherever the ground was found along it.
             below = float(np.median(depths[ground[shown]]))
             cone = consensus.nadir_base, consensus.rho_rad - below
@@ -255,16 +257,27 @@ def _is_layer(level: np.ndarray, falls: np.ndarray, crest: np.ndarray) -> bool:
     return bool(usual[-1] < _FADED * usual[0] and alike.mean() > 0.6)
 
 
+def _fades_as_a_shell(level: np.ndarray, crest: np.ndarray) -> float | None:
+    """Brightness, over the crest's, times the root of the depth (m) where columns (N, D) with these
+    crests (N,) fade as a thin shell does; None where they do not.
+    """
+    first_m, last_m, _ = _SHELL_M
+    front = (first_m <= _DEPTHS_M) & (last_m >= _DEPTHS_M)
+    usual = np.median(level[:, front] / crest[:, None], axis=0) * np.sqrt(_DEPTHS_M[front])
+    law = median(usual)
+    return law if np.abs(usual - law).max() < _SHELL_LAW * law else None
+
+
 def _is_shell(level: np.ndarray, crest: np.ndarray) -> bool:
     """Whether columns (N, D) with these crests (N,) fade as a thin shell does high above a planet
     that hides its rear half: an exposure for the night, whether or not it shows stars.
     """
-    first_m, last_m, hidden_m = _SHELL_M
-    usual = np.median(level / crest[:, None], axis=0) * np.sqrt(np.maximum(_DEPTHS_M, 0.0))
-    front = usual[(first_m <= _DEPTHS_M) & (last_m >= _DEPTHS_M)]
-    law = median(front)
-    behind = median(usual[hidden_m <= _DEPTHS_M])
-    return bool(np.abs(front - law).max() < _SHELL_LAW * law and behind < _REAR_HIDDEN * law)
+    law = _fades_as_a_shell(level, crest)
+    if law is None:
+        return False
+    behind = _SHELL_M[2] <= _DEPTHS_M
+    each = level[:, behind] / crest[:, None] * np.sqrt(_DEPTHS_M[behind])
+    return quantile(np.median(each, axis=1), _DARK_COLUMNS) < _REAR_HIDDEN * law
 
 
 def _is_twilight(rays: np.ndarray, level: np.ndarray, nadir: np.ndarray) -> bool:
