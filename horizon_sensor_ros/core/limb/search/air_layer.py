@@ -57,6 +57,7 @@ _ALIKE = 0.14  # of the crest, by which a column may differ from the median one
 # one over the root of the depth, from the first of these on, so well as this where it is a layer's,
 # down to where the planet hides the rear half of the shell, by the last of them for sure.
 _SHELL_M = 36e3, 78e3, 108e3
+_ABOVE_GROUND_M = 60e3  # instead of the second, where ground shows behind, whose light begins there
 _SHELL_LAW = 0.1
 # Of what that law would have behind, in columns of which so large a share have less: air on the
 # ground shows all of it. Lights on the ground may hide it in others.
@@ -120,7 +121,7 @@ def ground_under_airglow(
         cone = None
         if not refined:
             cone = _cone(rays[np.arange(len(rays)), ground[shown]], consensus, layer_rad)
-        if cone is None and (starry() or _fades_as_a_shell(level, crest) is not None):
+        if cone is None and (starry() or _fades_as_a_shell(level, crest, _ABOVE_GROUND_M)):
             # The layer is about the same nadir, wherever the ground was found along it.
             below = float(np.median(depths[ground[shown]]))
             cone = consensus.nadir_base, consensus.rho_rad - below
@@ -257,12 +258,13 @@ def _is_layer(level: np.ndarray, falls: np.ndarray, crest: np.ndarray) -> bool:
     return bool(usual[-1] < _FADED * usual[0] and alike.mean() > 0.6)
 
 
-def _fades_as_a_shell(level: np.ndarray, crest: np.ndarray) -> float | None:
+def _fades_as_a_shell(
+    level: np.ndarray, crest: np.ndarray, last_m: float = _SHELL_M[1]
+) -> float | None:
     """Brightness, over the crest's, times the root of the depth (m) where columns (N, D) with these
-    crests (N,) fade as a thin shell does; None where they do not.
+    crests (N,) fade as a thin shell does, down to a depth; None where they do not.
     """
-    first_m, last_m, _ = _SHELL_M
-    front = (first_m <= _DEPTHS_M) & (last_m >= _DEPTHS_M)
+    front = (_SHELL_M[0] <= _DEPTHS_M) & (last_m >= _DEPTHS_M)
     usual = np.median(level[:, front] / crest[:, None], axis=0) * np.sqrt(_DEPTHS_M[front])
     law = median(usual)
     return law if np.abs(usual - law).max() < _SHELL_LAW * law else None
