@@ -18,6 +18,7 @@ from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix, told_by
 from horizon_sensor_ros.core.judgement import disagreement_rad, nadir_sigma_rad
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb, joined
+from horizon_sensor_ros.core.limb.search.air_layer import LAYER_M
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
@@ -31,6 +32,7 @@ from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
 
 _AT_LAYER = "what shows as a limb is the edge of a layer of airglow"
+_PERHAPS_AT_LAYER = "the limb may be the edge of a layer of airglow, and altitude 95 km too small"
 _MUCH_LESS_SURE = 2.0  # times the sigma of nadir
 # What a camera, by number, finds by itself, and what its limb comes to; looked for once.
 _Alone = Callable[[int], tuple[Detection, Judged]]
@@ -153,13 +155,9 @@ class HorizonSearch:
             return None
         if len(frames) < 2:
             return None
-        seen = zip(sighting.frames, sighting.detection.observations, strict=True)
-        of_name = {frame.view.name: limb for frame, limb in seen}
-        for i, frame in enumerate(frames):
-            limb = of_name.get(frame.view.name)
-            if limb and _is_at_layer([limb], _layer(alone(i)[0])):
-                reason = f"{frame.view.name}, by itself: {_AT_LAYER}"
-                return self._estimator.refused(Status.POOR_FIT, reason, fix.fit, fix.limbs)
+        layered = self._perhaps_of_layer(frames, sighting, fix, alone)
+        if layered is not None:
+            return layered
         found = {
             i: alone(i)[0]
             for i, limb in enumerate(fix.limbs)
@@ -188,6 +186,34 @@ class HorizonSearch:
         # What contradicts itself already is only followed no longer where it is far worse.
         known_rad = _MUCH_LESS_SURE * nadir_sigma_rad(fix.fit) if fix.reason else 0.0
         return replace(by_own, limbs=limbs) if nadir_sigma_rad(by_own.fit) > known_rad else None
+
+    def _perhaps_of_layer(
+        self, frames: Sequence[Frame], sighting: Sighting, fix: HorizonFix, alone: _Alone
+    ) -> HorizonFix | None:
+        """The same fix, its altitude as uncertain as a layer of airglow is high, where one camera
+        by itself sees the edge of one there; else None. About nadir both limbs say the same.
+        """
+        detection = sighting.detection
+        number = {frame.view.name: i for i, frame in enumerate(frames)}
+        for seen in detection.observations:
+            name = seen.view.name
+            if not _is_at_layer([seen], _layer(alone(number[name])[0])):
+                continue
+            high = [replace(limb, above_m=max(limb.above_m, LAYER_M)) for limb in detection.limbs]
+            of_layer = self._estimator.judged(
+                replace(sighting, detection=detection.with_limbs(high))
+            ).fix
+            reason = f"{name}, by itself: {_PERHAPS_AT_LAYER}"
+            told = filter(None, (of_layer.reason, reason))
+            limbs = dict(zip((f.view.name for f in sighting.frames), of_layer.limbs, strict=True))
+            return replace(
+                of_layer,
+                reason="; ".join(told),
+                limbs=tuple(
+                    limbs.get(f.view.name, limb) for f, limb in zip(frames, fix.limbs, strict=True)
+                ),
+            )
+        return None
 
     def _from_singles(
         self,

@@ -25,6 +25,7 @@ from horizon_sensor_ros.core.limb.search.selection import (
 )
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.sim import hard_scenes as hard_scenes_module
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.hard_scenes import hard_scene, hard_scenes
 from horizon_sensor_ros.sim.poses import camera_from_fov
@@ -290,6 +291,22 @@ def test_narrow_cameras_do_not_take_a_layer_for_the_limb(seed: int) -> None:
     fix = HorizonSensor().process(as_frames(views, draw(views, ALTITUDE_M, scene, NOISE)))
     sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
     assert not fix.ok or abs(fix.fit.altitude_m - ALTITUDE_M) < 5.0 * sigma_m
+
+
+@pytest.mark.parametrize(("kind", "index"), [("airglow", 88), ("moonlit", 65)])
+def test_wide_cameras_say_that_a_limb_may_be_a_layers(
+    kind: str, index: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Together they see none, one by itself does: altitude was 105 km off at .4 and 7.6 claimed."""
+    monkeypatch.setattr(hard_scenes_module, "_FOVS_RAD", tuple(np.radians([90.0, 120.0])))
+    scene = hard_scene(kind, index, 9193)
+    fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
+    truth = scene.frames[0].truth
+    assert fix.ok, fix.reason
+    assert "may be the edge of a layer of airglow" in fix.reason
+    assert nadir_nees(fix.fit, truth.nadir_base) < 9.0
+    sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
+    assert abs(fix.fit.altitude_m - truth.altitude_m) < 2.0 * sigma_m
 
 
 def test_the_sky_begins_above_the_layer() -> None:

@@ -46,7 +46,7 @@ def hidden_air_sigma_m(
     above_m = max((each.limb.above_m for each in used), default=0.0)
     in_air = finest_px < THINNEST_PX and any(_may_be_in_air(each.limb) for each in used)
     if finest_px < _SEEN_PX or in_air:
-        above_m = ABOVE_M
+        above_m = max(above_m, ABOVE_M)
     if above_m > 0.0:
         # What is known of the visible limb's height counts.
         return math.hypot(above_m - sphere.limb_height_m, _ABOVE_SIGMA_M)

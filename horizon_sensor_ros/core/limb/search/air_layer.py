@@ -30,7 +30,7 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.robust import median, quantile
 from horizon_sensor_ros.core.status import Status
 
-_LAYER_M = 95e3  # height of the layer; depths below its edge are counted in this height's scale
+LAYER_M = 95e3  # height of the layer; depths below its edge are counted in this height's scale
 # A column is the brightness straight down from one place of the edge.
 _COLUMNS = 48  # a camera
 _TOGETHER = 4  # neighbours whose mean counts as one: a faint layer is hardly more than noise
@@ -96,7 +96,7 @@ def ground_under_airglow(
     if consensus.status is not Status.OK:
         return consensus
     layer_rad = _layer_rad(consensus, planet)
-    depths = _DEPTHS_M * (layer_rad / _LAYER_M)
+    depths = _DEPTHS_M * (layer_rad / LAYER_M)
     columns = _columns(views, working, found, consensus, depths)
     if not columns:
         return consensus
@@ -162,7 +162,7 @@ def layer_height_m(edge: RayCandidates, cone: tuple[np.ndarray, float], planet: 
 def _layer_rad(consensus: Consensus, planet: Planet) -> float:
     """Angle from the ground's limb up to the layer's edge, if the consensus is of that edge."""
     apparent = planet.altitude_from_rho(consensus.rho_rad)
-    above_m = apparent + _LAYER_M / np.sin(consensus.rho_rad)
+    above_m = apparent + LAYER_M / np.sin(consensus.rho_rad)
     return consensus.rho_rad - planet.rho_from_altitude(above_m)
 
 
