@@ -51,6 +51,8 @@ class InputBag:
         so.
         """
         asked = {connection.id: connection for connection in connections}
+        if not asked:
+            return  # rosbags would take none for all
         messages = self._reader.messages([each for each in self.recorded if each.id in asked])
         while True:
             try:
