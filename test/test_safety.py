@@ -87,9 +87,12 @@ def test_a_bag_that_swells_when_it_is_read(tmp_path: Path, monkeypatch: pytest.M
     (file,) = path.glob("*.mcap*")
     assert file.stat().st_size < 100_000
     monkeypatch.setattr(input_bag, "_MAX_BYTES", 100_000_000)
-    with pytest.raises(BagError, match=r"truncated or damaged|cannot be read"):
+
+    def read(path: Path) -> int:
         bag = input_bag.open_bag(path)
-        list(bag.messages(bag.connections))
+        return len(list(bag.messages(bag.connections)))
+
+    with pytest.raises(BagError, match=r"truncated or damaged|cannot be read"):
+        read(path)
     # And this process has its memory back.
-    good = input_bag.open_bag(write_bag(tmp_path / "good", recording(1)))
-    assert len(list(good.messages(good.connections))) == 4
+    assert read(write_bag(tmp_path / "good", recording(1))) == 4
