@@ -293,13 +293,10 @@ def test_narrow_cameras_do_not_take_a_layer_for_the_limb(seed: int) -> None:
     assert not fix.ok or abs(fix.fit.altitude_m - ALTITUDE_M) < 5.0 * sigma_m
 
 
-@pytest.mark.parametrize(("kind", "index"), [("airglow", 88), ("moonlit", 65)])
-def test_wide_cameras_say_that_a_limb_may_be_a_layers(
-    kind: str, index: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Together they see none, one by itself does: altitude was 105 km off at .4 and 7.6 claimed."""
+def test_wide_cameras_say_that_a_limb_may_be_a_layers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Together they see none, one by itself does: altitude was 110 km off at .4 claimed."""
     monkeypatch.setattr(hard_scenes_module, "_FOVS_RAD", tuple(np.radians([90.0, 120.0])))
-    scene = hard_scene(kind, index, 9193)
+    scene = hard_scene("airglow", 88, 9193)
     fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
     truth = scene.frames[0].truth
     assert fix.ok, fix.reason
