@@ -33,6 +33,7 @@ from horizon_sensor_ros.core.status import Status
 
 _AT_LAYER = "what shows as a limb is the edge of a layer of airglow"
 _PERHAPS_AT_LAYER = "the limb may be the edge of a layer of airglow, and altitude 95 km too small"
+_SIGMAS = 4.0  # by which altitudes by the limb of the ground and of a layer are told apart
 _MUCH_LESS_SURE = 2.0  # times the sigma of nadir
 # What a camera, by number, finds by itself, and what its limb comes to; looked for once.
 _Alone = Callable[[int], tuple[Detection, Judged]]
@@ -175,44 +176,40 @@ class HorizonSearch:
         by_own = self._estimator.judged(
             replace(sighting, frames=[frames[i] for i in found], detection=own)
         ).fix
-        of_own = dict(zip(found, by_own.limbs, strict=True))
-        limbs = tuple(of_own.get(i, limb) for i, limb in enumerate(fix.limbs))
+        by_own = _in_place_of(fix, frames, by_own, [frames[i] for i in found])
         if by_own.status in (Status.CAMERAS_DISAGREE, Status.POOR_FIT):
             reason = f"each camera by itself sees a limb, but no common cone fits: {by_own.reason}"
-            refused = self._estimator.refused(Status.CAMERAS_DISAGREE, reason, fix.fit, limbs)
+            refused = self._estimator.refused(
+                Status.CAMERAS_DISAGREE, reason, fix.fit, by_own.limbs
+            )
             return replace(refused, contradicting=tuple(frames[i].view.name for i in found))
         if not (by_own.ok and by_own.reason):
             return None
         # What contradicts itself already is only followed no longer where it is far worse.
         known_rad = _MUCH_LESS_SURE * nadir_sigma_rad(fix.fit) if fix.reason else 0.0
-        return replace(by_own, limbs=limbs) if nadir_sigma_rad(by_own.fit) > known_rad else None
+        return by_own if nadir_sigma_rad(by_own.fit) > known_rad else None
 
     def _perhaps_of_layer(
         self, frames: Sequence[Frame], sighting: Sighting, fix: HorizonFix, alone: _Alone
     ) -> HorizonFix | None:
         """The same fix, its altitude as uncertain as a layer of airglow is high, where one camera
-        by itself sees the edge of one there; else None. About nadir both limbs say the same.
+        by itself sees the edge of one there, or its limb so much lower; else None. About nadir both
+        limbs say the same.
         """
         detection = sighting.detection
         number = {frame.view.name: i for i, frame in enumerate(frames)}
         for seen in detection.observations:
             name = seen.view.name
-            if not _is_at_layer([seen], _layer(alone(number[name])[0])):
+            itself, judged = alone(number[name])
+            if not (_is_at_layer([seen], _layer(itself)) or _is_above(fix.fit, judged.fix)):
                 continue
             high = [replace(limb, above_m=max(limb.above_m, LAYER_M)) for limb in detection.limbs]
             of_layer = self._estimator.judged(
                 replace(sighting, detection=detection.with_limbs(high))
             ).fix
-            reason = f"{name}, by itself: {_PERHAPS_AT_LAYER}"
-            told = filter(None, (of_layer.reason, reason))
-            limbs = dict(zip((f.view.name for f in sighting.frames), of_layer.limbs, strict=True))
-            return replace(
-                of_layer,
-                reason="; ".join(told),
-                limbs=tuple(
-                    limbs.get(f.view.name, limb) for f, limb in zip(frames, fix.limbs, strict=True)
-                ),
-            )
+            told = filter(None, (of_layer.reason, f"{name}, by itself: {_PERHAPS_AT_LAYER}"))
+            of_layer = replace(of_layer, reason="; ".join(told))
+            return _in_place_of(fix, frames, of_layer, sighting.frames)
         return None
 
     def _from_singles(
@@ -261,6 +258,8 @@ class HorizonSearch:
             if not all(len(limb_in_sight(frame.view, *near)) for frame in frames):
                 continue
             sighting = self._sighting(frames, aiding, near)
+            if _is_at_layer(sighting.detection.observations, layer):
+                continue
             together = self._estimator.judged(sighting).fix
             if together.ok and len(together.cameras_used) == len(frames):
                 return together, sighting.detection
@@ -305,6 +304,32 @@ def _is_at_layer(limbs: Sequence[LimbObservation], layer: Consensus | None) -> b
     cosine = gather(limbs).rays_base @ layer.nadir_base
     above_rad = np.arccos(np.clip(cosine, -1.0, 1.0)) - layer.rho_rad
     return bool(len(above_rad) and median(above_rad) > 0.5 * layer.layer_rad)
+
+
+def _is_above(fit: HorizonFit, by_itself: HorizonFix) -> bool:
+    """Whether the limb lies above the one that a camera by itself found, by about what a layer of
+    airglow does: more than errors explain.
+    """
+    if not by_itself.ok:
+        return False
+    off_m = by_itself.fit.altitude_m - fit.altitude_m
+    variance = fit.cov_nadir_altitude[3, 3] + by_itself.fit.cov_nadir_altitude[3, 3]
+    return bool(off_m > max(0.5 * LAYER_M, _SIGMAS * np.sqrt(variance)))
+
+
+def _in_place_of(
+    fix: HorizonFix, frames: Sequence[Frame], other: HorizonFix, judged: Sequence[Frame]
+) -> HorizonFix:
+    """Another fix, which has judged some of the frames; of those left out, what the fix says."""
+    names = [frame.view.name for frame in judged]
+    limbs = dict(zip(names, other.limbs, strict=True))
+    return replace(
+        other,
+        limbs=tuple(
+            limbs.get(frame.view.name, limb) for frame, limb in zip(frames, fix.limbs, strict=True)
+        ),
+        contradicting=tuple(name for name in fix.contradicting if name not in names),
+    )
 
 
 def _contradicting(frames: Sequence[Frame], fix: HorizonFix, alone: _Alone) -> tuple[str, ...]:

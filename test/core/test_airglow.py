@@ -478,6 +478,8 @@ def test_photographs_by_moonlight(name: str, focal_length_mm: float, shared_data
         ("uniform", 40.0, 100.0, 700.0),
         ("uniform", 13.0, 77.0, 309.0),  # the sea deep below is as dark as below a layer
         ("uniform", 15.0, 127.0, 2206.0),
+        ("uniform", 14.0, 127.0, 743.0),  # taken for a layer: no part of its light is hidden
+        ("uniform", 12.0, 128.0, 893.0),
         ("smooth", 22.0, 61.0, 2111.0),
         ("smooth", 37.0, 127.0, 1018.0),
     ],

@@ -161,12 +161,20 @@ def test_a_layer_without_ground_is_not_the_grounds_limb() -> None:
 
 
 def lit_shell(
-    low_m: float, high_m: float, view: CameraView, lit_dn: float = 0.0, lit_columns: float = 0.0
+    low_m: float,
+    high_m: float,
+    view: CameraView,
+    lit_dn: float = 0.0,
+    lit_columns: float = 0.0,
+    thick_air_m: float = 0.0,
+    stars: int = 0,
 ) -> np.ndarray:
-    """A frame (H, W), without stars, of a shell that glows between two heights above the ground: as
-    bright as the way through what the planet does not hide of it is long.
+    """A frame (H, W) of a shell that glows between two heights above the ground: as bright as the
+    way through what the planet does not hide of it is long.
 
     lit_dn : how bright the ground is, in so large a share of the frame's columns; else black.
+    thick_air_m : height up to which the air takes most of the light that comes from behind it.
+    stars : number of them above the ground.
     """
     rng = np.random.default_rng(1)
     height, width = view.camera.height, view.camera.width
@@ -182,9 +190,14 @@ def lit_shell(
         return np.where(ahead_m > 0.0, np.sqrt(np.maximum(inside, 0.0)), 0.0)
 
     one_side_m = half_chord_m(high_m) - half_chord_m(low_m)
-    way_m = np.where(half_chord_m(0.0) > 0.0, 1.0, 2.0) * one_side_m
+    rear = np.where(half_chord_m(0.0) > 0.0, 0.0, 1.0)
+    if thick_air_m > 0.0:
+        rear *= np.exp(-np.exp((PLANET.radius_m + thick_air_m - nearest_m) / 8e3))
+    way_m = (1.0 + rear) * one_side_m
     gray = 3.0 + 200.0 * way_m / way_m.max()
     gray += np.where((half_chord_m(0.0) > 0.0) & (px[:, 0] < lit_columns * width), lit_dn, 0.0)
+    in_space = rng.permutation(np.flatnonzero(half_chord_m(0.0) == 0.0))
+    gray[in_space[:stars]] += 400.0
     gray = cv2.GaussianBlur(gray.reshape(height, width), (0, 0), 1.0)
     return np.clip(gray + rng.normal(0.0, 1.0, gray.shape), 0, 255).astype(np.uint8)
 
@@ -226,6 +239,27 @@ def test_ground_below_a_layer_does_not_hide_it(
     if after.status is Status.OK:
         risen_m = PLANET.altitude_from_rho(after.rho_rad) - PLANET.altitude_from_rho(before.rho_rad)
         assert risen_m == pytest.approx(100e3, abs=40e3)
+
+
+@pytest.mark.parametrize("fov_deg", [25.0, 40.0, 60.0])
+@pytest.mark.parametrize("lit_dn", [30.0, 40.0, 55.0])
+def test_a_layer_over_lit_ground_is_told_by_what_thick_air_takes(
+    lit_dn: float, fov_deg: float
+) -> None:
+    """In photographs moonlit ground or city lights are as bright as a sea by day, and the layer's
+    edge was the limb: 75 km off. Of air on the ground nothing is hidden.
+    """
+    camera = camera_from_fov(640, 480, np.radians(fov_deg))
+    (view,) = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.4,), above_rad=0.03)
+    for low_m, high_m, is_layer in ((91e3, 97e3, True), (0.0, 8e3, False)):
+        thick_air_m = 15e3 if is_layer else 0.0
+        image = lit_shell(low_m, high_m, view, lit_dn, 1.0, thick_air_m, stars=600)
+        candidates = space_boundary_candidates(image)
+        found = rays_of_candidates([view], [candidates])
+        before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
+        assert before.status is Status.OK
+        after = ground_under_airglow([view], [candidates.working], found, before, PLANET)
+        assert (after.layer_rad > 0.0) is is_layer
 
 
 @pytest.mark.parametrize("stars", [0, 3000])
@@ -304,6 +338,27 @@ def test_wide_cameras_say_that_a_limb_may_be_a_layers(monkeypatch: pytest.Monkey
     assert nadir_nees(fix.fit, truth.nadir_base) < 9.0
     sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
     assert abs(fix.fit.altitude_m - truth.altitude_m) < 2.0 * sigma_m
+
+
+@pytest.mark.parametrize(
+    ("kind", "index", "seed"),
+    [
+        ("airglow", 472, 5511),  # seen together around what one camera by itself sees
+        ("moonlit", 113, 5511),  # each by itself sees the ground's limb
+        ("moonlit", 137, 7711),  # lit ground behind it, so near that little of the layer fades
+        ("moonlit", 641, 7711),
+    ],
+)
+def test_wide_cameras_do_not_take_a_layer_for_the_limb(
+    kind: str, index: int, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Altitude was 110 to 120 km off at .6 to 21 claimed."""
+    monkeypatch.setattr(hard_scenes_module, "_FOVS_RAD", tuple(np.radians([90.0, 120.0])))
+    scene = hard_scene(kind, index, seed)
+    fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
+    truth = scene.frames[0].truth
+    sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
+    assert not fix.ok or abs(fix.fit.altitude_m - truth.altitude_m) < 3.0 * sigma_m
 
 
 def test_the_sky_begins_above_the_layer() -> None:

@@ -49,8 +49,11 @@ _SAME_DEPTH_M = 14e3  # by which the depth of ground in a column may be off the 
 # third, two thirds at most.
 _SHARE = 0.7
 _SHARE_BY_NIGHT = 0.6  # where stars show, and parts of the craft may hide some
-# Behind its crest the layer fades in all columns alike.
+# Behind its crest the layer fades in all columns alike: nearly all, or where ground shows behind it
+# as many as have that, fall again.
+_FALLING = 0.9
 _FADES_M = 25e3, 70e3  # depths between which it does
+_FADES_AT_LEAST_M = 50e3  # instead of the second, where the ground's light begins before that
 _FADED = 0.85  # brightness at the deeper one over that at the other, at most
 _ALIKE = 0.14  # of the crest, by which a column may differ from the median one
 # A thin shell that emits is seen through the longer, the nearer to its edge: brightness goes with
@@ -62,9 +65,15 @@ _SHELL_LAW = 0.1
 # Of what that law would have behind, in columns of which so large a share have less: air on the
 # ground shows all of it. Lights on the ground may hide it in others.
 _REAR_HIDDEN, _DARK_COLUMNS = 0.7, 0.25
-# Brightness of the ground deep below the edge over the crest's: from the first on it is lit, and no
-# layer stands above it alone; from the second on it may be. Below layers alone .29 and .32 in two
-# photographs, .12 to .29 simulated; over simulated dark sea by day .33 to .62.
+# Less than the first of these of what that law has, somewhere between depths, only a layer shows:
+# the thick air before the ground takes its light, and the ground hides its rear. Photographs have
+# .93 at most where their ground is dark, air over 300 simulated dark seas has .96 at least: more
+# than the second of these is no layer's.
+_BEHIND_M = 66e3, 114e3
+_HIDDEN, _SHOWN = 0.9, 0.97
+# Between them the brightness of the ground deep below the edge over the crest's: from the first on
+# it is lit, and no layer stands above it alone; from the second on it may be. Below layers alone
+# .29 and .32 in two photographs, .12 to .29 simulated; over simulated dark sea by day .33 to .62.
 _LIT, _PERHAPS_LIT = 0.38, 0.3
 # Beside the dawn air is lit above ground that is not: a bright band, which is thinner the farther
 # it is from the Sun. Wedges of cloud beside the limb, which end nearer to the edge or less evenly,
@@ -104,7 +113,11 @@ def ground_under_airglow(
     level = np.concatenate([column.level for column in columns])
     noise = max(seen.noise for seen in working) / math.sqrt(_TOGETHER)
     falls, crest, trough, at_trough = _crest_and_trough(level, noise, _DEPTHS_M)
-    layered = _is_layer(level, falls, crest)
+    ground = _ground_behind(level, falls, trough, at_trough, noise)
+    shown = ground >= 0
+    num, num_all = int(np.count_nonzero(shown)), len(level)
+    dark_behind = falls.mean() > _FALLING or num >= _SHARE * num_all
+    layered = dark_behind and _fades_alike(level, crest, at_trough)
     if refined and not layered:
         return consensus
 
@@ -113,9 +126,6 @@ def ground_under_airglow(
         """Whether stars above the layer show an exposure for the night."""
         return shows_stars(views, working, consensus.nadir_base, consensus.rho_rad + layer_rad)
 
-    ground = _ground_behind(level, falls, trough, at_trough, noise)
-    shown = ground >= 0
-    num, num_all = int(np.count_nonzero(shown)), len(level)
     if num > 0 and (num >= _SHARE * num_all or (num >= _SHARE_BY_NIGHT * num_all and starry())):
         rays = _rays(found.rays[places[shown]], consensus, depths)
         cone = None
@@ -138,12 +148,12 @@ def ground_under_airglow(
         return consensus
     if dawns:
         return Consensus(Status.POOR_FIT, "twilight: lit air over ground that is dark")
-    lit = median(level[:, -3:].mean(axis=1) / crest)
-    if lit > _LIT:
+    left, lit = _left_behind(level, crest), median(level[:, -3:].mean(axis=1) / crest)
+    if left > _SHOWN or (left > _HIDDEN and lit > _LIT):
         return consensus
     no_ground = _moved(consensus, (consensus.nadir_base, consensus.rho_rad - layer_rad), layer_rad)
     reason = "a layer of airglow, and no ground behind it"
-    by_day = consensus if lit > _PERHAPS_LIT else None
+    by_day = consensus if left > _HIDDEN and lit > _PERHAPS_LIT else None
     return replace(no_ground, status=Status.POOR_FIT, reason=reason, by_day=by_day)
 
 
@@ -248,11 +258,12 @@ def _bundled(columns: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.nda
     return columns[_TOGETHER // 2 : used : _TOGETHER], means
 
 
-def _is_layer(level: np.ndarray, falls: np.ndarray, crest: np.ndarray) -> bool:
-    """Whether columns (N, D) fade behind their crests (N,) as a layer does."""
-    if not falls.mean() > 0.9:
-        return False
-    band = (level / crest[:, None])[:, (_FADES_M[0] <= _DEPTHS_M) & (_FADES_M[1] >= _DEPTHS_M)]
+def _fades_alike(level: np.ndarray, crest: np.ndarray, at_trough: np.ndarray) -> bool:
+    """Whether columns (N, D) fade behind their crests (N,) as a layer does, as far as their
+    troughs: where pixels are coarse the light of the ground begins there.
+    """
+    last_m = max(_FADES_AT_LEAST_M, min(_FADES_M[1], median(_DEPTHS_M[at_trough])))
+    band = (level / crest[:, None])[:, (_FADES_M[0] <= _DEPTHS_M) & (last_m >= _DEPTHS_M)]
     usual = np.median(band, axis=0)
     alike = np.abs(band - usual).max(axis=1) < _ALIKE
     return bool(usual[-1] < _FADED * usual[0] and alike.mean() > 0.6)
@@ -280,6 +291,17 @@ def _is_shell(level: np.ndarray, crest: np.ndarray) -> bool:
     behind = _SHELL_M[2] <= _DEPTHS_M
     each = level[:, behind] / crest[:, None] * np.sqrt(_DEPTHS_M[behind])
     return quantile(np.median(each, axis=1), _DARK_COLUMNS) < _REAR_HIDDEN * law
+
+
+def _left_behind(level: np.ndarray, crest: np.ndarray) -> float:
+    """Least brightness behind the layer in columns (N, D) with these crests (N,), over what a thin
+    shell's law would have there by what shows above.
+    """
+    root = np.sqrt(np.maximum(_DEPTHS_M, 0.0))
+    usual = np.median(level / crest[:, None], axis=0) * root
+    front = (_SHELL_M[0] <= _DEPTHS_M) & (_ABOVE_GROUND_M >= _DEPTHS_M)
+    behind = (_BEHIND_M[0] <= _DEPTHS_M) & (_BEHIND_M[1] >= _DEPTHS_M)
+    return float(usual[behind].min() / np.median(usual[front]))
 
 
 def _is_twilight(rays: np.ndarray, level: np.ndarray, nadir: np.ndarray) -> bool:
