@@ -269,7 +269,7 @@ class HorizonEstimator:
             self.config,
             alone=limbs.alone,
             layered=detection.layer_rad > 0.0,
-            layer_m=detection.layer_height_m(fit, self.config.planet),
+            layer_m=detection.layer_heights_m(fit, self.config.planet),
             glow_over_usual=max(glows, default=0.0),
             estimate=estimate,
         )

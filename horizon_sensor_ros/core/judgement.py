@@ -30,6 +30,8 @@ _MOST_SCATTER = 1.5
 # Heights of the airglow's edge above a limb: 76 to 99 km in photographs in which that was the
 # ground's, 91 to 110 in simulated frames, whose layer is at 95.
 _LAYER_HEIGHTS_M = 60e3, 120e3
+# Its quartiles are 3 to 20 km apart there, and about another nadir half a degree off and more 28.
+_LAYER_SPREAD_M = 25e3
 # Lit ground is lit behind its limb too: all but 14 % of it in the darkest of 1400 simulated limbs;
 # between a night side's lamps a third or more is dark, and their outermost ones are no limb.
 _MOST_DARK_GROUND = 0.25
@@ -86,7 +88,7 @@ def refusal(
     *,
     alone: Sequence[HorizonFit] = (),
     layered: bool = False,
-    layer_m: float = math.nan,
+    layer_m: tuple[float, float, float] | None = None,
     glow_over_usual: float = 0.0,
     estimate: HorizonFit | None = None,
 ) -> tuple[Status, str] | None:
@@ -98,7 +100,7 @@ def refusal(
     alone : fits of those cameras that determine a cone by themselves; their edges are judged by
     that cone, since what cameras contradict each other by is in the covariance. layered : a layer
     of airglow was found at the same distance all along the limb, which proves that it is a limb.
-    layer_m : height of the layer's edge, NaN if it was not measured. glow_over_usual : largest
+    layer_m : quartiles of its edge's height, None if it was not measured. glow_over_usual : largest
     `Detection.glow_over_usual` of the cameras used.
     Returns status and reason, for a person.
     """
@@ -114,14 +116,16 @@ def refusal(
 
 
 def _of_altitude(
-    estimate: HorizonFit, layer_m: float, config: HorizonConfig
+    estimate: HorizonFit, layer_m: tuple[float, float, float] | None, config: HorizonConfig
 ) -> tuple[Status, str] | None:
     """`refusal` by where the airglow and the camera would be."""
-    if math.isfinite(layer_m) and not _LAYER_HEIGHTS_M[0] < layer_m < _LAYER_HEIGHTS_M[1]:
-        return (
-            Status.POOR_FIT,
-            f"not the ground's limb: the airglow above it would be {layer_m / 1e3:.0f} km high",
-        )
+    if layer_m is not None:
+        low, middle, high = layer_m
+        would_be = "not the ground's limb: the airglow above it would be"
+        if not _LAYER_HEIGHTS_M[0] < middle < _LAYER_HEIGHTS_M[1]:
+            return Status.POOR_FIT, f"{would_be} {middle / 1e3:.0f} km high"
+        if high - low > _LAYER_SPREAD_M:
+            return Status.POOR_FIT, f"{would_be} {low / 1e3:.0f} to {high / 1e3:.0f} km high"
     if not config.altitude_min_m <= estimate.altitude_m <= config.altitude_max_m:
         return (
             Status.ALTITUDE_OUT_OF_RANGE,

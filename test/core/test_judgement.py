@@ -73,12 +73,23 @@ def test_what_lies_under_a_layer_of_airglow_all_along_is_a_limb() -> None:
 
 
 @pytest.mark.parametrize(
-    ("height_m", "refused"), [(5e3, True), (45e3, True), (95e3, False), (130e3, True)]
+    ("height_m", "spread_m", "refused"),
+    [
+        (5e3, 5e3, True),
+        (45e3, 5e3, True),
+        (95e3, 5e3, False),
+        (95e3, 30e3, True),
+        (130e3, 5e3, True),
+    ],
 )
-def test_a_limb_is_the_grounds_only_at_the_airglows_height(height_m: float, refused: bool) -> None:
+def test_a_limb_is_the_grounds_only_at_the_airglows_height(
+    height_m: float, spread_m: float, refused: bool
+) -> None:
+    """All along it: above a limb about another nadir it is high here and low there."""
     observations = seen(0.1, True)
     fit = fit_horizon(observations, PLANET)
-    found = refusal(fit, observations, HorizonConfig(), layered=True, layer_m=height_m)
+    quartiles = height_m - spread_m / 2.0, height_m, height_m + spread_m / 2.0
+    found = refusal(fit, observations, HorizonConfig(), layered=True, layer_m=quartiles)
     assert (found is not None) is refused
     if found is not None:
         assert found[0] is Status.POOR_FIT

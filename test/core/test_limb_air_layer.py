@@ -15,7 +15,7 @@ from limb_samples import nadir_nees
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
-from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow, layer_height_m
+from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow, layer_heights_m
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
@@ -103,10 +103,10 @@ def test_height_of_the_layer(altitude_m: float, height_m: float, aside_rad: floa
     empty = np.empty(0)
     edge = RayCandidates(rays, rays, empty, empty, empty, empty)
     straight = np.array([0.0, 0.0, 1.0]), rho
-    assert layer_height_m(edge, straight, PLANET) == pytest.approx(height_m, abs=1.0)
+    assert layer_heights_m(edge, straight, PLANET) == pytest.approx((height_m,) * 3, abs=1.0)
     tilted = np.array([np.sin(aside_rad), 0.0, np.cos(aside_rad)]), rho - aside_rad
     seen_m = PLANET.radius_m * (np.sin(layer_rho - aside_rad) / np.sin(rho - aside_rad) - 1.0)
-    assert layer_height_m(edge, tilted, PLANET) == pytest.approx(seen_m, abs=3e3)
+    assert layer_heights_m(edge, tilted, PLANET)[1] == pytest.approx(seen_m, abs=3e3)
 
 
 def dawn(band_km: tuple[float, float], star_count: int, view: CameraView) -> np.ndarray:
@@ -359,6 +359,25 @@ def test_wide_cameras_do_not_take_a_layer_for_the_limb(
     truth = scene.frames[0].truth
     sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
     assert not fix.ok or abs(fix.fit.altitude_m - truth.altitude_m) < 3.0 * sigma_m
+
+
+@pytest.mark.parametrize(
+    ("kind", "index", "seed", "fov_deg"),
+    [("airglow", 112, 5512, (90.0, 120.0)), ("moonlit", 305, 323, (20.0, 40.0))],
+)
+def test_a_limb_is_as_far_below_the_layer_all_along(
+    kind: str, index: int, seed: int, fov_deg: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One camera of two was believed by itself, 5.6 deg off at .33 claimed and .59 at .07: the
+    layer rises above its limb from one end to the other.
+    """
+    monkeypatch.setattr(hard_scenes_module, "_FOVS_RAD", tuple(np.radians(fov_deg)))
+    scene = hard_scene(kind, index, seed)
+    frames = as_frames(scene.views, scene.frames)
+    nadir = scene.frames[0].truth.nadir_base
+    for seen in (frames, *([frame] for frame in frames)):
+        fix = HorizonSensor().process(seen)
+        assert not fix.ok or nadir_nees(fix.fit, nadir) < 9.0
 
 
 def test_the_sky_begins_above_the_layer() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,7 +14,7 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.width import Smear
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
-from horizon_sensor_ros.core.limb.search.air_layer import layer_height_m
+from horizon_sensor_ros.core.limb.search.air_layer import layer_heights_m
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS, Consensus, RayCandidates
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb_points import LimbPoints
@@ -144,11 +143,13 @@ class Detection:
         outside = of_frame.outside(self.nadir_base, self.rho_rad)
         return int(np.count_nonzero(outside)) / max(len(outside), 1)
 
-    def layer_height_m(self, fit: HorizonFit, planet: Planet) -> float:
-        """Height of the layer of airglow above a fit's limb; NaN where none was measured."""
+    def layer_heights_m(self, fit: HorizonFit, planet: Planet) -> tuple[float, float, float] | None:
+        """Quartiles of the height of the layer of airglow above a fit's limb; None where it was not
+        measured.
+        """
         if self.agreed is None or self.layer_rad == 0.0:
-            return math.nan
-        return layer_height_m(self.agreed, (fit.nadir_base, fit.rho_rad), planet)
+            return None
+        return layer_heights_m(self.agreed, (fit.nadir_base, fit.rho_rad), planet)
 
     def glow_over_usual(self, index: int) -> float:
         """Length over which the glow above a frame's limb fades, as a multiple of the Earth's usual

@@ -157,16 +157,23 @@ def ground_under_airglow(
     return replace(no_ground, status=Status.POOR_FIT, reason=reason, by_day=by_day)
 
 
-def layer_height_m(edge: RayCandidates, cone: tuple[np.ndarray, float], planet: Planet) -> float:
-    """Height of the layer's edge above a limb, as it is seen above that, nadir (3,) and rho.
+def layer_heights_m(
+    edge: RayCandidates, cone: tuple[np.ndarray, float], planet: Planet
+) -> tuple[float, float, float]:
+    """Heights of the layer's edge above a limb, as it is seen above that, nadir (3,) and rho: those
+    that a quarter, half, and three quarters of it lie below.
 
     The edge's own cone would tell another nadir, and with that another height: along a short arc
     radius and nadir are hardly told apart.
     """
     nadir, rho = cone
     cosine = edge.rays @ nadir
-    sine = median(np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0)))
-    return planet.radius_m * (sine / math.sin(rho) - 1.0)
+    sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
+    low, middle, high = (
+        planet.radius_m * (quantile(sine, share) / math.sin(rho) - 1.0)
+        for share in (0.25, 0.5, 0.75)
+    )
+    return low, middle, high
 
 
 def _layer_rad(consensus: Consensus, planet: Planet) -> float:
