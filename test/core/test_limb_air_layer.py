@@ -27,6 +27,7 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim import hard_scenes as hard_scenes_module
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
+from horizon_sensor_ros.sim.flight import Flight, Swing
 from horizon_sensor_ros.sim.hard_scenes import hard_scene, hard_scenes
 from horizon_sensor_ros.sim.poses import camera_from_fov
 
@@ -241,6 +242,26 @@ def test_ground_below_a_layer_does_not_hide_it(
         assert risen_m == pytest.approx(100e3, abs=40e3)
 
 
+@pytest.mark.parametrize("fov_deg", [40.0, 60.0, 70.0])
+@pytest.mark.parametrize("low_m", [91e3, 0.0])
+def test_a_layer_without_stars_over_moonlit_ground_ends_above(low_m: float, fov_deg: float) -> None:
+    """Of the ground enough is bright for its limb to show in two columns of three, and too little
+    dark to show that the layer's rear is hidden: altitude was 109 km off at 1.2 claimed.
+    """
+    camera = camera_from_fov(640, 480, np.radians(fov_deg))
+    (view,) = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.4,), above_rad=0.03)
+    dark, bright = (
+        lit_shell(low_m, low_m + 6e3, view, lit_dn, share)
+        for lit_dn, share in ((30.0, 1.0), (90.0, 0.64))
+    )
+    candidates = space_boundary_candidates(np.maximum(dark, bright))
+    found = rays_of_candidates([view], [candidates])
+    before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
+    assert before.status is Status.OK
+    after = ground_under_airglow([view], [candidates.working], found, before, PLANET)
+    assert (after.layer_rad > 0.0) is (low_m > 0.0)
+
+
 @pytest.mark.parametrize("fov_deg", [25.0, 40.0, 60.0])
 @pytest.mark.parametrize("lit_dn", [30.0, 40.0, 55.0])
 def test_a_layer_over_lit_ground_is_told_by_what_thick_air_takes(
@@ -328,9 +349,11 @@ def test_narrow_cameras_do_not_take_a_layer_for_the_limb(seed: int) -> None:
 
 
 def test_wide_cameras_say_that_a_limb_may_be_a_layers(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Together they see none, one by itself does: altitude was 110 km off at .4 claimed."""
+    """Together they see none, one by itself its limb so much lower: altitude was 116 km off at 1.1
+    claimed.
+    """
     monkeypatch.setattr(hard_scenes_module, "_FOVS_RAD", tuple(np.radians([90.0, 120.0])))
-    scene = hard_scene("airglow", 88, 9193)
+    scene = hard_scene("moonlit", 113, 5511)
     fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
     truth = scene.frames[0].truth
     assert fix.ok, fix.reason
@@ -344,7 +367,7 @@ def test_wide_cameras_say_that_a_limb_may_be_a_layers(monkeypatch: pytest.Monkey
     ("kind", "index", "seed"),
     [
         ("airglow", 472, 5511),  # seen together around what one camera by itself sees
-        ("moonlit", 113, 5511),  # each by itself sees the ground's limb
+        ("airglow", 88, 9193),  # one by itself sees the layer
         ("moonlit", 137, 7711),  # lit ground behind it, so near that little of the layer fades
         ("moonlit", 641, 7711),
     ],
@@ -378,6 +401,36 @@ def test_a_limb_is_as_far_below_the_layer_all_along(
     for seen in (frames, *([frame] for frame in frames)):
         fix = HorizonSensor().process(seen)
         assert not fix.ok or nadir_nees(fix.fit, nadir) < 9.0
+
+
+@pytest.mark.parametrize("time_s", [5.0, 6.0, 7.0])
+def test_the_layers_upper_side_tells_it_without_stars(time_s: float) -> None:
+    """Ground shows in two columns of three, as clouds by day may: altitude was 109 km off at 1
+    claimed.
+    """
+    scene = EarthScene(
+        texture="clouds",
+        texture_seed=535214420,
+        sun_direction=(-0.456, -0.326, -0.828),
+        night_light=0.0624,
+        airglow_dn=39.7,
+    )
+    flight = Flight(
+        altitude_m=610e3,
+        start_rad=0.906,
+        node_rad=5.96,
+        roll=Swing(0.069, np.radians(3.0), 17.0, 1.98),
+        pitch=Swing(0.094, np.radians(2.5), 23.0, 1.82),
+        camera=camera_from_fov(640, 480, np.radians(73.0)),
+        scene=scene,
+        imaging=Imaging(noise_dn=2.5),
+    )
+    drawn = flight.frames(time_s)
+    fix = HorizonSensor().process(
+        [Frame(view, frame.image) for view, frame in zip(flight.views, drawn, strict=True)]
+    )
+    sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
+    assert not fix.ok or abs(fix.fit.altitude_m - drawn[0].truth.altitude_m) < 4.0 * sigma_m
 
 
 def test_the_sky_begins_above_the_layer() -> None:

@@ -65,6 +65,9 @@ _SHELL_LAW = 0.1
 # Of what that law would have behind, in columns of which so large a share have less: air on the
 # ground shows all of it. Lights on the ground may hide it in others.
 _REAR_HIDDEN, _DARK_COLUMNS = 0.7, 0.25
+# Brightness at that depth, above the edge, over the crest, which with ground behind tells a shell:
+# .11 and less above 80 simulated layers, .17 and more in air over 74 dark seas.
+_ABOVE_M, _ENDS = -6e3, 0.14
 # Less than the first of these of what that law has, somewhere between depths, only a layer shows:
 # the thick air before the ground takes its light, and the ground hides its rear. Photographs have
 # .93 at most where their ground is dark, air over 300 simulated dark seas has .96 at least: more
@@ -120,13 +123,19 @@ def ground_under_airglow(
     layered = dark_behind and _fades_alike(level, crest, at_trough)
     if refined and not layered:
         return consensus
+    above_ground = num > 0 and _ends_above(level, crest)
 
     @cache
     def starry() -> bool:
         """Whether stars above the layer show an exposure for the night."""
         return shows_stars(views, working, consensus.nadir_base, consensus.rho_rad + layer_rad)
 
-    if num > 0 and (num >= _SHARE * num_all or (num >= _SHARE_BY_NIGHT * num_all and starry())):
+    @cache
+    def by_night() -> bool:
+        """Whether stars or the layer itself show that."""
+        return starry() or (layered and (above_ground or _is_shell(level, crest)))
+
+    if num > 0 and (num >= _SHARE * num_all or (num >= _SHARE_BY_NIGHT * num_all and by_night())):
         rays = _rays(found.rays[places[shown]], consensus, depths)
         cone = None
         if not refined:
@@ -144,16 +153,17 @@ def ground_under_airglow(
     )
     if not (dawns or layered):
         return consensus
-    if not (starry() or (layered and _is_shell(level, crest))):
+    if not by_night():
         return consensus
     if dawns:
         return Consensus(Status.POOR_FIT, "twilight: lit air over ground that is dark")
     left, lit = _left_behind(level, crest), median(level[:, -3:].mean(axis=1) / crest)
-    if left > _SHOWN or (left > _HIDDEN and lit > _LIT):
+    perhaps_air = left > _HIDDEN and not above_ground
+    if perhaps_air and (left > _SHOWN or lit > _LIT):
         return consensus
     no_ground = _moved(consensus, (consensus.nadir_base, consensus.rho_rad - layer_rad), layer_rad)
     reason = "a layer of airglow, and no ground behind it"
-    by_day = consensus if left > _HIDDEN and lit > _PERHAPS_LIT else None
+    by_day = consensus if perhaps_air and lit > _PERHAPS_LIT else None
     return replace(no_ground, status=Status.POOR_FIT, reason=reason, by_day=by_day)
 
 
@@ -298,6 +308,14 @@ def _is_shell(level: np.ndarray, crest: np.ndarray) -> bool:
     behind = _SHELL_M[2] <= _DEPTHS_M
     each = level[:, behind] / crest[:, None] * np.sqrt(_DEPTHS_M[behind])
     return quantile(np.median(each, axis=1), _DARK_COLUMNS) < _REAR_HIDDEN * law
+
+
+def _ends_above(level: np.ndarray, crest: np.ndarray) -> bool:
+    """Whether columns (N, D) with these crests (N,) fade as a thin shell does, but are darker above
+    their edges than the Earth's air could be.
+    """
+    above = np.median(level[:, _DEPTHS_M == _ABOVE_M] / crest[:, None])
+    return bool(above < _ENDS) and _fades_as_a_shell(level, crest) is not None
 
 
 def _left_behind(level: np.ndarray, crest: np.ndarray) -> float:
