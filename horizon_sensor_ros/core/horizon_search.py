@@ -18,7 +18,7 @@ from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix, told_by
 from horizon_sensor_ros.core.judgement import disagreement_rad, nadir_sigma_rad
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb, joined
-from horizon_sensor_ros.core.limb.search.air_layer import LAYER_M
+from horizon_sensor_ros.core.limb.search.air_layer import LAYER_M, may_be_cut_off
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
@@ -33,6 +33,7 @@ from horizon_sensor_ros.core.status import Status
 
 _AT_LAYER = "what shows as a limb is the edge of a layer of airglow"
 _PERHAPS_AT_LAYER = "the limb may be the edge of a layer of airglow, and altitude 95 km too small"
+_CUT_OFF = "the frame ends too near to the limb"
 _SIGMAS = 4.0  # by which altitudes by the limb of the ground and of a layer are told apart
 _MUCH_LESS_SURE = 2.0  # times the sigma of nadir
 # What a camera, by number, finds by itself, and what its limb comes to; looked for once.
@@ -88,6 +89,7 @@ class HorizonSearch:
                 fix = replace(fix, reason=reason, limbs=tuple(_filled(limbs)))
                 fix = replace(fix, contradicting=_contradicting(frames, fix, alone))
                 contradicted = self._refused_by_another(frames, fix, alone)
+                contradicted = contradicted or self._perhaps_of_layer(frames, sighting, fix, alone)
                 contradicted = contradicted or self._by_own_limbs(frames, sighting, fix, alone)
                 if contradicted is not None:
                     return contradicted, None
@@ -156,9 +158,6 @@ class HorizonSearch:
             return None
         if len(frames) < 2:
             return None
-        layered = self._perhaps_of_layer(frames, sighting, fix, alone)
-        if layered is not None:
-            return layered
         found = {
             i: alone(i)[0]
             for i, limb in enumerate(fix.limbs)
@@ -192,24 +191,44 @@ class HorizonSearch:
     def _perhaps_of_layer(
         self, frames: Sequence[Frame], sighting: Sighting, fix: HorizonFix, alone: _Alone
     ) -> HorizonFix | None:
-        """The same fix, its altitude as uncertain as a layer of airglow is high, where one camera
-        by itself sees the edge of one there, or its limb so much lower; else None. About nadir both
-        limbs say the same.
+        """The same fix, its altitude as uncertain as a layer of airglow is high, where the limb may
+        be the edge of one; else None. About nadir both limbs say the same.
         """
         detection = sighting.detection
+        if not fix.ok or fix.airglow_alone or detection.consensus.layer_rad > 0.0:
+            return None
+        who = self._who_tells_of_layer(frames, sighting, fix, alone)
+        if who is None:
+            return None
+        high = [replace(limb, above_m=max(limb.above_m, LAYER_M)) for limb in detection.limbs]
+        of_layer = self._estimator.judged(
+            replace(sighting, detection=detection.with_limbs(high))
+        ).fix
+        told = filter(None, (of_layer.reason, f"{who}: {_PERHAPS_AT_LAYER}"))
+        of_layer = replace(of_layer, reason="; ".join(told))
+        return _in_place_of(fix, frames, of_layer, sighting.frames)
+
+    def _who_tells_of_layer(
+        self, frames: Sequence[Frame], sighting: Sighting, fix: HorizonFix, alone: _Alone
+    ) -> str | None:
+        """What says that a limb may be a layer's: the borders of all frames, which hide what would
+        tell; or one camera that by itself sees the edge of one there, or its limb so much lower.
+        """
+        detection = sighting.detection
+        agreed = detection.agreed
+        if agreed is not None and not detection.under_daylit_air:
+            at = sighting.views, detection.working, agreed, detection.consensus
+            if may_be_cut_off(*at, self._estimator.sphere):
+                return _CUT_OFF
+        if detection.consensus.unanimous and len(fix.cameras_used) == len(frames):
+            return None
+        if len(frames) < 2:
+            return None
         number = {frame.view.name: i for i, frame in enumerate(frames)}
         for seen in detection.observations:
-            name = seen.view.name
-            itself, judged = alone(number[name])
-            if not (_is_at_layer([seen], _layer(itself)) or _is_above(fix.fit, judged.fix)):
-                continue
-            high = [replace(limb, above_m=max(limb.above_m, LAYER_M)) for limb in detection.limbs]
-            of_layer = self._estimator.judged(
-                replace(sighting, detection=detection.with_limbs(high))
-            ).fix
-            told = filter(None, (of_layer.reason, f"{name}, by itself: {_PERHAPS_AT_LAYER}"))
-            of_layer = replace(of_layer, reason="; ".join(told))
-            return _in_place_of(fix, frames, of_layer, sighting.frames)
+            itself, judged = alone(number[seen.view.name])
+            if _is_at_layer([seen], _layer(itself)) or _is_above(fix.fit, judged.fix):
+                return f"{seen.view.name}, by itself"
         return None
 
     def _from_singles(

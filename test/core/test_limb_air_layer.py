@@ -433,6 +433,38 @@ def test_the_layers_upper_side_tells_it_without_stars(time_s: float) -> None:
     assert not fix.ok or abs(fix.fit.altitude_m - drawn[0].truth.altitude_m) < 4.0 * sigma_m
 
 
+@pytest.mark.parametrize(("above_rad", "stars"), [(0.3, 0), (0.3, 3000), (0.31, 3000)])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_limb_that_the_border_cuts_off_may_be_a_layers(
+    seed: int, above_rad: float, stars: int
+) -> None:
+    """All that the frame shows is the upper part of the layer: altitude was 105 km off at 4
+    claimed. It is followed by no track, which would not know.
+    """
+    camera = camera_from_fov(640, 480, np.radians(45.0))
+    views = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.4,), above_rad=above_rad)
+    drawn = draw(views, ALTITUDE_M, night(seed, star_count=stars), NOISE)
+    sensor = HorizonSensor()
+    for _ in range(2):
+        fix = sensor.process(as_frames(views, drawn))
+        assert not sensor.following
+        sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
+        if fix.ok:
+            assert "may be the edge of a layer of airglow" in fix.reason
+            assert abs(fix.fit.altitude_m - ALTITUDE_M) < 2.0 * sigma_m
+            assert nadir_nees(fix.fit, drawn[0].truth.nadir_base) < 9.0
+
+
+@pytest.mark.parametrize("above_rad", [0.28, 0.3])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_limb_by_day_that_the_border_cuts_off_is_the_grounds(seed: int, above_rad: float) -> None:
+    camera = camera_from_fov(640, 480, np.radians(45.0))
+    views = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.4,), above_rad=above_rad)
+    for scene in (clouds(seed), replace(clouds(seed), air_dn=60.0)):
+        fix = HorizonSensor().process(as_frames(views, draw(views, ALTITUDE_M, scene, NOISE)))
+        assert "airglow" not in fix.reason
+
+
 def test_the_sky_begins_above_the_layer() -> None:
     before, after = searched(night(1, night_light=0.5))
     assert before.layer_rad == 0.0

@@ -13,6 +13,7 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.width import Smear
+from horizon_sensor_ros.core.limb.glow.air import USUAL_HEIGHT
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.search.air_layer import layer_heights_m
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS, Consensus, RayCandidates
@@ -23,6 +24,9 @@ from horizon_sensor_ros.core.robust import median, stretches
 from horizon_sensor_ros.core.status import Status
 
 _STRETCHES, _ON_COURSE_PX = 4, 0.6
+# Scale heights of air over the usual one that it has by day: simulated limbs .95 to 1.1; layers of
+# airglow that pass for air .25.
+_USUAL_SHARES = 0.6, 1.5
 _SHORTEST_PX = 1.0  # length of glow that is told from the blur
 
 
@@ -105,6 +109,21 @@ class Detection:
     def glow_separated(self) -> bool:
         """Whether limb and glow were separated in every frame that shows a limb."""
         return all(limb.glow_separated for limb in self.limbs if limb.status is Status.OK)
+
+    @property
+    def under_daylit_air(self) -> bool:
+        """Whether every limb that was seen was separated from the glow above it, and that fades as
+        the Earth's air does by day. The upper side of a layer of airglow fades over a quarter of
+        that.
+        """
+        low, high = (share * USUAL_HEIGHT for share in _USUAL_SHARES)
+        usual = [
+            limb.glow_separated
+            and any(kind.air is not None and low < kind.air.height < high for kind in kinds)
+            for limb, kinds in zip(self.limbs, self.looks, strict=True)
+            if limb.status is Status.OK
+        ]
+        return bool(usual) and all(usual)
 
     @property
     def separated_only(self) -> Detection | None:

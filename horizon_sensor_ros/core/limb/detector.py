@@ -11,7 +11,6 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb.detection import Detection, LimbState
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.glow.air import USUAL_HEIGHT
 from horizon_sensor_ros.core.limb.glow.points import told_together
 from horizon_sensor_ros.core.limb.haze.passes import follow_through_haze, look_through_haze
 from horizon_sensor_ros.core.limb.passes import (
@@ -50,9 +49,6 @@ from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
-# Scale heights of air over the usual one that it has by day: simulated limbs .95 to 1.1; layers of
-# airglow that pass for air .25.
-_USUAL_SHARES = 0.6, 1.5
 # Jumps between means of many edges of a limb that shows itself well at once.
 _STEADY_MEANS_PX = 0.15
 
@@ -171,19 +167,11 @@ def _under_daylit_air(
     working: Sequence[WorkingImage],
     consensus: Consensus,
 ) -> Detection | None:
-    """Limb near a consensus that may be that of a layer of airglow; None unless every limb can be
-    separated from the glow above it, and that fades as the Earth's air does by day. The upper side
-    of a layer of airglow fades over a quarter of that.
+    """Limb near a consensus that may be that of a layer of airglow; None unless it is under air by
+    day.
     """
     found = _looked_for(views, images, planet, working, consensus)
-    low, high = (share * USUAL_HEIGHT for share in _USUAL_SHARES)
-    seen = [
-        limb.glow_separated
-        and any(kind.air is not None and low < kind.air.height < high for kind in kinds)
-        for limb, kinds in zip(found.limbs, found.looks, strict=True)
-        if limb.status is Status.OK
-    ]
-    return found if seen and all(seen) else None
+    return found if found.under_daylit_air else None
 
 
 def _nothing(

@@ -56,6 +56,8 @@ _FADES_M = 25e3, 70e3  # depths between which it does
 _FADES_AT_LEAST_M = 50e3  # instead of the second, where the ground's light begins before that
 _FADED = 0.85  # brightness at the deeper one over that at the other, at most
 _ALIKE = 0.14  # of the crest, by which a column may differ from the median one
+_MOST = 0.6  # of the columns, that must not
+_CUT_OFF_M = 30e3  # down to which half of the columns must show, for what borders hide to matter
 # A thin shell that emits is seen through the longer, the nearer to its edge: brightness goes with
 # one over the root of the depth, from the first of these on, so well as this where it is a layer's,
 # down to where the planet hides the rear half of the shell, by the last of them for sure.
@@ -165,6 +167,45 @@ def ground_under_airglow(
     reason = "a layer of airglow, and no ground behind it"
     by_day = consensus if perhaps_air and lit > _PERHAPS_LIT else None
     return replace(no_ground, status=Status.POOR_FIT, reason=reason, by_day=by_day)
+
+
+def may_be_cut_off(
+    views: Sequence[CameraView],
+    working: Sequence[WorkingImage],
+    edge: RayCandidates,
+    consensus: Consensus,
+    planet: Planet,
+) -> bool:
+    """Whether an edge may be a layer's, of which frames' borders hide what would tell it from the
+    ground's limb: as far as they show it, it fades behind its crest alike all along, or they show
+    next to nothing of it, and stars above.
+
+    edge : inliers of the consensus. False where any camera shows enough of what is below.
+    """
+    layer_rad = _layer_rad(consensus, planet)
+    depths = _DEPTHS_M * (layer_rad / LAYER_M)
+    fades = False
+    for i, (view, seen) in enumerate(zip(views, working, strict=True)):
+        rays = edge.rays[edge.camera == i]
+        if len(rays) == 0:
+            continue
+        some = np.linspace(0, len(rays) - 1, _COLUMNS).astype(np.intp)
+        level = _levels(view, seen, _rays(rays[some], consensus, depths))
+        reach = np.isfinite(level).cumprod(axis=1).sum(axis=1)
+        if np.count_nonzero(_DEPTHS_M[reach - 1] >= _ENOUGH_M) >= _FEW * _TOGETHER:
+            return False
+        num = int(np.median(reach))
+        if num == 0 or _DEPTHS_M[num - 1] < _CUT_OFF_M:
+            continue
+        _, level = _bundled(some[reach >= num], level[reach >= num, :num])
+        share = level / level.max(axis=1, keepdims=True)
+        usual = np.median(share, axis=0)
+        behind = usual.argmax()
+        alike = np.abs(share - usual)[:, behind:].max(axis=1) < _ALIKE
+        if not (usual[-1] < _FALL and alike.mean() > _MOST):
+            return False
+        fades = True
+    return fades or shows_stars(views, working, consensus.nadir_base, consensus.rho_rad + layer_rad)
 
 
 def layer_heights_m(
@@ -283,7 +324,7 @@ def _fades_alike(level: np.ndarray, crest: np.ndarray, at_trough: np.ndarray) ->
     band = (level / crest[:, None])[:, (_FADES_M[0] <= _DEPTHS_M) & (last_m >= _DEPTHS_M)]
     usual = np.median(band, axis=0)
     alike = np.abs(band - usual).max(axis=1) < _ALIKE
-    return bool(usual[-1] < _FADED * usual[0] and alike.mean() > 0.6)
+    return bool(usual[-1] < _FADED * usual[0] and alike.mean() > _MOST)
 
 
 def _fades_as_a_shell(
