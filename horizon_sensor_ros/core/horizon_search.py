@@ -33,6 +33,7 @@ from horizon_sensor_ros.core.status import Status
 
 _AT_LAYER = "what shows as a limb is the edge of a layer of airglow"
 _PERHAPS_AT_LAYER = "the limb may be the edge of a layer of airglow, and altitude 95 km too small"
+_BY_FADING = "by how light fades below it"
 _CUT_OFF = "the frame ends too near to the limb"
 _SIGMAS = 4.0  # by which altitudes by the limb of the ground and of a layer are told apart
 _MUCH_LESS_SURE = 2.0  # times the sigma of nadir
@@ -211,12 +212,15 @@ class HorizonSearch:
     def _who_tells_of_layer(
         self, frames: Sequence[Frame], sighting: Sighting, fix: HorizonFix, alone: _Alone
     ) -> str | None:
-        """What says that a limb may be a layer's: the borders of all frames, which hide what would
-        tell; or one camera that by itself sees the edge of one there, or its limb so much lower.
+        """What says that a limb may be a layer's: how light fades below it; the borders of all
+        frames, which hide what would tell; or one camera that by itself sees the edge of one there,
+        or its limb so much lower.
         """
         detection = sighting.detection
         agreed = detection.agreed
         if agreed is not None and not detection.under_daylit_air:
+            if detection.consensus.perhaps_layer:
+                return _BY_FADING
             at = sighting.views, detection.working, agreed, detection.consensus
             if may_be_cut_off(*at, self._estimator.sphere):
                 return _CUT_OFF

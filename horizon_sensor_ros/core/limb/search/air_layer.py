@@ -67,19 +67,18 @@ _SHELL_LAW = 0.1
 # Of what that law would have behind, in columns of which so large a share have less: air on the
 # ground shows all of it. Lights on the ground may hide it in others.
 _REAR_HIDDEN, _DARK_COLUMNS = 0.7, 0.25
-# Brightness at that depth, above the edge, over the crest, which with ground behind tells a shell:
+# Brightness at that depth, above the edge, over the crest, which by night tells a shell:
 # .11 and less above 80 simulated layers, .17 and more in air over 74 dark seas.
 _ABOVE_M, _ENDS = -6e3, 0.14
-# Less than the first of these of what that law has, somewhere between depths, only a layer shows:
-# the thick air before the ground takes its light, and the ground hides its rear. Photographs have
-# .93 at most where their ground is dark, air over 300 simulated dark seas has .96 at least: more
-# than the second of these is no layer's.
-_BEHIND_M = 66e3, 114e3
-_HIDDEN, _SHOWN = 0.9, 0.97
-# Between them the brightness of the ground deep below the edge over the crest's: from the first on
-# it is lit, and no layer stands above it alone; from the second on it may be. Below layers alone
-# .29 and .32 in two photographs, .12 to .29 simulated; over simulated dark sea by day .33 to .62.
-_LIT, _PERHAPS_LIT = 0.38, 0.3
+# Behind a layer brightness falls short of that law, as it is down to the first depth, somewhere
+# between the others: thick air takes its light, and the ground hides its rear. By at least this in
+# photographs, .07 to .45, and .11 where ground deep below the edge is brighter than so much of the
+# crest; in air over dark seas, simulated in two ways, by .07 at most, over so dark ones by .03.
+_ABOVE_AIR_M, _BEHIND_M = 66e3, (72e3, 108e3)
+_SHORT, _SHORT_OVER_DARK, _DARK = 0.09, 0.05, 0.3
+# Where it does not: no less of the law than that, or ground that is so bright is never a layer's.
+# Layers alone have .12 to .37, and a dark sea by day may be as dark.
+_SHOWN, _LIT = 0.97, 0.38
 # Beside the dawn air is lit above ground that is not: a bright band, which is thinner the farther
 # it is from the Sun. Wedges of cloud beside the limb, which end nearer to the edge or less evenly,
 # are like it in one of 500 frames.
@@ -89,6 +88,7 @@ _NARROWS = 0.95  # rank correlation of that depth with the place along the limb,
 _GROUND = 0.6  # brightness of dark ground over the crest's, at most
 _DARK_SHARE = 0.5  # of the columns, behind which ground must be dark
 _LEAST_COLUMNS = 7  # with dark ground, likewise
+_REAR = (_BEHIND_M[0] <= _DEPTHS_M) & (_BEHIND_M[1] >= _DEPTHS_M)
 
 
 def ground_under_airglow(
@@ -125,7 +125,7 @@ def ground_under_airglow(
     layered = dark_behind and _fades_alike(level, crest, at_trough)
     if refined and not layered:
         return consensus
-    above_ground = num > 0 and _ends_above(level, crest)
+    ends_above = _ends_above(level, crest)
 
     @cache
     def starry() -> bool:
@@ -135,7 +135,8 @@ def ground_under_airglow(
     @cache
     def by_night() -> bool:
         """Whether stars or the layer itself show that."""
-        return starry() or (layered and (above_ground or _is_shell(level, crest)))
+        shows = (num > 0 and ends_above) or _is_shell(level, crest)
+        return starry() or (layered and shows)
 
     if num > 0 and (num >= _SHARE * num_all or (num >= _SHARE_BY_NIGHT * num_all and by_night())):
         rays = _rays(found.rays[places[shown]], consensus, depths)
@@ -156,17 +157,18 @@ def ground_under_airglow(
     if not (dawns or layered):
         return consensus
     if not by_night():
-        return consensus
+        perhaps = layered and ends_above
+        return replace(consensus, perhaps_layer=True) if perhaps else consensus
     if dawns:
         return Consensus(Status.POOR_FIT, "twilight: lit air over ground that is dark")
-    left, lit = _left_behind(level, crest), median(level[:, -3:].mean(axis=1) / crest)
-    perhaps_air = left > _HIDDEN and not above_ground
-    if perhaps_air and (left > _SHOWN or lit > _LIT):
-        return consensus
-    no_ground = _moved(consensus, (consensus.nadir_base, consensus.rho_rad - layer_rad), layer_rad)
-    reason = "a layer of airglow, and no ground behind it"
-    by_day = consensus if perhaps_air and lit > _PERHAPS_LIT else None
-    return replace(no_ground, status=Status.POOR_FIT, reason=reason, by_day=by_day)
+    short, lit = _falls_short(level, crest), median(level[:, -3:].mean(axis=1) / crest)
+    enough = _SHORT if lit > _DARK else _SHORT_OVER_DARK
+    if short > enough or (ends_above and (num > 0 or starry())):
+        cone = consensus.nadir_base, consensus.rho_rad - layer_rad
+        reason = "a layer of airglow, and no ground behind it"
+        return replace(_moved(consensus, cone, layer_rad), status=Status.POOR_FIT, reason=reason)
+    by_day = lit > _LIT or _over_the_law(level, crest)[_REAR].min() > _SHOWN
+    return consensus if by_day else replace(consensus, perhaps_layer=True)
 
 
 def may_be_cut_off(
@@ -359,15 +361,25 @@ def _ends_above(level: np.ndarray, crest: np.ndarray) -> bool:
     return bool(above < _ENDS) and _fades_as_a_shell(level, crest) is not None
 
 
-def _left_behind(level: np.ndarray, crest: np.ndarray) -> float:
-    """Least brightness behind the layer in columns (N, D) with these crests (N,), over what a thin
-    shell's law would have there by what shows above.
+def _falls_short(level: np.ndarray, crest: np.ndarray) -> float:
+    """By how much, over the law of a thin shell, brightness behind the layer falls at most short of
+    what shows above, in columns (N, D) with these crests (N,).
     """
-    root = np.sqrt(np.maximum(_DEPTHS_M, 0.0))
-    usual = np.median(level / crest[:, None], axis=0) * root
+    over_law = _over_the_law(level, crest)
+    above = (_SHELL_M[0] <= _DEPTHS_M) & (_ABOVE_AIR_M >= _DEPTHS_M)
+    slope, at_air = np.polyfit(_DEPTHS_M[above] - _ABOVE_AIR_M, over_law[above], 1)
+    expected = at_air + min(slope, 0.0) * (_DEPTHS_M - _ABOVE_AIR_M)
+    smooth = np.convolve(over_law, np.full(3, 1.0 / 3.0), mode="same")
+    return float((expected - smooth)[_REAR].max())
+
+
+def _over_the_law(level: np.ndarray, crest: np.ndarray) -> np.ndarray:
+    """Brightness (D,) of columns (N, D) with these crests (N,), over that of a thin shell which is
+    as bright above the ground.
+    """
+    usual = np.median(level / crest[:, None], axis=0) * np.sqrt(np.maximum(_DEPTHS_M, 0.0))
     front = (_SHELL_M[0] <= _DEPTHS_M) & (_ABOVE_GROUND_M >= _DEPTHS_M)
-    behind = (_BEHIND_M[0] <= _DEPTHS_M) & (_BEHIND_M[1] >= _DEPTHS_M)
-    return float(usual[behind].min() / np.median(usual[front]))
+    return np.asarray(usual / np.median(usual[front]))
 
 
 def _is_twilight(rays: np.ndarray, level: np.ndarray, nadir: np.ndarray) -> bool:

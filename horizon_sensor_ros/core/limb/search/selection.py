@@ -74,7 +74,8 @@ class Consensus:
     lies as near to the limb as they do.
     layer_rad : how far above the limb a layer of airglow lies, whose edge then the inliers are; 0
     where there is none. by_day : of such, the consensus before it was taken for a layer's edge,
-    where lit air looks like that too.
+    where lit air looks like that too. perhaps_layer : whether the limb may be such an edge, and how
+    light fades below it does not tell.
     """
 
     status: Status
@@ -85,6 +86,7 @@ class Consensus:
     unanimous: bool = False
     layer_rad: float = 0.0
     by_day: Consensus | None = None
+    perhaps_layer: bool = False
 
 
 def rays_of_candidates(
