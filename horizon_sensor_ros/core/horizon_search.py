@@ -18,8 +18,9 @@ from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix, told_by
 from horizon_sensor_ros.core.judgement import disagreement_rad, nadir_sigma_rad
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb, joined
-from horizon_sensor_ros.core.limb.search.air_layer import LAYER_M, may_be_cut_off
+from horizon_sensor_ros.core.limb.search.air_layer import may_be_cut_off
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
+from horizon_sensor_ros.core.limb.search.columns import LAYER_M
 from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
     limb_consensus,

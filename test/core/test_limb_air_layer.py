@@ -431,9 +431,7 @@ def test_the_layers_upper_side_tells_it_without_stars(time_s: float) -> None:
     assert not fix.ok or abs(fix.fit.altitude_m - drawn[0].truth.altitude_m) < 4.0 * sigma_m
 
 
-@pytest.mark.parametrize(
-    ("above_rad", "stars"), [(0.297, 0), (0.3, 0), (0.3, 3000), (0.31, 3000)]
-)
+@pytest.mark.parametrize(("above_rad", "stars"), [(0.297, 0), (0.3, 0), (0.3, 3000), (0.31, 3000)])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_limb_that_the_border_cuts_off_may_be_a_layers(
     seed: int, above_rad: float, stars: int
