@@ -40,9 +40,10 @@ _OTHERS = (
 )
 # Lenses are in focus, as a rule: by how much likelier a blurred edge has to be than a limb in air.
 _BLURRED_PX, _IN_FOCUS = 1.5, 100.0
-# Errors of stretches, of the whole limb and of its ends, over the scale height: two to four times
-# what they are beside the truth of simulated limbs, whose air is the same everywhere.
-_COHERENT, _SHIFT, _SLOPE = 0.05, 0.05, 0.035
+# Errors of stretches, of the whole limb and of its ends, over the scale height: four to eight times
+# what they are beside the truth of simulated limbs, whose air is the same everywhere. Limbs that
+# others draw, over dim ground that thin air does not hide quite, need as much (NEES 1.9).
+_COHERENT, _SHIFT, _SLOPE = 0.09, 0.09, 0.06
 ABOVE_M = 17e3  # how far above the ground such a limb may lie, which the frame does not tell
 THINNEST_PX = 0.8  # scale height in the full image from which on thick air is told from a blur
 _LEAST_SIGMA_PX = 0.02
