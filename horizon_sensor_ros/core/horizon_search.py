@@ -344,7 +344,9 @@ def _is_above(fit: HorizonFit, by_itself: HorizonFix) -> bool:
 def _in_place_of(
     fix: HorizonFix, frames: Sequence[Frame], other: HorizonFix, judged: Sequence[Frame]
 ) -> HorizonFix:
-    """Another fix, which has judged some of the frames; of those left out, what the fix says."""
+    """Another fix, which has judged some of the frames; of those left out, and of the cameras that
+    contradict without being in it, what the fix says.
+    """
     names = [frame.view.name for frame in judged]
     limbs = dict(zip(names, other.limbs, strict=True))
     return replace(
@@ -352,7 +354,7 @@ def _in_place_of(
         limbs=tuple(
             limbs.get(frame.view.name, limb) for frame, limb in zip(frames, fix.limbs, strict=True)
         ),
-        contradicting=tuple(name for name in fix.contradicting if name not in names),
+        contradicting=tuple(name for name in fix.contradicting if name not in other.cameras_used),
     )
 
 

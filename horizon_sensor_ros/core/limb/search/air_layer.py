@@ -160,7 +160,8 @@ def may_be_cut_off(
     edge : inliers of the consensus. False where any camera shows enough of what is below.
     """
     layer_rad = _layer_rad(consensus, planet)
-    depths = DEPTHS_M * (layer_rad / LAYER_M)
+    below_m = DEPTHS_M[DEPTHS_M >= 0.0]
+    depths = below_m * (layer_rad / LAYER_M)
     fades = False
     for i, (view, seen) in enumerate(zip(views, working, strict=True)):
         rays = edge.rays[edge.camera == i]
@@ -169,13 +170,13 @@ def may_be_cut_off(
         some = np.linspace(0, len(rays) - 1, COLUMNS).astype(np.intp)
         level = levels(view, seen, rays_below(rays[some], consensus, depths))
         reach = np.isfinite(level).cumprod(axis=1).sum(axis=1)
-        if np.count_nonzero(DEPTHS_M[reach - 1] >= ENOUGH_M) >= FEW * TOGETHER:
+        if np.count_nonzero(reach > np.count_nonzero(below_m < ENOUGH_M)) >= FEW * TOGETHER:
             return False
         num = int(np.median(reach))
-        if num == 0 or DEPTHS_M[num - 1] < _CUT_OFF_M:
+        if num <= np.count_nonzero(below_m < _CUT_OFF_M):
             continue
         _, level = bundled(some[reach >= num], level[reach >= num, :num])
-        share = level / level.max(axis=1, keepdims=True)
+        share = level / np.maximum(level.max(axis=1, keepdims=True), 1e-6)
         usual = np.median(share, axis=0)
         behind = usual.argmax()
         alike = np.abs(share - usual)[:, behind:].max(axis=1) < ALIKE
