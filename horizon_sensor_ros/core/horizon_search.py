@@ -153,12 +153,7 @@ class HorizonSearch:
         that cone is none of theirs.
         """
         consensus = sighting.detection.consensus
-        if not fix.ok or fix.airglow_alone or consensus.layer_rad > 0.0:
-            return None
-        # Nearly all edges of all frames lie on it.
-        if consensus.unanimous and len(fix.cameras_used) == len(frames):
-            return None
-        if len(frames) < 2:
+        if not _by_ground(fix, consensus) or _undisputed(frames, fix, consensus):
             return None
         found = {
             i: alone(i)[0]
@@ -197,7 +192,7 @@ class HorizonSearch:
         be the edge of one; else None. About nadir both limbs say the same.
         """
         detection = sighting.detection
-        if not fix.ok or fix.airglow_alone or detection.consensus.layer_rad > 0.0:
+        if not _by_ground(fix, detection.consensus):
             return None
         who = self._who_tells_of_layer(frames, sighting, fix, alone)
         if who is None:
@@ -225,9 +220,7 @@ class HorizonSearch:
             at = sighting.views, detection.working, agreed, detection.consensus
             if may_be_cut_off(*at, self._estimator.sphere):
                 return _CUT_OFF
-        if detection.consensus.unanimous and len(fix.cameras_used) == len(frames):
-            return None
-        if len(frames) < 2:
+        if _undisputed(frames, fix, detection.consensus):
             return None
         number = {frame.view.name: i for i, frame in enumerate(frames)}
         for seen in detection.observations:
@@ -328,6 +321,18 @@ def _is_at_layer(limbs: Sequence[LimbObservation], layer: Consensus | None) -> b
     cosine = gather(limbs).rays_base @ layer.nadir_base
     above_rad = np.arccos(np.clip(cosine, -1.0, 1.0)) - layer.rho_rad
     return bool(len(above_rad) and median(above_rad) > 0.5 * layer.layer_rad)
+
+
+def _by_ground(fix: HorizonFix, consensus: Consensus) -> bool:
+    """Whether there is a fix, and no layer of airglow has a part in it."""
+    return fix.ok and not fix.airglow_alone and consensus.layer_rad == 0.0
+
+
+def _undisputed(frames: Sequence[Frame], fix: HorizonFix, consensus: Consensus) -> bool:
+    """Whether no camera could find another cone: nearly all edges of all frames lie on this one, or
+    there is one camera only.
+    """
+    return len(frames) < 2 or (consensus.unanimous and len(fix.cameras_used) == len(frames))
 
 
 def _is_above(fit: HorizonFit, by_itself: HorizonFix) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
@@ -28,12 +29,13 @@ from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim import hard_scenes as hard_scenes_module
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.flight import Flight, Swing
-from horizon_sensor_ros.sim.hard_scenes import hard_scene, hard_scenes
+from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scene, hard_scenes
 from horizon_sensor_ros.sim.poses import camera_from_fov
 
 ALTITUDE_M = 420e3
 RHO = PLANET.rho_from_altitude(ALTITUDE_M)
 VIEWS = limb_views(ALTITUDE_M, azimuths_rad=(0.0, 1.5), above_rad=0.05)
+WIDE_DEG = 90.0, 120.0
 NOISE, NOISY = Imaging(noise_dn=1.5), Imaging(noise_dn=6.0)
 
 
@@ -47,14 +49,33 @@ def fixed(scene: EarthScene) -> HorizonFix:
     return HorizonSensor().process(as_frames(VIEWS, draw(VIEWS, ALTITUDE_M, scene, NOISE)))
 
 
+def seen_through(
+    monkeypatch: pytest.MonkeyPatch,
+    fov_deg: tuple[float, float],
+    kind: str,
+    index: int,
+    seed: int,
+) -> HardScene:
+    """A hard scene through lenses as wide as from one angle to another."""
+    monkeypatch.setattr(hard_scenes_module, "_FOVS_RAD", tuple(np.radians(fov_deg)))
+    return hard_scene(kind, index, seed)
+
+
 def searched(
     scene: EarthScene, imaging: Imaging = NOISE, views: tuple[CameraView, ...] = VIEWS
 ) -> tuple[Consensus, Consensus]:
     """The consensus before and after the ground under the airglow is looked for."""
-    images = [frame.image for frame in draw(views, ALTITUDE_M, scene, imaging)]
+    return looked_at([frame.image for frame in draw(views, ALTITUDE_M, scene, imaging)], views)
+
+
+def looked_at(
+    images: Sequence[np.ndarray], views: Sequence[CameraView]
+) -> tuple[Consensus, Consensus]:
+    """The same in images (H, W), one a view; all of them show a consensus before."""
     candidates = [space_boundary_candidates(image) for image in images]
     found = rays_of_candidates(views, candidates)
     before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
+    assert before.status is Status.OK
     working = [each.working for each in candidates]
     return before, ground_under_airglow(views, working, found, before, PLANET)
 
@@ -141,11 +162,7 @@ def test_the_dawns_lit_air_is_no_limb(
     camera = camera_from_fov(640, 480, np.radians(60.0))
     (view,) = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.0,), above_rad=0.05)
     image = dawn(band_km, star_count, view)
-    candidates = space_boundary_candidates(image)
-    found = rays_of_candidates([view], [candidates])
-    before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
-    assert before.status is Status.OK
-    after = ground_under_airglow([view], [candidates.working], found, before, PLANET)
+    _, after = looked_at([image], [view])
     assert (after.status is Status.POOR_FIT) is refused
     assert ("twilight" in after.reason) is refused
 
@@ -214,11 +231,7 @@ def test_without_stars_the_hidden_rear_of_a_layer_tells_it_from_air_over_a_dark_
     """Both fade alike below their edges, but of air on the ground no rear half shows anyway."""
     camera = camera_from_fov(640, 480, np.radians(fov_deg))
     (view,) = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.4,), above_rad=0.03)
-    candidates = space_boundary_candidates(lit_shell(low_m, high_m, view))
-    found = rays_of_candidates([view], [candidates])
-    before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
-    assert before.status is Status.OK
-    after = ground_under_airglow([view], [candidates.working], found, before, PLANET)
+    _, after = looked_at([lit_shell(low_m, high_m, view)], [view])
     assert (after.status is Status.POOR_FIT) is is_layer
     assert (after.layer_rad > 0.0) is is_layer
 
@@ -231,11 +244,7 @@ def test_ground_below_a_layer_does_not_hide_it(
     """Lights here and there, or moonlit ground all along a limb too short for a cone of its own."""
     camera = camera_from_fov(640, 480, np.radians(fov_deg))
     (view,) = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.4,), above_rad=0.0)
-    candidates = space_boundary_candidates(lit_shell(91e3, 97e3, view, lit_dn, lit_columns))
-    found = rays_of_candidates([view], [candidates])
-    before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
-    assert before.status is Status.OK
-    after = ground_under_airglow([view], [candidates.working], found, before, PLANET)
+    before, after = looked_at([lit_shell(91e3, 97e3, view, lit_dn, lit_columns)], [view])
     assert after.layer_rad > 0.0
     if after.status is Status.OK:
         risen_m = PLANET.altitude_from_rho(after.rho_rad) - PLANET.altitude_from_rho(before.rho_rad)
@@ -254,11 +263,7 @@ def test_a_layer_without_stars_over_moonlit_ground_ends_above(low_m: float, fov_
         lit_shell(low_m, low_m + 6e3, view, lit_dn, share)
         for lit_dn, share in ((30.0, 1.0), (90.0, 0.64))
     )
-    candidates = space_boundary_candidates(np.maximum(dark, bright))
-    found = rays_of_candidates([view], [candidates])
-    before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
-    assert before.status is Status.OK
-    after = ground_under_airglow([view], [candidates.working], found, before, PLANET)
+    _, after = looked_at([np.maximum(dark, bright)], [view])
     assert (after.layer_rad > 0.0) is (low_m > 0.0)
 
 
@@ -273,11 +278,7 @@ def test_a_layer_over_lit_ground_is_told_by_what_thick_air_takes(
     camera = camera_from_fov(640, 480, np.radians(fov_deg))
     (view,) = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.4,), above_rad=0.03)
     image = lit_shell(91e3, 97e3, view, lit_dn, 1.0, thick_air_m=15e3, stars=600)
-    candidates = space_boundary_candidates(image)
-    found = rays_of_candidates([view], [candidates])
-    before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
-    assert before.status is Status.OK
-    after = ground_under_airglow([view], [candidates.working], found, before, PLANET)
+    _, after = looked_at([image], [view])
     assert after.layer_rad > 0.0
 
 
@@ -354,8 +355,7 @@ def test_wide_cameras_say_that_a_limb_may_be_a_layers(
     kind: str, index: int, who: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where nothing tells it in both frames together: altitude was 110 km off at 1 claimed."""
-    monkeypatch.setattr(hard_scenes_module, "_FOVS_RAD", tuple(np.radians([90.0, 120.0])))
-    scene = hard_scene(kind, index, 7711)
+    scene = seen_through(monkeypatch, WIDE_DEG, kind, index, 7711)
     fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
     truth = scene.frames[0].truth
     assert fix.ok, fix.reason
@@ -378,8 +378,7 @@ def test_wide_cameras_do_not_take_a_layer_for_the_limb(
     kind: str, index: int, seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Altitude was 110 to 120 km off at .6 to 21 claimed."""
-    monkeypatch.setattr(hard_scenes_module, "_FOVS_RAD", tuple(np.radians([90.0, 120.0])))
-    scene = hard_scene(kind, index, seed)
+    scene = seen_through(monkeypatch, WIDE_DEG, kind, index, seed)
     fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
     truth = scene.frames[0].truth
     sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
@@ -388,7 +387,7 @@ def test_wide_cameras_do_not_take_a_layer_for_the_limb(
 
 @pytest.mark.parametrize(
     ("kind", "index", "seed", "fov_deg"),
-    [("airglow", 112, 5512, (90.0, 120.0)), ("moonlit", 305, 323, (20.0, 40.0))],
+    [("airglow", 112, 5512, WIDE_DEG), ("moonlit", 305, 323, (20.0, 40.0))],
 )
 def test_a_limb_is_as_far_below_the_layer_all_along(
     kind: str, index: int, seed: int, fov_deg: tuple[float, float], monkeypatch: pytest.MonkeyPatch
@@ -396,8 +395,7 @@ def test_a_limb_is_as_far_below_the_layer_all_along(
     """One camera of two was believed by itself, 5.6 deg off at .33 claimed and .59 at .07: the
     layer rises above its limb from one end to the other.
     """
-    monkeypatch.setattr(hard_scenes_module, "_FOVS_RAD", tuple(np.radians(fov_deg)))
-    scene = hard_scene(kind, index, seed)
+    scene = seen_through(monkeypatch, fov_deg, kind, index, seed)
     frames = as_frames(scene.views, scene.frames)
     nadir = scene.frames[0].truth.nadir_base
     for seen in (frames, *([frame] for frame in frames)):

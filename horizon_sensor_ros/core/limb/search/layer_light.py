@@ -98,16 +98,21 @@ def falls_short(level: np.ndarray, crest: np.ndarray) -> bool:
     slope, at_air = np.polyfit(DEPTHS_M[above] - _ABOVE_AIR_M, over_law[above], 1)
     expected = at_air + min(slope, 0.0) * (DEPTHS_M - _ABOVE_AIR_M)
     smooth = np.convolve(over_law, np.full(3, 1.0 / 3.0), mode="same")
-    lit = median(level[:, -3:].mean(axis=1) / crest)
-    return bool((expected - smooth)[_REAR].max() > (_SHORT if lit > _DARK else _SHORT_OVER_DARK))
+    enough = _SHORT if _ground_over_crest(level, crest) > _DARK else _SHORT_OVER_DARK
+    return bool((expected - smooth)[_REAR].max() > enough)
 
 
 def is_air(level: np.ndarray, crest: np.ndarray) -> bool:
     """Whether ground deep below shows in columns (N, D) with these crests (N,) as it does through
     air by day, or none of the light of air on the ground lacks.
     """
-    lit = median(level[:, -3:].mean(axis=1) / crest)
-    return lit > _LIT or bool(_over_the_law(level, crest)[_REAR].min() > _SHOWN)
+    shown = _over_the_law(level, crest)[_REAR].min() > _SHOWN
+    return bool(shown) or _ground_over_crest(level, crest) > _LIT
+
+
+def _ground_over_crest(level: np.ndarray, crest: np.ndarray) -> float:
+    """Brightness of the ground deep below the edge in columns (N, D), over their crests' (N,)."""
+    return median(level[:, -3:].mean(axis=1) / crest)
 
 
 def _over_the_law(level: np.ndarray, crest: np.ndarray) -> np.ndarray:
