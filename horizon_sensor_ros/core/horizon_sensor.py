@@ -110,7 +110,9 @@ class HorizonSensor:
         if told is None or (by_fixes is not None and contradicted(told, by_fixes)):
             return self._at_rate(frames, by_fixes, aiding)
         fix = self._at_rate(frames, told, aiding)
-        if fix.status not in _OF_A_WRONG_RATE:
+        # A rate by which frames of one moment are no more than smeared bends no horizon.
+        late = any(frame.late_s > 0.0 for frame in frames)
+        if not late or fix.status not in _OF_A_WRONG_RATE:
             return fix
         # Only fixes contradict a gyro, and with one that is far off there may never be any.
         without = self._at_rate(frames, by_fixes, aiding)

@@ -140,6 +140,17 @@ def test_small_smears_beside_clouds_are_not_too_sure_where_they_are_told() -> No
     assert np.mean(nees[False]) > 2.0 * np.mean(nees[True])
 
 
+def test_a_rate_is_believed_where_smeared_clouds_leave_no_horizon() -> None:
+    """Without it such frames are fixed too, and wrong."""
+    (view,) = limb_views(ALTITUDE_M)
+    turn = turn_of(view, 5.0, 2.9)
+    scene = replace(clouds(13), cloud_contrast=0.5)
+    image = draw((view,), ALTITUDE_M, scene, NOISE, 13, turn_base_rad=turn)[0].image
+    fix = fixed(view, image, turn, is_told=True)
+    assert "rate on imu" not in fix.reason
+    assert not fix.ok or nadir_nees(fix.fit, NADIR) < 11.8
+
+
 def test_a_craft_that_stands_still_has_the_fix_that_it_had() -> None:
     (view,) = limb_views(ALTITUDE_M)
     image = draw((view,), ALTITUDE_M, clouds(3), NOISE)[0].image
