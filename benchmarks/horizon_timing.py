@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from copy import copy
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -26,6 +25,7 @@ from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candid
 from horizon_sensor_ros.core.limb.search.selection import limb_consensus, rays_of_candidates
 from horizon_sensor_ros.core.limb_curve import limb_curve
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.planet_figure import Disc
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.flight import Flight
@@ -124,13 +124,11 @@ def flown_pairs(glowing: bool, seed: int, index: int) -> list[list[Frame]]:
 
 
 def _stages(
-    frames: list[Frame], searching: HorizonSensor, following: HorizonSensor
+    frames: list[Frame], searching: HorizonSensor, predicted: Disc
 ) -> dict[str, Callable[[], object]]:
-    """What is timed, all of it on the last of the frames; `following` has seen those before."""
+    """What is timed, all of it on the last of the frames, in which a disc is predicted."""
     planet = Planet()
     frame, sensor = frames[-1], searching
-    predicted = copy(following).process([frame]).predicted
-    assert predicted is not None
     near = frame.view, predicted.nadir, predicted.rho_rad
     low = planet.rho_from_altitude(sensor.config.altitude_max_m)
     high = planet.rho_from_altitude(sensor.config.altitude_min_m)
@@ -150,13 +148,24 @@ def _stages(
         "drawn": lambda: limb_curve(*near, spacing_px=max(1, round(frame.gray.shape[1] / 1024))),
         "profiles": lambda: sample_limb(frame.gray, *near, EXPECTED, modelled=True),
         "edges": lambda: refine_limb(frame.gray, *near, EXPECTED, looks),
-        "tracking": lambda: _followed_again(following, [frame]),
+        "tracking": _tracking([[each] for each in frames]),
     }
 
 
-def _followed_again(following: HorizonSensor, frames: list[Frame]) -> HorizonFix:
-    """A copy keeps the track where it was."""
-    return copy(following).process(frames)
+def _following(sets: Sequence[list[Frame]]) -> HorizonSensor:
+    """Sensor that has seen all of the sets of frames but the last."""
+    following = HorizonSensor()
+    for frames in sets[:-1]:
+        following.process(frames)
+    return following
+
+
+def _tracking(sets: Sequence[list[Frame]]) -> Callable[[], HorizonFix]:
+    """Follow the limb to the last of the sets, `_REPEATS` times: each by a sensor of its own, to
+    which the frames are new.
+    """
+    ready = [_following(sets) for _ in range(_REPEATS)]
+    return lambda: ready.pop().process(sets[-1])
 
 
 def _medians(stages: dict[str, Callable[[], object]]) -> dict[str, float]:
@@ -206,18 +215,15 @@ def _pairs(options: Options, searching: HorizonSensor) -> Table:
         for i in tqdm(range(count), desc=name, unit="pair"):
             pairs = flown_pairs(glowing, options.seed, i)
             last, images = pairs[-1], [frame.gray for frame in pairs[-1]]
-            following = HorizonSensor()
-            for pair in pairs[:-1]:
-                following.process(pair)
+            following = _following(pairs)
             fixed += searching.process(last).ok
-            again = copy(following)
-            limbs = again.process(last).limbs
-            followed += again.following
+            limbs = following.process(last).limbs
+            followed += following.following
             joint += all(limb.glow_separated for limb in limbs)
             stages = {
                 "canny": partial(canny_seconds, images),
                 "search": partial(searching.process, last),
-                "tracking": partial(_followed_again, following, last),
+                "tracking": _tracking(pairs),
             }
             for stage, seconds in _medians(stages).items():
                 times[stage].append(seconds)
@@ -254,14 +260,12 @@ def run(options: Options) -> list[Table]:
             fixed = followed = 0
             for i in tqdm(range(count), desc=name, unit="frame"):
                 frames = limb_frames(width, height, texture, options.seed, i)
-                following = HorizonSensor()
-                for frame in frames[:-1]:
-                    following.process([frame])
+                following = _following([[frame] for frame in frames])
                 fixed += searching.process(frames[-1:]).ok
-                again = copy(following)
-                again.process(frames[-1:])
-                followed += again.following
-                for stage, seconds in _medians(_stages(frames, searching, following)).items():
+                predicted = following.process(frames[-1:]).predicted
+                assert predicted is not None
+                followed += following.following
+                for stage, seconds in _medians(_stages(frames, searching, predicted)).items():
                     times.setdefault(stage, []).append(seconds)
             rows.append(_row(name, width, times, f"{fixed}/{count}", f"{followed}/{count}"))
             stages_ms = (
