@@ -16,9 +16,9 @@ straight down from places along the edge, tell which it is:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
-from functools import cache
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from horizon_sensor_ros.core.limb.search.columns import (
     LAYER_M,
     SIGMAS,
     TOGETHER,
+    Columns,
     bundled,
     columns_below,
     crest_and_trough,
@@ -88,43 +89,18 @@ def ground_under_airglow(
     if consensus.status is not Status.OK:
         return consensus
     layer_rad = _layer_rad(consensus, planet)
-    depths = DEPTHS_M * (layer_rad / LAYER_M)
-    columns = columns_below(views, working, found, consensus, depths)
+    columns = columns_below(views, working, found, consensus, _depths_rad(layer_rad))
     if not columns:
         return consensus
-    places = np.concatenate([column.places for column in columns])
-    level = np.concatenate([column.level for column in columns])
-    noise = max(seen.noise for seen in working) / math.sqrt(TOGETHER)
-    falls, crest, trough, at_trough = crest_and_trough(level, noise, DEPTHS_M)
-    ground = _ground_behind(level, falls, trough, at_trough, noise)
-    shown = ground >= 0
-    num, num_all = int(np.count_nonzero(shown)), len(level)
-    dark_behind = falls.mean() > _FALLING or num >= _SHARE * num_all
-    layered = dark_behind and fades_alike(level, crest, at_trough)
-    if refined and not layered:
+    # Stars above the layer show an exposure for the night.
+    stars = partial(
+        shows_stars, views, working, consensus.nadir_base, consensus.rho_rad + layer_rad
+    )
+    below = _Below.of(columns, max(seen.noise for seen in working), stars)
+    if refined and not below.layered:
         return consensus
-    sharp = ends_above(level, crest)
-
-    @cache
-    def starry() -> bool:
-        """Whether stars above the layer show an exposure for the night."""
-        return shows_stars(views, working, consensus.nadir_base, consensus.rho_rad + layer_rad)
-
-    @cache
-    def by_night() -> bool:
-        """Whether stars or the layer itself show that."""
-        shows = (num > 0 and sharp) or is_shell(level, crest)
-        return starry() or (layered and shows)
-
-    if num > 0 and (num >= _SHARE * num_all or (num >= _SHARE_BY_NIGHT * num_all and by_night())):
-        rays = rays_below(found.rays[places[shown]], consensus, depths)
-        cone = None
-        if not refined:
-            cone = _cone(rays[np.arange(len(rays)), ground[shown]], consensus, layer_rad)
-        if cone is None and (starry() or fades_as_a_shell(level, crest, ABOVE_GROUND_M)):
-            # The layer is about the same nadir, wherever the ground was found along it.
-            below = float(np.median(depths[ground[shown]]))
-            cone = consensus.nadir_base, consensus.rho_rad - below
+    if below.shows_ground:
+        cone = _ground_cone(below, found, consensus, layer_rad, refined=refined)
         if cone is None:
             return consensus
         return replace(_moved(consensus, cone, layer_rad), by_day=consensus)
@@ -132,18 +108,112 @@ def ground_under_airglow(
         is_twilight(found.rays[column.places], column.level, consensus.nadir_base)
         for column in columns
     )
-    if not (dawns or layered):
+    if not (dawns or below.layered):
         return consensus
-    if not by_night():
-        perhaps = layered and sharp
-        return replace(consensus, perhaps_layer=True) if perhaps else consensus
+    perhaps = replace(consensus, perhaps_layer=True)
+    if not below.by_night:
+        return perhaps if below.layered and below.ends_above else consensus
     if dawns:
         return Consensus(Status.POOR_FIT, "twilight: lit air over ground that is dark")
-    if falls_short(level, crest) or (sharp and (num > 0 or starry())):
+    if below.is_layer_alone:
         cone = consensus.nadir_base, consensus.rho_rad - layer_rad
         reason = "a layer of airglow, and no ground behind it"
         return replace(_moved(consensus, cone, layer_rad), status=Status.POOR_FIT, reason=reason)
-    return consensus if is_air(level, crest) else replace(consensus, perhaps_layer=True)
+    return consensus if is_air(below.level, below.crest) else perhaps
+
+
+@dataclass(frozen=True, eq=False)
+class _Below:
+    """What the columns below an edge tell of what it is.
+
+    places (N,) : of the columns, by number among the candidates' rays. level (N, D) : at
+    `DEPTHS_M`. crest (N,), at_trough (N,), falls (N,) : as of `crest_and_trough`. ground (N,) : as
+    of `_ground_behind`. stars : whether there are any above the layer; it costs a look.
+    """
+
+    places: np.ndarray
+    level: np.ndarray
+    crest: np.ndarray
+    at_trough: np.ndarray
+    falls: np.ndarray
+    ground: np.ndarray
+    stars: Callable[[], bool]
+
+    @classmethod
+    def of(cls, columns: Sequence[Columns], noise: float, stars: Callable[[], bool]) -> _Below:
+        """Of the columns of all cameras; noise : of a pixel."""
+        places = np.concatenate([column.places for column in columns])
+        level = np.concatenate([column.level for column in columns])
+        noise /= math.sqrt(TOGETHER)
+        falls, crest, trough, at_trough = crest_and_trough(level, noise, DEPTHS_M)
+        ground = _ground_behind(level, falls, trough, at_trough, noise)
+        return cls(places, level, crest, at_trough, falls, ground, stars)
+
+    @cached_property
+    def shown(self) -> np.ndarray:
+        """Columns (N,) that show ground at the depth which they have in common."""
+        return self.ground >= 0
+
+    @cached_property
+    def share(self) -> float:
+        """Of the columns, those that do."""
+        return int(np.count_nonzero(self.shown)) / len(self.shown)
+
+    @cached_property
+    def layered(self) -> bool:
+        """Whether light fades behind the edge as in a layer, wherever ground is or is not."""
+        dark_behind = self.falls.mean() > _FALLING or self.share >= _SHARE
+        return bool(dark_behind) and fades_alike(self.level, self.crest, self.at_trough)
+
+    @cached_property
+    def ends_above(self) -> bool:
+        """`layer_light.ends_above`."""
+        return ends_above(self.level, self.crest)
+
+    @cached_property
+    def starry(self) -> bool:
+        """Whether stars show above the layer."""
+        return self.stars()
+
+    @cached_property
+    def by_night(self) -> bool:
+        """Whether stars or the layer itself show an exposure for the night."""
+        shows = (self.share > 0.0 and self.ends_above) or is_shell(self.level, self.crest)
+        return self.starry or (self.layered and shows)
+
+    @property
+    def shows_ground(self) -> bool:
+        """Whether so many columns show ground that the edge is a layer's above it."""
+        return self.share >= _SHARE or (self.share >= _SHARE_BY_NIGHT and self.by_night)
+
+    @property
+    def is_layer_alone(self) -> bool:
+        """Whether light by night tells a layer, without ground, from air."""
+        sharp = self.ends_above and (self.share > 0.0 or self.starry)
+        return falls_short(self.level, self.crest) or sharp
+
+
+def _ground_cone(
+    below: _Below,
+    found: RayCandidates,
+    consensus: Consensus,
+    layer_rad: float,
+    *,
+    refined: bool,
+) -> tuple[np.ndarray, float] | None:
+    """Nadir and rho of the limb of the ground that columns show; None where that is no limb, and
+    nothing else tells that there is one. refined : as of `ground_under_airglow`.
+    """
+    at, depths = below.ground[below.shown], _depths_rad(layer_rad)
+    if not refined:
+        rays = rays_below(found.rays[below.places[below.shown]], consensus, depths)
+        cone = _cone(rays[np.arange(len(rays)), at], consensus, layer_rad)
+        if cone is not None:
+            return cone
+    if not (below.starry or fades_as_a_shell(below.level, below.crest, ABOVE_GROUND_M)):
+        return None
+    # The layer is about the same nadir, wherever the ground was found along it.
+    return consensus.nadir_base, consensus.rho_rad - float(np.median(depths[at]))
 
 
 def may_be_cut_off(
@@ -160,8 +230,8 @@ def may_be_cut_off(
     edge : inliers of the consensus. False where any camera shows enough of what is below.
     """
     layer_rad = _layer_rad(consensus, planet)
-    below_m = DEPTHS_M[DEPTHS_M >= 0.0]
-    depths = below_m * (layer_rad / LAYER_M)
+    below = DEPTHS_M >= 0.0
+    below_m, depths = DEPTHS_M[below], _depths_rad(layer_rad)[below]
     fades = False
     for i, (view, seen) in enumerate(zip(views, working, strict=True)):
         rays = edge.rays[edge.camera == i]
@@ -210,6 +280,11 @@ def _layer_rad(consensus: Consensus, planet: Planet) -> float:
     apparent = planet.altitude_from_rho(consensus.rho_rad)
     above_m = apparent + LAYER_M / np.sin(consensus.rho_rad)
     return consensus.rho_rad - planet.rho_from_altitude(above_m)
+
+
+def _depths_rad(layer_rad: float) -> np.ndarray:
+    """Angles (D,) below the edge of a layer at `DEPTHS_M`."""
+    return DEPTHS_M * (layer_rad / LAYER_M)
 
 
 def _ground_behind(
