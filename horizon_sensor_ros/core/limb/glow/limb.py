@@ -81,6 +81,10 @@ _AFRESH_PX = 1.0  # off the cone about which the limb was drawn, from where on i
 _FAINTEST = 0.2
 _BRIGHTEST = 5.0
 _MOST_MISFIT = 4.0  # of a stretch's glow, over the noise or the median stretch's
+# A part of the craft before ground and sky: their difference in a stretch that it hides, at most,
+# and how much brighter than other sky it is at least, both over the usual difference.
+_FLAT, _BRIGHT = 0.4, 0.15
+_FAR = 3  # pixels at a stretch's outer end that are taken for sky
 # How the logarithm of A, the glow's brightness, changes from the middle of the limb to its ends.
 _TWILIGHT = 1.0  # slope or bend, at first sight, that no daylight has
 _MOST_SLOPE = 0.3  # by daylight; more towards the terminator
@@ -366,7 +370,7 @@ def _first_guess(sight: GlowSight, look: EdgeLook, air: Air | None) -> _Guess:
         glow = _THIN_GLOW * (sight.profiles[:, 1] - background)
         log_glow = np.array([math.log(max(median(glow), 1e-6)), 0.0, 0.0])
         thin = Air(USUAL_HEIGHT, log_glow, USUAL_SHARE, look.psf_px, background, look.psf_px)
-        return _Guess(thin, np.ones(len(sight), dtype=bool), glow)
+        return _Guess(thin, _in_sight(sight), glow)
     outer = sight.d_px >= _FROM_PX
     profiles, distance = sight.profiles[:, outer], sight.distance[:, outer]
     best = np.inf
@@ -389,6 +393,20 @@ def _first_guess(sight: GlowSight, look: EdgeLook, air: Air | None) -> _Guess:
     psf_px = look.psf_px
     air = air or Air(height, log_glow, USUAL_SHARE, psf_px, background, psf_px)
     return _Guess(air, keep, glow)
+
+
+def _in_sight(sight: GlowSight) -> np.ndarray:
+    """Which stretches (M,) no part of the craft hides, nor a neighbour of theirs: one does where it
+    is as bright in the sky as before the ground. The Sun's glare is not: it adds to both.
+    """
+    sky = sight.profiles[:, -_FAR:].mean(axis=1)
+    fall = sight.profiles[:, sight.d_px < 0.0].mean(axis=1) - sky
+    usual = median(fall)
+    hidden = (fall < _FLAT * usual) & (sky - median(sky) > max(_BRIGHT * usual, 6.0 * sight.noise))
+    beside = hidden.copy()
+    beside[1:] |= hidden[:-1]
+    beside[:-1] |= hidden[1:]
+    return ~beside
 
 
 def _faint(along: np.ndarray, cov: np.ndarray) -> bool:
