@@ -5,7 +5,7 @@ them, or the reason why there is no fix.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -134,8 +134,11 @@ class HorizonEstimator:
             return MeanSphere(planet, vertical)
         return StretchedEllipsoid(planet, vertical, aiding.coarse_pose)
 
-    def judged(self, sighting: Sighting) -> Judged:
-        """Fit the limbs of a sighting and judge the fit."""
+    def judged(self, sighting: Sighting, hidden: Container[int] = ()) -> Judged:
+        """Fit the limbs of a sighting and judge the fit.
+
+        hidden : numbers of the frames in which a part of the craft is known to lie before the sky.
+        """
         views, detection = sighting.views, sighting.detection
         observations = by_night(detection).seen_by(views)
         if self.config.limb == "canny" and np.isfinite(detection.rho_rad):
@@ -149,7 +152,7 @@ class HorizonEstimator:
         fit = self._fit(observations, detection)
         if not fit.ok:
             return Judged(HorizonFix(fit.status, fit.reason, fit, limbs, ()))
-        doubtful = self._doubts(sighting, limbs, fit)
+        doubtful = self._doubts(sighting, limbs, fit, hidden)
         if doubtful:
             return _withheld(fit, limbs, doubtful)
         fit = self._with_errors(fit, observations, sighting.figure)
@@ -165,17 +168,19 @@ class HorizonEstimator:
             fit, contradiction = with_contradiction(fit, alone, observations, self.sphere)
         return Judged(self._surest(sighting, fit, _Limbs(observations, alone, contradiction)))
 
-    def prefer_separated(self, sighting: Sighting, fix: HorizonFix) -> tuple[HorizonFix, Detection]:
+    def prefer_separated(
+        self, sighting: Sighting, fix: HorizonFix, hidden: Container[int] = ()
+    ) -> tuple[HorizonFix, Detection]:
         """Prefer a fix from only those cameras whose limb was separated from the glow above it.
 
         fix : of the sighting, from edges in glow. It is returned as it is where no limb was
         separated, or where the other one is not OK or has more than `_NOT_LESS_SURE` times its
-        sigma. Returns the fix and the detection that it is of.
+        sigma. hidden : as of `judged`. Returns the fix and the detection that it is of.
         """
         separated = sighting.detection.separated_only
         if separated is None or not (fix.ok or fix.status in (Status.UNCERTAIN, Status.POOR_FIT)):
             return fix, sighting.detection
-        other = self.judged(replace(sighting, detection=separated)).fix
+        other = self.judged(replace(sighting, detection=separated), hidden).fix
         if not other.ok:
             return fix, sighting.detection
         if fix.ok and nadir_sigma_rad(other.fit) > _NOT_LESS_SURE * nadir_sigma_rad(fix.fit):
@@ -363,11 +368,16 @@ class HorizonEstimator:
         return fit_horizon(observations, self.sphere, self.config.method)
 
     def _doubts(
-        self, sighting: Sighting, limbs: Sequence[LimbPoints], fit: HorizonFit
+        self,
+        sighting: Sighting,
+        limbs: Sequence[LimbPoints],
+        fit: HorizonFit,
+        hidden: Container[int],
     ) -> dict[int, LimbPoints]:
         """Frames with limb points whose sky or limb shows that these are not the limb's.
 
-        By index into the frames: a limb without points, whose `reason` says why.
+        By index into the frames: a limb without points, whose `reason` says why. hidden : as of
+        `judged`.
         """
         detection = sighting.detection
         doubts = {}
@@ -388,7 +398,8 @@ class HorizonEstimator:
             found_px = len(limb.px) * limb.spacing_px if self.config.limb == "subpixel" else np.inf
             space_share = working.space_level / full_scale(image)
             outside = detection.left_outside(i)
-            reason = doubt(evidence, found_px, space_share, outside, self.config) or sun_artefact(
+            at_limb = found_px, space_share, outside
+            reason = doubt(evidence, *at_limb, self.config, sky_hidden=i in hidden) or sun_artefact(
                 limb.px, working, view, fit.nadir_base, fit.rho_rad
             )
             if reason:

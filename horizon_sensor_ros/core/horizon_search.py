@@ -4,7 +4,7 @@ something against themselves, and by what single ones find.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -13,11 +13,13 @@ import numpy as np
 from horizon_sensor_ros.core.aiding import Aiding
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.hidden_sky import farthest_limb_px
 from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Judged, Sighting
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix, told_by
 from horizon_sensor_ros.core.judgement import disagreement_rad, nadir_sigma_rad
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb, joined
+from horizon_sensor_ros.core.limb.evidence import NEAREST_SKY_PX
 from horizon_sensor_ros.core.limb.search.air_layer import may_be_cut_off
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb.search.columns import LAYER_M
@@ -68,6 +70,7 @@ class HorizonSearch:
         alone = self._each_alone(frames, aiding)
         everything = not any(limbs)
         layer: Consensus | None = None
+        doubted: tuple[Sighting, dict[int, int]] | None = None  # the first one, as of below
         while True:
             rest = [i for i, limb in enumerate(limbs) if limb is None]
             if not rest:
@@ -89,6 +92,10 @@ class HorizonSearch:
                 for i, limb in zip(rest, fix.limbs, strict=True):
                     limbs[i] = limb
                 fix = replace(fix, reason=reason, limbs=tuple(_filled(limbs)))
+                hidden = doubted and self._with_sky_hidden(frames, *doubted, fix, alone)
+                if hidden:
+                    fix, sighting = hidden
+                    detection = sighting.detection
                 fix = replace(fix, contradicting=_contradicting(frames, fix, alone))
                 contradicted = self._refused_by_another(frames, fix, alone)
                 contradicted = contradicted or self._perhaps_of_layer(frames, sighting, fix, alone)
@@ -101,6 +108,7 @@ class HorizonSearch:
                 )
             # What a camera says against itself may have misled the others: once more without it.
             everything = False
+            doubted = doubted or (sighting, {i: rest[i] for i in judged.doubtful})
             for i, limb in judged.doubtful.items():
                 limbs[rest[i]] = limb
 
@@ -121,6 +129,42 @@ class HorizonSearch:
             return sighting.detection, self._any_sigma.judged(sighting)
 
         return alone
+
+    def _with_sky_hidden(
+        self,
+        frames: Sequence[Frame],
+        doubted: Sighting,
+        hidden: Mapping[int, int],
+        fix: HorizonFix,
+        alone: _Alone,
+    ) -> tuple[HorizonFix, Sighting] | None:
+        """Fix with the cameras that were left out for what is in their sky, and the sighting that
+        it is of; None unless by the fix of the others a part of the craft hides that sky.
+
+        doubted : of these and the others. hidden : numbers of their frames in it, and in `frames`.
+        The others have to know where the limb is to less than the distance at which the sky is
+        looked at, so that ground cannot reach there. Their own limbs remain in the fix.
+        """
+        detection = doubted.detection
+        if not _by_ground(fix, detection.consensus):
+            return None
+        for i in hidden:
+            seen = LimbObservation(doubted.frames[i].view, detection.limbs[i])
+            off_px = farthest_limb_px(seen, fix.fit, self._estimator.sphere)
+            if not off_px < NEAREST_SKY_PX * detection.working[i].factor:
+                return None
+        if any(_elsewhere(fix, list(hidden.values()), alone)):
+            return None
+        judged = self._estimator.judged(doubted, hidden)
+        together, detection = self._estimator.prefer_separated(doubted, judged.fix, hidden)
+        if judged.doubtful or not together.ok:
+            return None
+        views = [frame.view for frame in frames]
+        needed = {*fix.cameras_on_cone(views), *(views[i].name for i in hidden.values())}
+        if not needed.issubset(together.cameras_on_cone(views)):
+            return None
+        together = _in_place_of(fix, frames, together, doubted.frames)
+        return together, replace(doubted, detection=detection)
 
     def _refused_by_another(
         self, frames: Sequence[Frame], fix: HorizonFix, alone: _Alone

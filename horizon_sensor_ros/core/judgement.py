@@ -35,6 +35,7 @@ _LAYER_SPREAD_M = 25e3
 # Lit ground is lit behind its limb too: all but 14 % of it in the darkest of 1400 simulated limbs;
 # between a night side's lamps a third or more is dark, and their outermost ones are no limb.
 _MOST_DARK_GROUND = 0.25
+_MOST_HIDDEN = 0.5  # of the limb, that a part of the craft accounts for
 # A cone through banks of cloud inside the limb left 24 % (by moonlight, one camera of 2900); of
 # 1900 right ones of every kind, by haze, daylight, glare, airglow, beside booms, one more than 20.
 _MOST_GROUND_BEYOND = 0.2
@@ -54,30 +55,42 @@ def doubt(
     space_share: float,
     left_outside: float,
     config: HorizonConfig,
+    *,
+    sky_hidden: bool = False,
 ) -> str:
     """Why a frame's limb points are not the limb's; empty when nothing speaks against them.
 
     found_px : length of limb along which edges were found. space_share : gray level of empty space,
     over the largest gray level. left_outside : share of the edges on which the search agreed that
-    lie outside of the limb.
+    lie outside of the limb. sky_hidden : what is bright in the sky is known to be a part of the
+    craft, which also hides the limb beside it.
     """
-    lit_px = max(evidence.limb_px * evidence.lit_limb, 1.0)
+    hidden = min(evidence.bright_sky, _MOST_HIDDEN) if sky_hidden else 0.0
+    lit_px = max(evidence.limb_px * evidence.lit_limb * (1.0 - hidden), 1.0)
     if space_share > config.max_space_level:
         return f"no dark sky: the darkest part of the frame is at {space_share:.0%} of full scale"
     if evidence.contrast < config.min_contrast:
         return f"faint limb: {evidence.contrast:.0f} sigma above space"
-    if evidence.bright_sky > config.max_bright_sky:
-        return f"bright sky beside {evidence.bright_sky:.0%} of the limb"
-    if evidence.clear_sky < config.min_clear_sky:
-        return f"only {evidence.clear_sky:.0%} of the sky is at the level of space"
-    if evidence.ground_beyond > _MOST_GROUND_BEYOND:
-        return f"ground shows beyond {evidence.ground_beyond:.0%} of the limb"
+    in_the_sky = "" if sky_hidden else _in_the_sky(evidence, config)
+    if in_the_sky:
+        return in_the_sky
     if evidence.dark_ground > _MOST_DARK_GROUND:
         return f"lights, not a limb: {evidence.dark_ground:.0%} of the ground behind them is dark"
     if found_px < config.min_limb_share * lit_px:
         return f"an edge along {found_px / lit_px:.0%} of the limb only"
     if left_outside > _MOST_OUTSIDE:
         return f"cloud, not a limb: {left_outside:.0%} of the edges of space lie outside of it"
+    return ""
+
+
+def _in_the_sky(evidence: SkyEvidence, config: HorizonConfig) -> str:
+    """`doubt` by what is where the sky should be: ground, or a part of the craft."""
+    if evidence.bright_sky > config.max_bright_sky:
+        return f"bright sky beside {evidence.bright_sky:.0%} of the limb"
+    if evidence.clear_sky < config.min_clear_sky:
+        return f"only {evidence.clear_sky:.0%} of the sky is at the level of space"
+    if evidence.ground_beyond > _MOST_GROUND_BEYOND:
+        return f"ground shows beyond {evidence.ground_beyond:.0%} of the limb"
     return ""
 
 

@@ -20,7 +20,8 @@ from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.robust import quantile, robust_sigma
 from horizon_sensor_ros.core.symmetric3 import solve
 
-_SKY_STEPS_PX = np.array([5.0, 7.0, 10.0, 14.0])  # outwards from the limb, working pixels
+NEAREST_SKY_PX = 5.0  # outwards from the limb, working pixels, that is looked at
+_SKY_STEPS_PX = np.array([NEAREST_SKY_PX, 7.0, 10.0, 14.0])  # likewise
 _GROUND_STEPS_PX = np.array([-2.0, -4.0, -7.0])  # inwards, likewise
 _UNEVEN_PX = 5.0  # by which an edge beyond the limb comes nearer, from where on it is no layer's
 _LAYER = 1.2  # top of a layer of airglow, over its height
