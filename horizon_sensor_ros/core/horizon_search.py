@@ -151,7 +151,9 @@ class HorizonSearch:
         for i in hidden:
             seen = LimbObservation(doubted.frames[i].view, detection.limbs[i])
             off_px = farthest_limb_px(seen, fix.fit, self._estimator.sphere)
-            if not off_px < NEAREST_SKY_PX * detection.working[i].factor:
+            near = off_px < NEAREST_SKY_PX * detection.working[i].factor
+            # What is left beside a boom is short: edges of no model say too little of their errors.
+            if not (near and seen.limb.modelled):
                 return None
         if any(_elsewhere(fix, list(hidden.values()), alone)):
             return None
