@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -39,6 +40,7 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging, Occluder, unit_vector
 from horizon_sensor_ros.sim.hard_scenes import hard_scenes
+from horizon_sensor_ros.sim.poses import rot_from_axis
 
 _PSF_PX, _LENGTH_PX = 0.8, 2.3
 _D_PX = np.arange(-4.0, 9.0)
@@ -515,3 +517,17 @@ def test_a_boom_before_thin_air_does_not_lead_the_fit_astray() -> None:
                     held += 1
                     assert np.abs(off_px).max() < 0.8
     assert held >= 16
+
+
+def test_sight_above_the_horizontal_is_no_glow() -> None:
+    """Beside a limb that a wrong cone puts just below the craft's own level."""
+    nadir, rho = np.array([0.0, 0.0, 1.0]), 0.5 * np.pi - 0.002
+    axis = cone_rays(nadir, rho, np.array([0.0]))[0]
+    (view,) = limb_views(500e3)
+    turned = CameraView("level", view.camera, rot_from_axis(axis, 0.3))
+    gray = np.random.default_rng(1).integers(0, 9, (480, 640), dtype=np.uint8)
+    look = EdgeLook(_PSF_PX, _LENGTH_PX)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert look_along(gray, turned, nadir, rho, 20.0, 1) is None
+        assert not isinstance(fit_glow(gray, turned, nadir, rho, look), GlowLimb)

@@ -159,7 +159,8 @@ def look_along(
     height = sine / math.sin(rho_rad) - 1.0
     middle = int(INNER_PX)
     rise = 0.5 * (height[:, middle + 1] - height[:, middle - 1])
-    if not (rise > 0.0).all():
+    # Above the horizontal sight passes no air at all; as low as the limb again, no fit is of it.
+    if not (rise > 0.0).all() or (height[:, d_px > 0.0] < 0.0).any():
         return None
     growth = limb.angles(nadir_base)[1] * factor
     return GlowSight(
