@@ -13,7 +13,7 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.glow.points import told_together
-from horizon_sensor_ros.core.limb.refinement import refine_limb
+from horizon_sensor_ros.core.limb.refinement import refine_limb, separate_limb
 from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
 from horizon_sensor_ros.core.limb_points import LimbPoints
@@ -114,7 +114,7 @@ class _Passes:
         views, frames, cone = self._views, self._frames, self.cone
         seen, held = refined(views, frames, cone, step, self.looks)
         separated: tuple[LimbObservation, ...] = ()
-        if step.separate_glow and _of_two_limbs(seen, held):
+        if step.separate_glow and _some_separated(seen):
             _separate_the_rest(views, frames, self._planet, cone, step, seen, held)
             if _of_two_limbs(seen, held):
                 separated = _only_separated(seen, held)
@@ -210,6 +210,9 @@ def _separate_the_rest(
 ) -> None:
     """Try again to separate limbs from glow, in the frames in which that failed, around the cone
     and starting from the air of those in which it worked. Changes `seen` and `held` in place.
+
+    Also where edges show no glow: the same air may pass for blur there, and lift them by half a
+    pixel and more. Where the limb is followed it was tried before.
     """
     cone = refine(gather([found for found in seen if found.limb.glow_separated]), planet, near)
     # The blur is one in pixels of a frame's size.
@@ -217,13 +220,27 @@ def _separate_the_rest(
     known = next((held[i] for i in whole if seen[i].limb.glow_separated), ())
     if not cone.ok or not known or known[0].air is None:
         return
-    known = (replace(known[0], air=known[0].air.elsewhere),)
+    # In its air, and from nothing: here and there the fit converges from one of them alone.
+    starts = (replace(known[0], air=known[0].air.elsewhere), replace(known[0], air=None))
+    about = cone.nadir_base, cone.rho_rad
     for i in whole:
-        if seen[i].limb.status is Status.OK and not _of_ground(seen[i].limb, held[i]):
-            about = cone.nadir_base, cone.rho_rad
-            limb, holds = refine_limb(frames[i].image(), views[i], *about, step, known)
-            if limb.glow_separated:
-                seen[i], held[i] = LimbObservation(views[i], limb), holds
+        limb = seen[i].limb
+        if limb.status is not Status.OK or limb.glow_separated:
+            continue
+        if step.expected and _of_ground(limb, held[i]):
+            continue
+        image, jumps_px = frames[i].image(), limb.jumps_px
+        for look in starts[:1] if step.expected else starts:
+            found = separate_limb(image, views[i], about, step, look, jumps_px)
+            if found is not None:
+                seen[i], held[i] = LimbObservation(views[i], found[0]), found[1]
+                break
+
+
+def _some_separated(seen: Sequence[LimbObservation]) -> bool:
+    """Whether limb and glow were told apart in some frames and not in others that show a limb."""
+    separated = [one.limb.glow_separated for one in seen if one.limb.status is Status.OK]
+    return any(separated) and not all(separated)
 
 
 def _of_two_limbs(seen: Sequence[LimbObservation], held: Sequence[tuple[EdgeLook, ...]]) -> bool:

@@ -100,6 +100,23 @@ def refine_limb(
     return limb_of_edges(sample, edges, steepest, looks, view, rho_rad, step, uneven=joint.uneven)
 
 
+def separate_limb(
+    gray: np.ndarray,
+    view: CameraView,
+    cone: tuple[np.ndarray, float],
+    step: RefinePass,
+    look: EdgeLook,
+    jumps_px: float,
+) -> _Refined | None:
+    """The limb near a cone, told apart from the glow above it, and its look with that air; None
+    where it cannot be.
+
+    gray, step : as of `refine_limb`. look : with the air to start from, or without any. jumps_px :
+    of edges that were found one by one.
+    """
+    return _JointFit(gray, step, view, cone).of(look, jumps_px)
+
+
 class _JointFit:
     """Fits of the limb near a predicted cone together with the glow above it.
 
