@@ -227,7 +227,7 @@ def _separate_the_rest(
         limb = seen[i].limb
         if limb.status is not Status.OK or limb.glow_separated:
             continue
-        if step.expected and _of_ground(limb, held[i]):
+        if _of_ground(limb, held[i]) and (step.expected or known[0].air.faint):
             continue
         image, jumps_px = frames[i].image(), limb.jumps_px
         for look in starts[:1] if step.expected else starts:

@@ -33,6 +33,9 @@ from horizon_sensor_ros.core.status import Status
 # The limb, and looks of its edge.
 _Refined = tuple[LimbPoints, tuple[EdgeLook, ...]]
 _THINNEST_PX = 0.3  # length over which glow fades, from which it may be told from the blur
+# Blur of an edge, one sigma with the pixel, from which it may be air's: more than a lens in focus
+# leaves; and length of glow up to which it passes for blur.
+_BLURRED_PX, _PASSES_PX = 0.775, 2.5
 
 
 def refine_limb(
@@ -91,10 +94,8 @@ def refine_limb(
                     return found
         looks = (look,)
         edges = modelled_edges(sample, look, edges, rho_rad, step) or edges
-    if separate and looks and enough and edges.model_free and looks[0].glow_px == 0.0:
-        # From far away air is as thin as the blur, and no edge quite looks like either.
-        thin = EdgeLook(USUAL_PSF_PX, usual_length_px(view, rho_rad, step.factor))
-        found = joint.of(thin, edges.jumps_px) if thin.glow_px > _THINNEST_PX else None
+    if separate and looks and enough and looks[0].glow_px == 0.0:
+        found = joint.of_thin_air(looks[0], edges, usual_length_px(view, rho_rad, step.factor))
         if found is not None:
             return found
     return limb_of_edges(sample, edges, steepest, looks, view, rho_rad, step, uneven=joint.uneven)
@@ -138,16 +139,43 @@ class _JointFit:
 
         look : to start from. jumps_px : of edges that were found one by one.
         """
-        step, view, cone = self._step, self._view, self._cone
-        limb = fit_glow(self._gray, view, *cone, look, step.factor, in_part=step.in_part)
+        limb = self._fitted(look)
+        return None if limb is None else self._refined(limb, look, jumps_px)
+
+    def _fitted(self, look: EdgeLook) -> GlowLimb | None:
+        step = self._step
+        limb = fit_glow(
+            self._gray, self._view, *self._cone, look, step.factor, in_part=step.in_part
+        )
         if not isinstance(limb, GlowLimb):
             self.uneven |= limb is not None
             return None
-        if step.blur_open_px > 0.0:
-            limb = replace(limb, smeared=True)
+        return replace(limb, smeared=True) if step.blur_open_px > 0.0 else limb
+
+    def _refined(self, limb: GlowLimb, look: EdgeLook, jumps_px: float) -> _Refined:
+        step, view, cone = self._step, self._view, self._cone
         points = replace(points_alone(limb), jumps_px=jumps_px * step.factor)
         points = replace(points, offset_px=rays_of(view, points).residuals_px(*cone))
         return points, (replace(look, air=limb.air),)
+
+    def of_thin_air(self, look: EdgeLook, edges: LimbEdges, length_px: float) -> _Refined | None:
+        """`of` where edges show no glow, but may all the same lie in it.
+
+        From far away air is as thin as the blur, and either no edge quite looks like one of them,
+        or it passes for blur, and lifts the edges. look : of these. length_px : over which air
+        usually fades.
+        """
+        step = self._step
+        passes = look.psf_px > _BLURRED_PX and length_px < _PASSES_PX
+        passes &= not (step.expected or step.blur_open_px > 0.0)
+        if not (edges.model_free or passes) or length_px <= _THINNEST_PX:
+            return None
+        thin = EdgeLook(USUAL_PSF_PX, length_px)
+        limb = self._fitted(thin)
+        # Where a model fits edges as well, it may be clouds beside a soft lens that look like air.
+        if limb is None or not (edges.model_free or limb.is_surely_air):
+            return None
+        return self._refined(limb, thin, edges.jumps_px)
 
     def in_known_air(self, look: EdgeLook) -> _Refined | None:
         """`of` from the air that the last frame's fit found; where that was hardly any, and the

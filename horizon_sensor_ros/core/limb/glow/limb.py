@@ -98,6 +98,10 @@ _MISFIT = 1.4  # of the median stretch, from which the model does not hold
 # Least glow over its own error. Of simulated limbs without air one of 120 reaches more; above those
 # with air none of 1300 that are fixed has less than 5.
 _LEAST_GLOW = 4.0
+# The same, and least scale height over the usual one, from which it is air for sure, also beside a
+# soft lens and clouds: of simulated limbs without air none reaches both, by far; of those with air
+# that passes for blur nine of ten do.
+_SURE_GLOW, _SURE_HEIGHT = 6.0, 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +138,12 @@ class GlowLimb:
     overexposed: float
     drowned: float
     smeared: bool = False
+
+    @property
+    def is_surely_air(self) -> bool:
+        """Whether what glows fades as air does, and is no cloud beside a soft lens."""
+        high = self.air.height > _SURE_HEIGHT * USUAL_HEIGHT
+        return high and _glow_over_error(self.along, self.cov) > _SURE_GLOW
 
 
 class UnevenGlow:
@@ -409,13 +419,13 @@ def _in_sight(sight: GlowSight) -> np.ndarray:
     return ~beside
 
 
-def _faint(along: np.ndarray, cov: np.ndarray) -> bool:
-    """Whether glow above stretches at places (M,) along the limb may be none. cov : (7, 7), of the
+def _glow_over_error(along: np.ndarray, cov: np.ndarray) -> float:
+    """Glow above stretches at places (M,) along the limb, over its own error. cov : (7, 7), of the
     `KEPT` unknowns.
     """
     mean = powers(along).mean(axis=0)
     variance = mean @ cov[KEPT_LOG_GLOW[:, None], KEPT_LOG_GLOW] @ mean
-    return bool(variance > _LEAST_GLOW**-2.0)
+    return float(variance**-0.5)
 
 
 def _limb(
@@ -424,7 +434,8 @@ def _limb(
     """What the last step found of kept stretches (M,)."""
     normal_px, rows = sight.normal_px[keep], sight.rows[keep]
     beforehand = air.beforehand()[0][KEPT]
-    air = replace(air.changed(found.change), faint=_faint(sight.along[keep], found.cov))
+    faint = _glow_over_error(sight.along[keep], found.cov) < _LEAST_GLOW
+    air = replace(air.changed(found.change), faint=faint)
     value = np.zeros(len(KEPT))
     value[KEPT_BLUR], value[KEPT_LOG_GLOW] = air.psf_px, air.log_glow
     return GlowLimb(
