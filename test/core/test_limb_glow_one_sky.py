@@ -155,6 +155,20 @@ def test_cameras_of_unlike_exposure_leave_open_whether_glow_is_even() -> None:
     assert claims[1] > 1.1 * claims[0]
 
 
+def test_a_large_step_of_the_glow_from_frame_to_frame_claims_more() -> None:
+    """Where glow is half as bright beside another camera's limb it is uneven along this one too,
+    as no polynomial is: of 11 limbs of another renderer three were off by three sigma.
+    """
+    views, (limb, other) = _seen(0)
+    claims_px = []
+    for step in (0.0, 0.2, 1.0):
+        dimmer = replace(other.air, log_glow=limb.air.log_glow - np.array([step, 0.0, 0.0]))
+        seen = map(LimbObservation, views, map(points_alone, (limb, replace(other, air=dimmer))))
+        claims_px.append(told_together(list(seen))[0].limb.shared.coherent_px)
+    assert claims_px[1] == pytest.approx(claims_px[0])
+    assert claims_px[2] > 1.2 * claims_px[0]
+
+
 def test_lenses_that_blur_unlike_each_other_claim_what_they_are_off_by() -> None:
     nees = []
     for seed in range(8):

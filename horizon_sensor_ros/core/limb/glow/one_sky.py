@@ -57,12 +57,14 @@ _NOTHING = 1e-9  # information, over all of it
 @dataclass(frozen=True)
 class Together:
     """By what the limbs' three unknowns (N, 3) change by what all frames say, and a factor
-    (3 N, K) of their covariance: it times its transpose. amplitude : of log A around nadir.
+    (3 N, K) of their covariance: it times its transpose. amplitude : of log A around nadir. step :
+    by how much log A differs between frames by day, at most.
     """
 
     change: np.ndarray
     errors: np.ndarray
     amplitude: float
+    step: float = 0.0
 
 
 def under_one_sky(views: Sequence[CameraView], limbs: Sequence[GlowLimb]) -> Together:
@@ -100,7 +102,9 @@ def under_one_sky(views: Sequence[CameraView], limbs: Sequence[GlowLimb]) -> Tog
     amplitude = math.exp(share.sum(axis=0) @ np.log(amplitudes))
     variance, axes = np.linalg.eigh(spread)
     errors = axes * np.sqrt(np.maximum(variance, 0.0))
-    return Together(mean.reshape(count, 3), errors, amplitude)
+    by_day = [float(limb.air.log_glow[0]) for limb in limbs if not limb.air.twilit]
+    step = max(by_day) - min(by_day) if by_day else 0.0
+    return Together(mean.reshape(count, 3), errors, amplitude, step)
 
 
 def _seen(limb: GlowLimb, focus_px: float) -> tuple[np.ndarray, np.ndarray]:

@@ -40,11 +40,14 @@ _MISJUDGED = np.array(
         [4.4, 1.0, 1.0],  # share of the air in front of the ground below the usual one, likewise
         [0.1, 0.1, 0.8],  # glare
         [4.0, 1.5, 5.0],  # saturated ground nearly all along
+        [5.0, 8.0, 5.0],  # step of the logarithm of A from frame to frame
     ]
 )
 # From where on they grow, and from where on no more.
 _EVEN = 0.03  # amplitude of the logarithm of A; up to here glow is as good as even
 _UNEVEN = 0.15  # likewise, beyond which it matters no more
+# Step of the logarithm of A between frames: where it is large, A is no polynomial along limbs.
+_STEP, _LARGEST_STEP = 0.3, 0.7
 _MOST_BLURRED = 2.0  # blur off the edges' one, sigmas
 _LEAST_SHARE = 0.5  # share of the air below the usual one, sigmas
 _OVEREXPOSED = 0.85  # share of the limb beside saturated ground, from where on it matters
@@ -112,7 +115,7 @@ def _points(limb: GlowLimb, together: Together, index: int) -> dict[str, Any]:
     to_shape = np.linalg.pinv(powers(limb.along)) @ rows
     of_shape = np.linalg.inv(to_shape)
     # Of each column of errors, all of them independent; then this limb's own, and one of all.
-    common = of_shape @ (_misjudged(limb, together.amplitude)[:, None] * (to_shape @ errors))
+    common = of_shape @ (_misjudged(limb, together)[:, None] * (to_shape @ errors))
     higher, besides = limb.length_px * limb.drowned * _OF_DROWNED
     own = np.zeros((3, errors.shape[1]))
     of_length = limb.length_px * _OF_LENGTH
@@ -139,14 +142,16 @@ def _points(limb: GlowLimb, together: Together, index: int) -> dict[str, Any]:
     }
 
 
-def _misjudged(limb: GlowLimb, amplitude: float) -> np.ndarray:
-    """Errors (3,) of a limb's mean, slope and bend, in sigmas of its fit. amplitude : of log A."""
-    air = limb.air
+def _misjudged(limb: GlowLimb, together: Together) -> np.ndarray:
+    """Errors (3,) of a limb's mean, slope and bend, in sigmas of its fit."""
+    air, by_day = limb.air, not limb.air.twilit
+    amplitude = min(max(together.amplitude, _EVEN), _UNEVEN)
+    step = min(max(together.step, _STEP), _LARGEST_STEP)
     blur_off = abs(air.psf_px - air.edge_psf_px) / BLUR_SIGMA_PX
     grown = np.array(
         [
             1.0,
-            min(max(amplitude, _EVEN), _UNEVEN) - _EVEN if not air.twilit else 0.0,
+            (amplitude - _EVEN) * by_day,
             air.fading,
             float(air.twilit),
             min(max(limb.ripple - _RIPPLE, 0.0), _MOST_RIPPLE),
@@ -154,6 +159,7 @@ def _misjudged(limb: GlowLimb, amplitude: float) -> np.ndarray:
             min(max((USUAL_SHARE - air.share) / SHARE_SIGMA, 0.0), _LEAST_SHARE),
             float(limb.glaring),
             max(limb.overexposed - _OVEREXPOSED, 0.0) / (1.0 - _OVEREXPOSED),
+            (step - _STEP) * by_day,
         ]
     )
     finer = max(1.0, limb.length_px / _FINE_PX) ** _FINER
