@@ -141,26 +141,23 @@ def test_cameras_that_are_not_mounted_as_told_have_no_fix_by_themselves_either()
     assert not fix.ok
 
 
-@pytest.mark.parametrize(
-    ("kind", "i", "seed"),
-    [("high", 226, 6006), ("high", 81, 6006), ("high", 140, 6006)],
-)
+@pytest.mark.parametrize(("kind", "i", "seed"), [("jpeg", 57, 6006), ("sun", 53, 4242)])
 def test_a_camera_that_is_surer_alone_is_taken_alone(kind: str, i: int, seed: int) -> None:
-    """What the other's limb is off by along all of it drew nadir .04 deg away."""
+    """It tells its limb from the glow above it, and the other one does not."""
     scene = hard_scene(kind, i, seed)
     frames = as_frames(scene.views, scene.frames)
     sensor = HorizonSensor()
     fix = sensor.process(frames)
     assert fix.ok, fix.reason
     (used,) = fix.cameras_used
-    assert error_deg(fix, scene.frames[0].truth.nadir_base) < 0.02
+    assert nees(fix, scene.frames[0].truth.nadir_base) < 9.0
     (other,) = [
         limb for view, limb in zip(scene.views, fix.limbs, strict=True) if view.name != used
     ]
     assert (other.status, other.reason) == (Status.OK, "the other camera is surer without it")
     again = sensor.process(frames)
     assert sensor.following
-    assert error_deg(again, scene.frames[0].truth.nadir_base) < 0.02
+    assert nees(again, scene.frames[0].truth.nadir_base) < 9.0
 
 
 def test_a_camera_whose_edge_bends_unlike_a_limb_by_itself_is_left_out() -> None:

@@ -125,13 +125,14 @@ def test_saturated_samples_speak_neither_for_a_limb_under_glow_nor_against_it() 
 
 def test_edges_that_air_blurs_are_told_from_it_as_the_other_cameras_are() -> None:
     """From 3000 km and from others' limbs air is as thin as the blur, and lifts edges by half a
-    pixel: of these pairs such edges in one frame or both left nadir off by .008 to .034 deg.
+    pixel: of these pairs such edges in one frame or both left nadir off by .008 to .04 deg.
     """
     off_deg, separated = [], 0
-    scenes = [("high", i) for i in (10, 34, 106, 442, 466)]
-    scenes += [("lens", 320), ("boom", 223), ("moonlit", 89), ("saturated", 47)]
-    for kind, i in scenes:
-        scene = hard_scene(kind, i, 4242)
+    scenes = [("high", i, 4242) for i in (10, 34, 106, 442, 466)]
+    scenes += [("high", i, 6006) for i in (81, 140, 226)]
+    scenes += [("lens", 320, 4242), ("boom", 223, 4242), ("moonlit", 89, 4242)]
+    for kind, i, seed in scenes:
+        scene = hard_scene(kind, i, seed)
         fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
         assert fix.ok, fix.reason
         separated += all(limb.glow_separated for limb in fix.limbs)
