@@ -383,7 +383,9 @@ def _first_guess(sight: GlowSight, look: EdgeLook, air: Air | None) -> _Guess:
         return _Guess(thin, _in_sight(sight), glow)
     outer = sight.d_px >= _FROM_PX
     profiles, distance = sight.profiles[:, outer], sight.distance[:, outer]
-    best = np.inf
+    # Where sight is such that no air fits, none shows.
+    best, none = np.inf, np.zeros(len(sight))
+    found = USUAL_HEIGHT, none, none + np.inf
     for height in _HEIGHTS if air is None else (air.height,):
         fall = np.exp(-distance * (sight.rise / height)[:, None])
         own = fall - fall.mean(axis=1, keepdims=True)
