@@ -19,6 +19,7 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.covariance.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.covariance.common_cone import nearest_to_cones
 from horizon_sensor_ros.core.covariance.hidden_air import hidden_air_sigma_m
+from horizon_sensor_ros.core.covariance.lifted_edges import with_lifted_edges
 from horizon_sensor_ros.core.covariance.shared_error import with_shared_error
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.known_altitude import with_altitude
@@ -141,6 +142,7 @@ class HorizonEstimator:
         """
         views, detection = sighting.views, sighting.detection
         observations = by_night(detection).seen_by(views)
+        observations = with_lifted_edges(observations, detection.rho_rad)
         if self.config.limb == "canny" and np.isfinite(detection.rho_rad):
             found = canny_limbs(views, sighting.images, detection.nadir_base, detection.rho_rad)
             observations = tuple(map(LimbObservation, views, found))
