@@ -13,7 +13,11 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.glow.points import told_together
-from horizon_sensor_ros.core.limb.refinement import refine_limb, separate_limb
+from horizon_sensor_ros.core.limb.refinement import (
+    refine_limb,
+    separate_from_thin_air,
+    separate_limb,
+)
 from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
 from horizon_sensor_ros.core.limb_points import LimbPoints
@@ -114,6 +118,8 @@ class _Passes:
         views, frames, cone = self._views, self._frames, self.cone
         seen, held = refined(views, frames, cone, step, self.looks)
         separated: tuple[LimbObservation, ...] = ()
+        if step.separate_glow and not step.expected:
+            _separate_from_thin_air(views, frames, cone, step, seen, held)
         if step.separate_glow and _some_separated(seen):
             _separate_the_rest(views, frames, self._planet, cone, step, seen, held)
             if _of_two_limbs(seen, held):
@@ -197,6 +203,31 @@ def refined(
         seen.append(LimbObservation(view, limb))
         held.append(holds)
     return seen, held
+
+
+def _separate_from_thin_air(
+    views: Sequence[CameraView],
+    frames: Sequence[SizedFrame],
+    near: tuple[np.ndarray, float],
+    step: RefinePass,
+    seen: list[LimbObservation],
+    held: list[tuple[EdgeLook, ...]],
+) -> None:
+    """Where no model fits some camera's edges, thin air may be why: try to separate the others'
+    limbs from it, though their edges look like those of none. Changes `seen` and `held` in place.
+
+    Only where no limb was separated yet; what is then told is surely air.
+    """
+    shown = [i for i, found in enumerate(seen) if found.limb.status is Status.OK]
+    if all(held[i] for i in shown) or any(seen[i].limb.glow_separated for i in shown):
+        return
+    for i in shown:
+        if not _of_ground(seen[i].limb, held[i]) or frames[i].factor > 1:
+            continue
+        image, jumps_px = frames[i].image(), seen[i].limb.jumps_px
+        found = separate_from_thin_air(image, views[i], near, step, jumps_px)
+        if found is not None:
+            seen[i], held[i] = LimbObservation(views[i], found[0]), found[1]
 
 
 def _separate_the_rest(

@@ -118,6 +118,22 @@ def separate_limb(
     return _JointFit(gray, step, view, cone).of(look, jumps_px)
 
 
+def separate_from_thin_air(
+    gray: np.ndarray,
+    view: CameraView,
+    cone: tuple[np.ndarray, float],
+    step: RefinePass,
+    jumps_px: float,
+) -> _Refined | None:
+    """The limb near a cone, told apart from air that is as thin as the blur, as by `separate_limb`;
+    None where that is not surely air.
+    """
+    length_px = usual_length_px(view, cone[1], step.factor)
+    if not _THINNEST_PX < length_px < _PASSES_PX or step.blur_open_px > 0.0:
+        return None
+    return _JointFit(gray, step, view, cone).of_sure_air(length_px, jumps_px)
+
+
 class _JointFit:
     """Fits of the limb near a predicted cone together with the glow above it.
 
@@ -176,6 +192,14 @@ class _JointFit:
         if limb is None or not (edges.model_free or limb.is_surely_air):
             return None
         return self._refined(limb, thin, edges.jumps_px)
+
+    def of_sure_air(self, length_px: float, jumps_px: float) -> _Refined | None:
+        """`of` thin air that fades over about such a length, where it is surely air."""
+        thin = EdgeLook(USUAL_PSF_PX, length_px)
+        limb = self._fitted(thin)
+        if limb is None or not limb.is_surely_air:
+            return None
+        return self._refined(limb, thin, jumps_px)
 
     def in_known_air(self, look: EdgeLook) -> _Refined | None:
         """`of` from the air that the last frame's fit found; where that was hardly any, and the
