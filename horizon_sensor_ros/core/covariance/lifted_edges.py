@@ -15,7 +15,7 @@ from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError
 from horizon_sensor_ros.core.status import Status
 
 # Errors of such edges over the length over which air usually fades, as measured beside the truth of
-# simulated limbs: they lie up to 1.7 lengths too high. That excuses no bend of theirs.
+# simulated limbs: they lie 0.5 to 2.6 lengths too high. That excuses no bend of theirs.
 _OF_LENGTH = SharedError(shift_px=0.8, slope_px=0.2)
 
 
