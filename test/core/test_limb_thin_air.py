@@ -17,10 +17,8 @@ FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0)
 
 
 def test_a_limb_is_told_from_thin_air_and_from_none() -> None:
-    views, rho_rad = (
-        limb_views(ALTITUDE_M, azimuths_rad=(0.4,)),
-        PLANET.rho_from_altitude(ALTITUDE_M),
-    )
+    views = limb_views(ALTITUDE_M, azimuths_rad=(0.4,))
+    rho_rad = PLANET.rho_from_altitude(ALTITUDE_M)
     imaging = Imaging(noise_dn=1.5, psf_sigma_px=0.45)
     separated, off_px = 0, []
     for seed in range(6):

@@ -131,7 +131,8 @@ def separate_from_thin_air(
     length_px = usual_length_px(view, cone[1], step.factor)
     if not _THINNEST_PX < length_px < _PASSES_PX or step.blur_open_px > 0.0:
         return None
-    return _JointFit(gray, step, view, cone).of_sure_air(length_px, jumps_px)
+    joint = _JointFit(gray, step, view, cone)
+    return joint.of_air_as_thin_as(length_px, jumps_px, surely=True)
 
 
 class _JointFit:
@@ -186,18 +187,18 @@ class _JointFit:
         passes &= not (step.expected or step.blur_open_px > 0.0)
         if not (edges.model_free or passes) or length_px <= _THINNEST_PX:
             return None
-        thin = EdgeLook(USUAL_PSF_PX, length_px)
-        limb = self._fitted(thin)
         # Where a model fits edges as well, it may be clouds beside a soft lens that look like air.
-        if limb is None or not (edges.model_free or limb.is_surely_air):
-            return None
-        return self._refined(limb, thin, edges.jumps_px)
+        return self.of_air_as_thin_as(length_px, edges.jumps_px, surely=not edges.model_free)
 
-    def of_sure_air(self, length_px: float, jumps_px: float) -> _Refined | None:
-        """`of` thin air that fades over about such a length, where it is surely air."""
+    def of_air_as_thin_as(
+        self, length_px: float, jumps_px: float, *, surely: bool
+    ) -> _Refined | None:
+        """`of` thin air that fades over about such a length. surely : only where it is air beyond
+        doubt.
+        """
         thin = EdgeLook(USUAL_PSF_PX, length_px)
         limb = self._fitted(thin)
-        if limb is None or not limb.is_surely_air:
+        if limb is None or (surely and not limb.is_surely_air):
             return None
         return self._refined(limb, thin, jumps_px)
 
