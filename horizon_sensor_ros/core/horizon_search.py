@@ -70,7 +70,8 @@ class HorizonSearch:
         alone = self._each_alone(frames, aiding)
         everything = not any(limbs)
         layer: Consensus | None = None
-        doubted: tuple[Sighting, dict[int, int]] | None = None  # the first one, as of below
+        # What all saw where some frames were doubtful, and these: number in it, and in `frames`.
+        doubted: tuple[Sighting, dict[int, int]] | None = None
         while True:
             rest = [i for i, limb in enumerate(limbs) if limb is None]
             if not rest:
