@@ -34,8 +34,10 @@ from horizon_sensor_ros.core.status import Status
 _Refined = tuple[LimbPoints, tuple[EdgeLook, ...]]
 _THINNEST_PX = 0.3  # length over which glow fades, from which it may be told from the blur
 # Blur of an edge, one sigma with the pixel, from which it may be air's: more than a lens in focus
-# leaves; and length of glow up to which it passes for blur.
+# leaves; length of glow up to which it passes for blur; and from which it would shine beyond the
+# edge, in sigmas of the noise at least: all of 20 simulated limbs told from such air did so.
 _BLURRED_PX, _PASSES_PX = 0.775, 2.5
+_SHINES_PX, _SHINES = 0.8, 1.0
 
 
 def refine_limb(
@@ -95,7 +97,8 @@ def refine_limb(
         looks = (look,)
         edges = modelled_edges(sample, look, edges, rho_rad, step) or edges
     if separate and looks and enough and looks[0].glow_px == 0.0:
-        found = joint.of_thin_air(looks[0], edges, usual_length_px(view, rho_rad, step.factor))
+        length_px = usual_length_px(view, rho_rad, step.factor)
+        found = joint.of_thin_air(looks[0], edges, length_px, sample.light_beyond(good))
         if found is not None:
             return found
     return limb_of_edges(sample, edges, steepest, looks, view, rho_rad, step, uneven=joint.uneven)
@@ -175,15 +178,18 @@ class _JointFit:
         points = replace(points, offset_px=rays_of(view, points).residuals_px(*cone))
         return points, (replace(look, air=limb.air),)
 
-    def of_thin_air(self, look: EdgeLook, edges: LimbEdges, length_px: float) -> _Refined | None:
+    def of_thin_air(
+        self, look: EdgeLook, edges: LimbEdges, length_px: float, beyond: float
+    ) -> _Refined | None:
         """`of` where edges show no glow, but may all the same lie in it.
 
         From far away air is as thin as the blur, and either no edge quite looks like one of them,
         or it passes for blur, and lifts the edges. look : of these. length_px : over which air
-        usually fades.
+        usually fades. beyond : `LimbSample.light_beyond`.
         """
         step = self._step
         passes = look.psf_px > _BLURRED_PX and length_px < _PASSES_PX
+        passes &= length_px < _SHINES_PX or beyond > _SHINES
         passes &= not (step.expected or step.blur_open_px > 0.0)
         if not (edges.model_free or passes) or length_px <= _THINNEST_PX:
             return None

@@ -40,6 +40,7 @@ _STRETCH_PX = 16.0
 _LEAST_STRETCHES = 32
 _WHITE_EDGE_PX = -1.0  # from so far inside the predicted edge on, one that is white is looked at
 _OF_SPACE, _FAR_OUT = 400, 3  # profiles, whose last samples tell enough of what clips space
+_BEYOND_PX = 2.5, 4.0  # outside the predicted edge, where air shows and the lens's blur does not
 PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`, which allows for an edge's misfits
 
 
@@ -143,6 +144,16 @@ class LimbSample:
         inside = profiles[:, num_inside - 2 : num_inside].sum(axis=1)
         step = 0.5 * inside - profiles[:, -3:].sum(axis=1) / 3.0
         return step, step > LEAST_SIGNIFICANCE * self.noise
+
+    def light_beyond(self, good: np.ndarray) -> float:
+        """Light just beyond the predicted edge, less that far out, over one sigma of its noise, in
+        the mean of stretches good (M,).
+        """
+        d_px, profiles = self.grid.d_px, self.profiles[good]
+        near = profiles[:, (d_px >= _BEYOND_PX[0]) & (d_px <= _BEYOND_PX[1])]
+        far = profiles[:, -_FAR_OUT:]
+        sigma = PLAIN_NOISE * self.noise * math.sqrt(1.0 / near.size + 1.0 / far.size)
+        return float(near.mean() - far.mean()) / sigma
 
     @cached_property
     def white(self) -> float:
