@@ -132,10 +132,15 @@ def separate_from_thin_air(
     None where that is not surely air.
     """
     length_px = usual_length_px(view, cone[1], step.factor)
-    if not _THINNEST_PX < length_px < _PASSES_PX or step.blur_open_px > 0.0:
+    if not _passes_for_blur(length_px, step):
         return None
     joint = _JointFit(gray, step, view, cone)
     return joint.of_air_as_thin_as(length_px, jumps_px, surely=True)
+
+
+def _passes_for_blur(length_px: float, step: RefinePass) -> bool:
+    """Whether edges may look like those of a soft lens where air fades over such a length."""
+    return _THINNEST_PX < length_px < _PASSES_PX and step.blur_open_px == 0.0
 
 
 class _JointFit:
@@ -187,11 +192,13 @@ class _JointFit:
         or it passes for blur, and lifts the edges. look : of these. length_px : over which air
         usually fades. beyond : `LimbSample.light_beyond`.
         """
-        step = self._step
-        passes = look.psf_px > _BLURRED_PX and length_px < _PASSES_PX
-        passes &= length_px < _SHINES_PX or beyond > _SHINES
-        passes &= not (step.expected or step.blur_open_px > 0.0)
-        if not (edges.model_free or passes) or length_px <= _THINNEST_PX:
+        blurred = (
+            look.psf_px > _BLURRED_PX
+            and _passes_for_blur(length_px, self._step)
+            and (length_px < _SHINES_PX or beyond > _SHINES)
+            and not self._step.expected
+        )
+        if not (blurred or (edges.model_free and length_px > _THINNEST_PX)):
             return None
         # Where a model fits edges as well, it may be clouds beside a soft lens that look like air.
         return self.of_air_as_thin_as(length_px, edges.jumps_px, surely=not edges.model_free)
