@@ -244,9 +244,8 @@ class HorizonSearch:
         who = self._who_tells_of_layer(frames, sighting, fix, alone)
         if who is None:
             return None
-        high = [replace(limb, above_m=max(limb.above_m, LAYER_M)) for limb in detection.limbs]
         of_layer = self._estimator.judged(
-            replace(sighting, detection=detection.with_limbs(high))
+            replace(sighting, detection=detection.raised(LAYER_M))
         ).fix
         told = filter(None, (of_layer.reason, f"{who}: {_PERHAPS_AT_LAYER}"))
         of_layer = replace(of_layer, reason="; ".join(told))

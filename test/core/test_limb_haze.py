@@ -16,7 +16,7 @@ from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook, edge_profile
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.earth_camera import render_views
-from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scenes
+from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scene, hard_scenes
 from horizon_sensor_ros.sim.poses import camera_from_fov
 
 _SCENES = 8
@@ -83,8 +83,9 @@ def test_how_far_above_the_ground_such_a_limb_lies_is_claimed(
         assert all(limb.above_m > 0.0 for limb in fix.limbs)
         low_m = scene.frames[0].truth.altitude_m - fix.fit.altitude_m
         depth_one_m = scene.scene.air_scale_height_m * np.log(scene.scene.air_depth)
-        # As much too low as the air is high where it hides what lies behind it.
-        assert low_m == pytest.approx(depth_one_m, abs=4e3)
+        if not all(limb.glow_separated for limb in fix.limbs):
+            # As much too low as the air is high where it hides what lies behind it.
+            assert low_m == pytest.approx(depth_one_m, abs=4e3)
         assert low_m < 2.0 * np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
 
 
@@ -141,6 +142,42 @@ def test_a_followed_limb_is_as_near_as_a_searched_one(scenes: list[HardScene]) -
         error, sigma = _error_and_sigma_rad(fix, now)
         assert np.degrees(error) < 0.02
         assert error < 3.0 * sigma
+
+
+def _under_thin_air() -> list[HardScene]:
+    """Ground shines through its air, which a coarse frame takes for air that hides it."""
+    scenes = []
+    for number, depth in ((9, 1.0), (9, 1.5), (14, 1.5), (21, 1.5)):
+        thick = hard_scene("haze", number, 62)
+        world = replace(thick.scene, air_depth=depth)
+        frames = thick.redrawn(world, np.random.default_rng(1))
+        scenes.append(replace(thick, scene=world, frames=frames))
+    return scenes
+
+
+def test_under_air_that_ground_shines_through_limb_and_glow_are_told_apart() -> None:
+    """By the law of haze nadir was off by 0.07 deg in these scenes, and altitude by 10 km."""
+    errors = []
+    for scene in _under_thin_air():
+        fix = HorizonSensor().process(_frames(scene))
+        error, sigma = _error_and_sigma_rad(fix, scene)
+        assert error < 3.0 * sigma
+        errors.append(error)
+        off_m = fix.fit.altitude_m - scene.frames[0].truth.altitude_m
+        assert abs(off_m) < 5e3
+        # That it is not thick air is likely, not certain.
+        assert np.sqrt(fix.fit.cov_nadir_altitude[3, 3]) > 15e3
+    assert np.degrees(np.sqrt(np.mean(np.square(errors)))) < 0.05
+
+
+def test_what_may_be_thick_air_stays_so_while_the_limb_is_followed() -> None:
+    scene = _under_thin_air()[0]
+    sensor = HorizonSensor()
+    fixes = [sensor.process(_frames(scene)), sensor.process(_frames(scene))]
+    assert fixes[1].predicted is not None
+    for fix in fixes:
+        assert all(limb.glow_separated for limb in fix.limbs)
+        assert np.sqrt(fix.fit.cov_nadir_altitude[3, 3]) > 15e3
 
 
 @pytest.mark.parametrize("kind", ["daylight", "balloon", "clouds", "moonlit"])

@@ -35,7 +35,7 @@ class LimbState:
     """What the limb looked like in simultaneous frames: what following it starts from.
 
     One per frame, in order: sees : whether the frame shows the limb. looks, factors, smears,
-    steepness : as of `Detection`.
+    steepness : as of `Detection`. above_m : of all frames, as of `LimbPoints`.
     """
 
     sees: tuple[bool, ...]
@@ -43,6 +43,7 @@ class LimbState:
     factors: tuple[int, ...]
     smears: tuple[Smear | None, ...]
     steepness: tuple[np.ndarray, ...]
+    above_m: float
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,8 @@ class Detection:
     def state(self) -> LimbState:
         """What the limb looks like, to follow it from."""
         sees = tuple(limb.status is Status.OK for limb in self.limbs)
-        return LimbState(sees, self.looks, self.factors, self.smears, self.steepness)
+        above_m = max((limb.above_m for limb in self.limbs), default=0.0)
+        return LimbState(sees, self.looks, self.factors, self.smears, self.steepness, above_m)
 
     def seen_by(self, views: Sequence[CameraView]) -> tuple[LimbObservation, ...]:
         """Return the observations by cameras that may have been stretched anew since."""
@@ -180,6 +182,15 @@ class Detection:
         view = self.observations[index].view
         usual_px = usual_length_px(view, self.rho_rad, self.factors[index])
         return looks[0].glow_px / max(usual_px, _SHORTEST_PX)
+
+    def raised(self, above_m: float) -> Detection:
+        """The same, of limbs that may lie so far above the ground at least."""
+        return self.with_limbs(
+            [
+                limb if limb.above_m >= above_m else replace(limb, above_m=above_m)
+                for limb in self.limbs
+            ]
+        )
 
     def with_limbs(self, limbs: Sequence[LimbPoints]) -> Detection:
         """The same with other points of the limbs, or other errors of theirs."""

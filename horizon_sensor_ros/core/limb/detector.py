@@ -156,7 +156,8 @@ def follow_limb(
             sharp = still_sharp(views, images, found, before.steepness, before.smears, start)
             if sharp is None:
                 return None
-            return with_smear_error(replace(found, smears=smears, steepness=sharp))
+            found = replace(found, smears=smears, steepness=sharp)
+            return with_smear_error(found.raised(before.above_m))
     return None
 
 
@@ -213,16 +214,20 @@ def _looked_for(
     """Limb near a consensus of candidates: at once, through haze, or pass after pass."""
     near = consensus.nadir_base, consensus.rho_rad
     looked = _seen_at_once(views, images, near) if consensus.unanimous else None
+    hazy = None
     if looked is None:
         hazy = look_through_haze(views, images, planet, near)
-        if hazy is not None and not smeared_one_way(images, hazy):
-            return hazy
+        if hazy is not None and smeared_one_way(images, hazy.found):
+            hazy = None
+        if hazy is not None and hazy.sure:
+            return hazy.found
         frames = [
             SizedFrame(image, max(1, small.factor // 2), small.factor)
             for image, small in zip(images, working, strict=True)
         ]
         looked = look_for(views, frames, planet, near, [()] * len(views), steps)
-    return without_smear(views, images, planet, looked)
+    looked = without_smear(views, images, planet, looked)
+    return looked if hazy is None else hazy.or_thin_air(looked)
 
 
 def _seen_at_once(

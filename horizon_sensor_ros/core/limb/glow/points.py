@@ -60,7 +60,7 @@ _MOST_RIPPLE = 1.0  # that is counted, beyond that
 _FINE_PX = 2.5
 _FINER = np.array([0.0, 0.2, 0.1])
 _THIN_PX = 1.0
-_THINNER = np.array([0.0, 1.4, 1.1])
+_THINNER = np.array([0.0, 0.7, 0.55])
 # However exact the fit claims to be: errors of mean, slope and bend over the length of glow.
 _OF_LENGTH = np.array([0.001, 0.006, 0.012])
 # Where glow saturates together with the ground the limb is told by the law by which it fades alone:

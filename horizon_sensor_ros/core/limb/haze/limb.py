@@ -41,9 +41,11 @@ _OTHERS = (
 # Lenses are in focus, as a rule: by how much likelier a blurred edge has to be than a limb in air.
 _BLURRED_PX, _IN_FOCUS = 1.5, 100.0
 # Errors of stretches, of the whole limb and of its ends, over the scale height: four to eight times
-# what they are beside the truth of simulated limbs, whose air is the same everywhere. Limbs that
-# others draw, over dim ground that thin air does not hide quite, need as much (NEES 1.9).
-_COHERENT, _SHIFT, _SLOPE = 0.09, 0.09, 0.06
+# what they are beside the truth of simulated limbs, whose air is the same everywhere.
+_SHARED = SharedError(0.09, 0.09, 0.06)
+# Jumps between neighbouring stretches, over the scale height: more than air makes, whose depth does
+# not depend on the ground below it. Where ground shines through, limbs lie off by as much more.
+_EVEN = 0.06
 ABOVE_M = 17e3  # how far above the ground such a limb may lie, which the frame does not tell
 THINNEST_PX = 0.8  # scale height in the full image from which on thick air is told from a blur
 _LEAST_SIGMA_PX = 0.02
@@ -95,14 +97,15 @@ def hazy_limb(sample: HazySample, look: EdgeLook) -> LimbPoints:
     unit = sample.curve.normal_px[good] / step_px[:, None]
     offset_px = places.offset_px[good] * step_px * sample.factor
     size_px = look.glow_px * sample.factor
+    jumps_px = scatter_px(places.offset_px[good]) * sample.factor
     return LimbPoints(
         Status.OK,
         px=sample.curve.px[good] + offset_px[:, None] * unit,
         normal_px=unit,
         sigma_px=np.hypot(places.sigma_px[good], _LEAST_SIGMA_PX) * step_px * sample.factor,
-        shared=SharedError(_COHERENT, _SHIFT, _SLOPE).times(size_px),
+        shared=_SHARED.times(max(size_px, jumps_px / _EVEN)),
         spacing_px=sample.stretch_px * sample.factor,
-        jumps_px=scatter_px(places.offset_px[good]) * sample.factor,
+        jumps_px=jumps_px,
         predicted=sample.predicted,
         offset_px=offset_px,
         above_m=ABOVE_M,

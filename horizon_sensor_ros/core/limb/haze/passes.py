@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.haze.limb import (
+    ABOVE_M,
     LENGTHS,
     THINNEST_PX,
     haze_look,
@@ -35,9 +37,33 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
 _EVIDENCE = 10.0  # logarithm by which it has to be likelier than any other edge, a camera
+# The same, a stretch of limb, and how evenly it lies, over the scale height, where only air that
+# hides the ground is so: of 44 simulated limbs under such 34, of 45 under thin air, so drawn by
+# others that its law is the likeliest, 3. In as many pixels as this the law alone tells them apart.
+_SURE, _EVEN, _FINE_PX = 3.0, 0.08, 2.5
 _LEAST_ALTITUDE_M = 80e3  # below it the camera is in the air itself, which then looks otherwise
 _MORE = 2  # passes, where the limb still lies off its cone
 _NO_LIMB = LimbPoints.none(Status.NO_LIMB, "the limb is not in the frame")
+
+
+class ThroughHaze(NamedTuple):
+    """The limb under thick air. sure : whether it is under no other."""
+
+    found: Detection
+    sure: bool
+
+    def or_thin_air(self, looked: Detection) -> Detection:
+        """The limb that was told from glow in all frames that show this one, if it was: where the
+        air may be either, a fit of limb and glow is near the truth about nadir under both, the law
+        of haze under thick air only. How high above the ground it lies stays as uncertain.
+
+        looked : what was found without regard to haze.
+        """
+        told = looked.separated_only or looked
+        for hazy, limb in zip(self.found.limbs, told.limbs, strict=True):
+            if hazy.status is Status.OK and not limb.glow_separated:
+                return self.found
+        return told.raised(ABOVE_M)
 
 
 def look_through_haze(
@@ -45,7 +71,7 @@ def look_through_haze(
     images: Sequence[np.ndarray],
     planet: Planet,
     near: tuple[np.ndarray, float],
-) -> Detection | None:
+) -> ThroughHaze | None:
     """Limb of simultaneous frames under thick air, near a cone; None where the air is not such.
 
     images : (H, W) uint8 or uint16, one a view. near : nadir (3,), base frame, and rho (rad).
@@ -72,7 +98,20 @@ def look_through_haze(
         () if sample is None else (haze_look(length * length_px),)
         for sample, length_px in zip(samples, usual_px, strict=True)
     ]
-    return _refined(views, reduced, planet, near, looks, factors, (SEEK, PLACE))
+    found = _refined(views, reduced, planet, near, looks, factors, (SEEK, PLACE))
+    if found is None:
+        return None
+    num = sum(len(sample.profiles) for sample in samples if sample is not None)
+    uneven = max(
+        (
+            limb.jumps_px / (length * length_px * factor)
+            for limb, length_px, factor in zip(found.limbs, usual_px, factors, strict=True)
+            if limb.status is Status.OK
+        ),
+        default=np.inf,
+    )
+    sure = thickest_px > _FINE_PX or (merit.max() > _SURE * num and uneven < _EVEN)
+    return ThroughHaze(found, bool(sure))
 
 
 def follow_through_haze(
