@@ -141,6 +141,9 @@ def _smear_of(
     if _glows(looks):
         # As wide as glow that is this long is no smear's work.
         most_px = max(most_px, usual_length_px(view, found.rho_rad, factor))
+    if looks and looks[0].air is not None:
+        # Where limb and glow were told apart the shape of what falls is not that of a smear alone.
+        smear = replace(smear, boxed=False)
     return smear if smear.sure_px > most_px * factor else None
 
 
