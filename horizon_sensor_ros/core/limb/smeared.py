@@ -100,8 +100,9 @@ def _smears(
 ) -> list[Smear | None]:
     """Motion's smear in each frame, None where there is hardly any."""
     smears: list[Smear | None] = []
-    seen = zip(views, images, found.limbs, found.looks, found.factors, strict=True)
-    for view, image, limb, looks, factor in seen:
+    separated = [one.limb.glow_separated for one in found.separated or found.observations]
+    seen = zip(views, images, found.limbs, found.looks, found.factors, separated, strict=True)
+    for view, image, limb, looks, factor, from_glow in seen:
         smear = None
         if limb.status is Status.OK:
             told = told_smear(view, found.nadir_base, found.rho_rad)
@@ -109,7 +110,8 @@ def _smears(
             if told is not None:
                 smear = _if_known(told, factor)
             elif limb.glow_separated or not sharp:
-                smear = _smear_of(image, view, found, looks, factor, _UNSEEN_PX if sharp else 0.0)
+                least_px = _UNSEEN_PX if sharp else 0.0
+                smear = _smear_of(image, view, found, looks, factor, least_px, separated=from_glow)
         smears.append(smear)
     return smears
 
@@ -132,19 +134,20 @@ def _smear_of(
     looks: Sequence[EdgeLook],
     factor: int,
     least_px: float = 0.0,
+    *,
+    separated: bool,
 ) -> Smear | None:
     """Motion's smear as one frame shows it, None where there is hardly any, or no more than so
-    much.
+    much. separated : its limb was told from the glow above it.
     """
     smear = smear_of(image, view, found.nadir_base, found.rho_rad)
     most_px = max(least_px, _GLOWING_PX if _soft(looks, factor) else _SMEAR_PX)
     if _glows(looks):
         # As wide as glow that is this long is no smear's work.
         most_px = max(most_px, usual_length_px(view, found.rho_rad, factor))
-    if looks and looks[0].air is not None:
-        # Where limb and glow were told apart the shape of what falls is not that of a smear alone.
-        smear = replace(smear, boxed=False)
-    return smear if smear.sure_px > most_px * factor else None
+    # The shape of what falls is then not a smear's alone.
+    shape = replace(smear, boxed=False) if separated else smear
+    return smear if shape.sure_px > most_px * factor else None
 
 
 def _if_known(told: Smear, factor: int) -> Smear | None:
@@ -238,7 +241,8 @@ def still_sharp(
         as_it_was = _as_steep(limb.steepness, before[i])
         if as_it_was or (limb.glow_separated and _glows(expected[i])):
             continue
-        if _smear_of(images[i], views[i], found, looks, factor):
+        separated = limb.glow_separated
+        if _smear_of(images[i], views[i], found, looks, factor, separated=separated):
             return None
         steepness[i] = limb.steepness
     return tuple(steepness)
