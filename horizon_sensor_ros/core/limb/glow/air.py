@@ -124,7 +124,8 @@ class Air:
     def near(self, change: np.ndarray) -> bool:
         """Whether a step (P,) changes so little that what it takes to be linear is."""
         of_air = np.abs(change[_OF_AIR]).max()
-        return bool(of_air <= _NEAR and abs(float(change[BLUR])) <= _NEAR_BLUR_PX)
+        of_blur_px = abs(self.changed(change).psf_px - self.psf_px)
+        return bool(of_air <= _NEAR and of_blur_px <= _NEAR_BLUR_PX)
 
     def beforehand(self) -> tuple[np.ndarray, np.ndarray]:
         """Information (P,) of what is known beforehand, with a lens that fades, and its pull (P,)

@@ -33,6 +33,7 @@ from horizon_sensor_ros.core.limb.glow.air import (
     KEPT_BLUR,
     KEPT_LOG_GLOW,
     LIMB,
+    SHARE_SIGMA,
     SHARES,
     USUAL_HEIGHT,
     USUAL_SHARE,
@@ -326,12 +327,14 @@ def _uneven(air: Air) -> bool:
 
 def _plausible(air: Air) -> bool:
     """Whether what is seen of the limb is in daylight, or is taken to be in twilight, and blur and
-    share are such as could be told.
+    share are such as could be told: a limb as sharp as pixels can tell may be so where the share is
+    an ordinary one.
     """
+    least = SHARES[0] if air.psf_px > BLURS_PX[0] else USUAL_SHARE - 2.0 * SHARE_SIGMA
     return bool(
         (air.twilit or not _uneven(air))
-        and BLURS_PX[0] < air.psf_px < BLURS_PX[1]
-        and SHARES[0] < air.share < SHARES[1]
+        and air.psf_px < BLURS_PX[1]
+        and least < air.share < SHARES[1]
     )
 
 

@@ -118,7 +118,8 @@ def ground_under_airglow(
     if below.is_layer_alone:
         cone = consensus.nadir_base, consensus.rho_rad - layer_rad
         reason = "a layer of airglow, and no ground behind it"
-        return replace(_moved(consensus, cone, layer_rad), status=Status.POOR_FIT, reason=reason)
+        moved = _moved(consensus, cone, layer_rad)
+        return replace(moved, status=Status.POOR_FIT, reason=reason, by_day=consensus)
     return consensus if is_air(below.level, below.crest) else perhaps
 
 
