@@ -234,6 +234,8 @@ def test_without_stars_the_hidden_rear_of_a_layer_tells_it_from_air_over_a_dark_
     _, after = looked_at([lit_shell(low_m, high_m, view)], [view])
     assert (after.status is Status.POOR_FIT) is is_layer
     assert (after.layer_rad > 0.0) is is_layer
+    # What limb there would be by day is asked before it is believed.
+    assert after.by_day is (before if is_layer else None)
 
 
 @pytest.mark.parametrize("fov_deg", [15.0, 20.0, 25.0])
