@@ -231,7 +231,7 @@ def test_without_stars_the_hidden_rear_of_a_layer_tells_it_from_air_over_a_dark_
     """Both fade alike below their edges, but of air on the ground no rear half shows anyway."""
     camera = camera_from_fov(640, 480, np.radians(fov_deg))
     (view,) = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.4,), above_rad=0.03)
-    _, after = looked_at([lit_shell(low_m, high_m, view)], [view])
+    before, after = looked_at([lit_shell(low_m, high_m, view)], [view])
     assert (after.status is Status.POOR_FIT) is is_layer
     assert (after.layer_rad > 0.0) is is_layer
     # What limb there would be by day is asked before it is believed.

@@ -92,6 +92,7 @@ _MOST_SLOPE = 0.3  # by daylight; more towards the terminator
 _MOST_BEND = 0.15  # likewise
 # Cost over the degrees of freedom.
 _OUTLIER = 5.0  # of a stretch, over the median one's: left out
+_OVEREXPOSED = 0.5  # share of the stretches: more, and how sharp the edge is is not known
 # Logarithm of the glow's brightness over white from where on saturated samples hide the limb below
 # it, and from where on no more of it is hidden.
 _DIM, _DROWNED = -1.0, 0.2
@@ -245,7 +246,7 @@ def _fitted(
         if settled and air.near(stride.change):
             if part is None and (_uneven(air) or ends_unseen(sight, air)):
                 return lit_part(guess.glow)
-            holds = median(found.cost[keep]) < _MISFIT and _plausible(air)
+            holds = median(found.cost[keep]) < _MISFIT and _plausible(air, sight)
             return _limb(sight, found, keep, air, nadir_base) if holds else None
         keep = keep & ~outlying
         air = air.changed(stride.change)
@@ -325,12 +326,15 @@ def _uneven(air: Air) -> bool:
     return not (abs(slope) < _MOST_SLOPE and abs(bend) < _MOST_BEND)
 
 
-def _plausible(air: Air) -> bool:
+def _plausible(air: Air, sight: GlowSight) -> bool:
     """Whether what is seen of the limb is in daylight, or is taken to be in twilight, and blur and
     share are such as could be told: a limb as sharp as pixels can tell may be so where the share is
-    an ordinary one.
+    an ordinary one, and most of it is not overexposed.
     """
-    least = SHARES[0] if air.psf_px > BLURS_PX[0] else USUAL_SHARE - 2.0 * SHARE_SIGMA
+    least = SHARES[0]
+    if air.psf_px == BLURS_PX[0]:
+        clear = sight.blind.any(axis=1).mean() < _OVEREXPOSED
+        least = USUAL_SHARE - 2.0 * SHARE_SIGMA if clear else math.inf
     return bool(
         (air.twilit or not _uneven(air))
         and air.psf_px < BLURS_PX[1]
