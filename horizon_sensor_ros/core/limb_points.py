@@ -64,6 +64,7 @@ class LimbPoints:
     steepness : (S,) largest fall of brightness from pixel to pixel near the predicted limb, over
     the step there, in S stretches along it; empty where air glows.
     blur_px : one sigma of the blur of sharp edges, by their model; NaN without one, or under glow.
+    factor : by which the image was reduced for edges to be placed in it.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -82,6 +83,7 @@ class LimbPoints:
     above_m: float = 0.0
     steepness: np.ndarray = field(default_factory=lambda: np.empty(0))
     blur_px: float = np.nan
+    factor: int = 1
 
     @property
     def glow_separated(self) -> bool:

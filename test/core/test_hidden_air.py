@@ -13,6 +13,7 @@ from horizon_sensor_ros.core.covariance.hidden_air import hidden_air_sigma_m
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.horizon_fix import HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.poses import camera_from_fov
 
@@ -103,6 +104,21 @@ def test_air_that_would_be_seen_is_not_hidden() -> None:
         seen = [LimbObservation(view, limb) for view, limb in zip(views, fix.limbs, strict=True)]
         sigmas_m.append(hidden_air_sigma_m(fix.fit, seen, PLANET))
     assert sigmas_m[0] == 0.0
+    assert sigmas_m[1] == pytest.approx(18e3, rel=0.01)
+
+
+def test_pixels_of_a_reduced_frame_are_coarser() -> None:
+    """Faint limbs under air, placed in such frames: 10 km too high, and sure to 1.5."""
+    altitude_m = 1.2e6
+    (view,) = limb_views(altitude_m)[:1]
+    fix = fixed((view,), altitude_m, EarthScene())
+    assert 0.8 < usual_length_px(view, fix.fit.rho_rad) < 1.6
+    soft = replace(fix.limbs[0], blur_px=1.5)
+    sigmas_m = [
+        hidden_air_sigma_m(fix.fit, [LimbObservation(view, limb)], PLANET)
+        for limb in (soft, replace(soft, factor=2))
+    ]
+    assert sigmas_m[0] < 3e3
     assert sigmas_m[1] == pytest.approx(18e3, rel=0.01)
 
 

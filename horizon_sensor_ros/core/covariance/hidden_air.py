@@ -37,12 +37,15 @@ def hidden_air_sigma_m(
     """One sigma (m) of the limb's height that air causes which no frame shows, or which hides the
     ground; as if the air were the Earth's.
 
-    Zero where a camera that was used is near enough, or its pixels are small enough, to show the
-    air: its effect is then in the errors of the limb's points. Where air, or blur that may be air,
-    fades over too few pixels to tell whether it hides the ground, it may.
+    Zero where a camera that was used is near enough, or its pixels are small enough, in the size in
+    which its limb shows, to show the air: its effect is then in the errors of the limb's points.
+    Where air, or blur that may be air, fades over too few pixels to tell whether it hides the
+    ground, it may.
     """
     used = [each for each in observations if each.view.name in fit.cameras]
-    finest_px = max((usual_length_px(each.view, fit.rho_rad) for each in used), default=0.0)
+    finest_px = max(
+        (usual_length_px(each.view, fit.rho_rad, each.limb.factor) for each in used), default=0.0
+    )
     above_m = max((each.limb.above_m for each in used), default=0.0)
     in_air = finest_px < THINNEST_PX and any(_may_be_in_air(each.limb) for each in used)
     if finest_px < _SEEN_PX or in_air:

@@ -379,6 +379,7 @@ def _points(
         offset_px=offset_px,
         steepness=steepness,
         blur_px=blur_px,
+        factor=factor,
     )
 
 
