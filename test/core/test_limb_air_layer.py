@@ -231,11 +231,25 @@ def test_without_stars_the_hidden_rear_of_a_layer_tells_it_from_air_over_a_dark_
     """Both fade alike below their edges, but of air on the ground no rear half shows anyway."""
     camera = camera_from_fov(640, 480, np.radians(fov_deg))
     (view,) = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.4,), above_rad=0.03)
-    before, after = looked_at([lit_shell(low_m, high_m, view)], [view])
+    _, after = looked_at([lit_shell(low_m, high_m, view)], [view])
     assert (after.status is Status.POOR_FIT) is is_layer
     assert (after.layer_rad > 0.0) is is_layer
-    # What limb there would be by day is asked before it is believed.
-    assert after.by_day is (before if is_layer else None)
+
+
+@pytest.mark.parametrize(("soft_px", "asked"), [(0.0, False), (2.0, True)])
+def test_a_layer_alone_is_asked_about_by_day_where_air_could_look_so(
+    soft_px: float, asked: bool
+) -> None:
+    """No air on the ground ends as a layer does above its edge, if the lens shows it."""
+    camera = camera_from_fov(640, 480, np.radians(60.0))
+    (view,) = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.4,), above_rad=0.03)
+    image = lit_shell(91e3, 97e3, view, stars=60)
+    if soft_px > 0.0:
+        image = cv2.GaussianBlur(image, (0, 0), soft_px)
+    before, after = looked_at([image], [view])
+    assert after.status is Status.POOR_FIT
+    assert after.layer_rad > 0.0
+    assert after.by_day is (before if asked else None)
 
 
 @pytest.mark.parametrize("fov_deg", [15.0, 20.0, 25.0])

@@ -119,7 +119,9 @@ def ground_under_airglow(
         cone = consensus.nadir_base, consensus.rho_rad - layer_rad
         reason = "a layer of airglow, and no ground behind it"
         moved = _moved(consensus, cone, layer_rad)
-        return replace(moved, status=Status.POOR_FIT, reason=reason, by_day=consensus)
+        # Where light ends above as in no air on the ground there is nothing to ask.
+        by_day = None if below.ends_above else consensus
+        return replace(moved, status=Status.POOR_FIT, reason=reason, by_day=by_day)
     return consensus if is_air(below.level, below.crest) else perhaps
 
 
