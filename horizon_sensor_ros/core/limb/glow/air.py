@@ -112,7 +112,7 @@ class Air:
         return replace(
             self,
             background=self.background + float(change[BACKGROUND]),
-            psf_px=float(np.clip(self.psf_px + change[BLUR], *BLURS_PX)),
+            psf_px=self._blur_px(change),
             log_glow=self.log_glow + logs[:3],
             height=self.height * math.exp(logs[3]),
             share=self.share + float(change[SHARE]),
@@ -124,8 +124,12 @@ class Air:
     def near(self, change: np.ndarray) -> bool:
         """Whether a step (P,) changes so little that what it takes to be linear is."""
         of_air = np.abs(change[_OF_AIR]).max()
-        of_blur_px = abs(self.changed(change).psf_px - self.psf_px)
+        of_blur_px = abs(self._blur_px(change) - self.psf_px)
         return bool(of_air <= _NEAR and of_blur_px <= _NEAR_BLUR_PX)
+
+    def _blur_px(self, change: np.ndarray) -> float:
+        """Blur after a step (P,): no sharper and no wider than pixels can tell."""
+        return float(np.clip(self.psf_px + change[BLUR], *BLURS_PX))
 
     def beforehand(self) -> tuple[np.ndarray, np.ndarray]:
         """Information (P,) of what is known beforehand, with a lens that fades, and its pull (P,)
