@@ -16,7 +16,13 @@ from types import FrameType
 from typing import Any
 
 from horizon_sensor_ros.ros.interruption import END
-from horizon_sensor_ros.ros.node_names import HORIZON_NODES, NODES, TARGET_NODE
+from horizon_sensor_ros.ros.node_names import (
+    HORIZON_NODES,
+    NODES,
+    ONE_PROCESS,
+    TARGET_NODE,
+    nodes_of,
+)
 
 _CLASSES = {
     "local_vertical_node": "horizon_sensor_ros.ros.horizon_node:LocalVerticalNode",
@@ -31,7 +37,7 @@ _WHAT = {
     "local_vertical_node": "Publishes the direction towards the planet, from images of its limb.",
     "attitude_node": "Publishes roll, pitch and altitude, from images of a planet's limb.",
     "target_pose_node": "Publishes how a target of unknown shape moves, from point clouds.",
-    "horizon_sensor": "Runs the nodes of its parameter `nodes` (default: all) in one process.",
+    ONE_PROCESS: "Runs the nodes of its parameter `nodes` (default: all) in one process.",
 }
 _HELP = """\
 usage: {name} --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO]
@@ -72,7 +78,7 @@ def run(names: Sequence[str] = ()) -> int:
     Without names this is the executable `horizon_sensor`: its parameter `nodes` names them.
     """
     if {"-h", "--help"} & set(sys.argv[1:]):
-        print(_help(names[0] if names else "horizon_sensor"), end="")
+        print(_help(names[0] if names else ONE_PROCESS), end="")
         return 0
     end = _QuietEnd()
     # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
@@ -93,7 +99,7 @@ def run(names: Sequence[str] = ()) -> int:
         if left:
             raise ValueError(f"unknown argument {left[0]}: ROS arguments go after --ros-args")
         if not names:
-            nodes.append(rclpy.create_node("horizon_sensor"))
+            nodes.append(rclpy.create_node(ONE_PROCESS))
             names = _nodes_parameter(nodes[0])
         _refuse_empty_lists(sys.argv)
         managed = _made({name: classes[name] for name in names}, pinned=bool(nodes))
@@ -110,7 +116,7 @@ def run(names: Sequence[str] = ()) -> int:
             # Not spin(): in rclpy 7.1.6 that of the EventsExecutor outlives its context.
             executor.spin_once(timeout_sec=_WAKE_UP_S)
     except Exception as error:
-        program = names[0] if len(names) == 1 else "horizon_sensor"
+        program = names[0] if len(names) == 1 else ONE_PROCESS
         words = " ".join(str(error).split())
         if type(error).__name__ == "UnknownROSArgsError":
             # rclpy, whose class has no public name, says no more than what it was given.
@@ -178,12 +184,8 @@ def _nodes_parameter(node: Any) -> list[str]:
     parameter = _load("horizon_sensor_ros.ros.parameters.common:NODES_PARAMETER")
     descriptor = _load("horizon_sensor_ros.ros.managed_node:descriptor_of")(parameter)
     # An empty list is none to rclpy.
-    names = node.declare_parameter(parameter.name, parameter.default, descriptor).value or []
-    unknown = [name for name in names if name not in NODES]
-    if unknown or not names or len(set(names)) != len(names):
-        got = ", ".join(names) or "none"
-        raise ValueError(f"nodes must be some of {', '.join(NODES)}, each once; got {got}")
-    return names
+    given = node.declare_parameter(parameter.name, parameter.default, descriptor).value
+    return list(nodes_of(given))
 
 
 def _executor() -> Any:

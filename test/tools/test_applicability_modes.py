@@ -193,6 +193,13 @@ def test_one_question_at_a_time(rig: Path, options: list[str], capsys) -> None:
     assert "--quality" in capsys.readouterr().err
 
 
+def test_a_tilt_is_asked_of_the_mounting_alone(rig: Path, capsys) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main([str(rig), "--tilt", "5"])
+    assert caught.value.code == 2
+    assert "--tilt is asked of --mounting alone" in capsys.readouterr().err
+
+
 def test_a_camera_that_looks_straight_down_cannot_be_tilted(tmp_path: Path, capsys) -> None:
     camera = {"width": 320, "height": 240, "fx": 280.0, "rotation": [1.0, 0.0, 0.0, 0.0]}
     path = tmp_path / "rig.yaml"

@@ -410,12 +410,24 @@ def test_short_flight_prints_errors_and_leaves_a_report_and_a_bag(tmp_path: Path
             assert messages_of(tmp_path / "again", f"/{topic}") == messages_of(bag, f"/{topic}")
 
 
-def test_a_seed_that_is_none_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--seed", "-1"], "argument --seed: must be a whole number, not negative, got -1"),
+        (["--seed", "x"], "argument --seed: must be a whole number, not negative, got x"),
+        (["--rate", "fast"], "argument --rate: must be a positive number, got fast"),
+        (["--seconds", "1e12"], "more than 100000 image pairs"),
+        (["--seconds", "1", "--rate", "1e9"], "more than 100000 image pairs"),
+    ],
+)
+def test_arguments_that_cannot_be_are_refused(
+    tmp_path: Path, arguments: list[str], said: str
+) -> None:
     done = subprocess.run(
-        command(tmp_path / "out", "--seed", "-1"), capture_output=True, text=True, check=False
+        command(tmp_path / "out", *arguments), capture_output=True, text=True, check=False
     )
     assert done.returncode == 2
-    assert done.stderr.endswith("error: argument --seed: must not be negative, got -1\n")
+    assert said in done.stderr.splitlines()[-1]
     assert not (tmp_path / "out").exists()
 
 

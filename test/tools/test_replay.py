@@ -386,6 +386,34 @@ def test_remappings_that_cannot_be(
     assert told.count("\n") == 1
 
 
+def test_a_remapping_that_does_nothing_is_said(
+    tmp_path: Path, flight: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rules = ["--remap", "camera_1/image:=/left", "--remap", "camera_2/image_raw:=/right"]
+    assert run(flight, tmp_path / "out", "--params", params, *rules) == 0
+    told = capsys.readouterr().err
+    assert "--remap /camera_1/image:=/left does nothing" in told
+    assert "/right does nothing" not in told
+
+
+def test_a_namespace_that_cannot_be(
+    tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = refused(capsys, flight, tmp_path / "out", "--namespace", "my craft")
+    assert told == "horizon_replay: --namespace 'my craft' is no namespace\n"
+
+
+def test_the_nodes_of_the_one_process_are_those_that_are_replayed(
+    tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    params = write_parameters(tmp_path / "params.yaml", nodes=["attitude_node"])
+    assert run(flight, tmp_path / "out", "--params", params) == 0
+    assert set(read(tmp_path / "out")) == {"/attitude", "/diagnostics"}
+    params = write_parameters(tmp_path / "params.yaml", nodes=["altitude_node"])
+    told = refused(capsys, flight, tmp_path / "none", "--params", params)
+    assert "params.yaml: nodes must be some of local_vertical_node" in told
+
+
 def test_unknown_parameters_are_said(
     tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -423,6 +451,10 @@ def test_a_recording_that_was_cut_off_is_told_how_to_save(
     (cut / file.name).write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     told = refused(capsys, cut / file.name, tmp_path / "none", "--params", params)
     assert "`mcap recover`" in told
+    # Of what never was one nothing can be saved.
+    (cut / file.name).write_bytes(b"noise" * 100)
+    told = refused(capsys, cut / file.name, tmp_path / "none", "--params", params)
+    assert "recover" not in told
 
 
 def test_bags_that_are_none(
@@ -439,6 +471,8 @@ def test_bags_that_are_none(
     assert "there is no bag" in said(tmp_path / "nowhere")
     (tmp_path / "empty").mkdir()
     assert "cannot be read as a rosbag2" in said(tmp_path / "empty")
+    shutil.copytree(flight, tmp_path / "flights" / "monday")
+    assert f"give {tmp_path / 'flights' / 'monday'}" in said(tmp_path / "flights")
     text = tmp_path / "notes.txt"
     text.write_text("not a bag")
     assert "cannot be read as a rosbag2" in said(text)

@@ -239,6 +239,8 @@ def test_what_is_wrong_is_said(
     assert "Make them with horizon_replay" in told
     assert "/camera_1/image_raw (sensor_msgs/msg/Image) in flight" in told
     assert "there is no bag" in refused(capsys, tmp_path / "none", "--out", page)
+    told = refused(capsys, out, "--imu", "imu/dta", "--out", page)
+    assert "--imu: there is no /imu/dta (sensor_msgs/msg/Imu); there is" in told
     assert not page.exists()
     page.write_text("mine")
     assert "exists; choose another" in refused(capsys, out, "--out", page)

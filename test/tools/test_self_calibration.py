@@ -284,6 +284,11 @@ def test_what_is_wrong_is_said(
     assert "there is no bag" in refused(capsys, tmp_path / "none", "--params", params)
     told = refused(capsys, flight, "--params", params, "--out", params)
     assert "params.yaml exists" in told
+    # Before the work, not after it.
+    told = refused(capsys, flight, "--params", params, "--picture", tmp_path / "fit.xyz")
+    assert "fit.xyz must end in one of" in told
+    told = refused(capsys, flight, "--params", params, "--out", params / "corrected.yaml")
+    assert "--out: cannot write" in told
     told = refused(capsys, flight, "--params", params, "--altitude", "gnss")
     assert "/gnss" in told
     assert "/coarse_pose (geometry_msgs/msg/PoseStamped)" in told

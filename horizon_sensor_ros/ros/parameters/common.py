@@ -43,5 +43,5 @@ NODES_PARAMETER = Parameter(
     "nodes",
     "string_array",
     list(NODES),
-    "Which nodes the executable horizon_sensor runs in its one process.",
+    "Which nodes horizon_sensor runs in its one process, and horizon_replay replays.",
 )

@@ -50,6 +50,8 @@ def _run(argv: Sequence[str] | None) -> int:
         parser.error("--quality and --mounting are two questions; ask one of them")
     if (args.quality or args.mounting) and (args.figure6 or args.error or args.any):
         parser.error("--quality and --mounting have maps of their own; leave out the other modes")
+    if args.tilt is not None and not args.mounting:
+        parser.error("--tilt is asked of --mounting alone")
     if not args.figure6 and args.camera_file is None:
         parser.error("give a camera and extrinsics file, or --figure6")
     try:
@@ -101,7 +103,8 @@ def _parser() -> argparse.ArgumentParser:
         "--output",
         type=Path,
         metavar="PREFIX",
-        help="write PREFIX.png and PREFIX.csv (default applicability, or figure6)",
+        help="write PREFIX.png and PREFIX.csv, in place of what has these names (default "
+        "applicability, or figure6)",
     )
     _add_map(parser.add_argument_group("where, and with which cameras").add_argument)
     _add_field(parser.add_argument_group("the field and the error in it").add_argument)
@@ -197,7 +200,6 @@ def _add_questions(add: Callable[..., argparse.Action]) -> None:
     add(
         "--tilt",
         type=float,
-        default=0.0,
         metavar="DEG",
         help="with --mounting: the craft leans by up to this in any direction (default 0)",
     )

@@ -15,7 +15,14 @@ from rosbags.serde import SerdeError
 
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
-from horizon_sensor_ros.ros.node_names import HORIZON_NODES, NODES, TARGET_NODE
+from horizon_sensor_ros.ros.node_names import (
+    HORIZON_NODES,
+    NODES,
+    ONE_PROCESS,
+    TARGET_NODE,
+    nodes_of,
+)
+from horizon_sensor_ros.ros.parameters.common import NODES_PARAMETER
 from horizon_sensor_ros.ros.parameters.file import misspelt_sections, read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
 from horizon_sensor_ros.ros.parameters.horizon_settings import (
@@ -207,10 +214,15 @@ def _taking_part(inputs: dict[str, frozenset[_Input]], recorded: InputBag) -> li
 
 
 def _read_values(params: Path | None, namespace: str) -> dict[str, dict[str, Any]]:
-    """Parameters that the file has for each node."""
+    """Parameters that the file has for each node that takes part, as in the one process."""
     if params is None:
         return {node: {} for node in NODES}
-    values = {node: read_parameter_file(params, node, namespace) for node in NODES}
+    of_process = read_parameter_file(params, ONE_PROCESS, namespace)
+    try:
+        nodes = nodes_of(of_process.get(NODES_PARAMETER.name, NODES_PARAMETER.default))
+    except ValueError as error:
+        raise ParameterError(f"{params}: {error}") from None
+    values = {node: read_parameter_file(params, node, namespace) for node in nodes}
     unknown = [
         name
         for node, given in values.items()
@@ -289,6 +301,9 @@ def replay(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) ->
         )
         try:
             run = _Replay(plan, names, bag)
+            for rule in names.idle_rules:
+                why = "no node that takes part has that topic"
+                print(f"--remap {rule} does nothing: {why}", file=sys.stderr)
             run.run(recorded, stopped)
             bag.finish()
         except BaseException:

@@ -20,6 +20,8 @@ from horizon_sensor_ros.tools.bags.message_types import COMPRESSED_IMAGE, IMAGE
 
 STORAGE = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 
+_MCAP = b"\x89MCAP0\r\n"  # how such a file begins
+
 _Message = TypeVar("_Message")
 
 # A few kilobytes of compressed bag can say that they are terabytes; no sensor's message comes near.
@@ -94,6 +96,9 @@ def open_bag(path: Path) -> InputBag:
     """Return a directory, an .mcap or a .db3, opened; BagError says why it cannot be."""
     if not path.exists():
         raise BagError(f"there is no bag {path}")
+    inside = [] if _is_bag(path) else sorted(each for each in path.glob("*/") if _is_bag(each))
+    if inside:
+        raise BagError(f"{path} is a folder with a bag in it, and none itself: give {inside[0]}")
     try:
         with _bounded_memory():
             reader = Reader(path)
@@ -115,9 +120,25 @@ def _remedy(path: Path) -> str:
             f"; it has no metadata.yaml, as a recording that was cut off: give {files[0]} itself, "
             "or make one with `ros2 bag reindex`"
         )
-    if path.suffix == ".mcap" or any(path.glob("*.mcap")):
+    recordings = path.glob("*.mcap") if path.is_dir() else [path]
+    # Of what was never an mcap nothing can be saved.
+    if any(_begins_with(file, _MCAP) for file in recordings):
         return "; if the recording was cut off, `mcap recover` saves what was written"
     return ""
+
+
+def _is_bag(path: Path) -> bool:
+    """Whether that is a file, or a folder with the file of a bag in it."""
+    kinds = ("metadata.yaml", "*.mcap", "*.db3")
+    return path.is_file() or any(any(path.glob(kind)) for kind in kinds)
+
+
+def _begins_with(path: Path, start: bytes) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(start)) == start
+    except OSError:
+        return False
 
 
 def progress(messages: Iterator[_Message], connections: Sequence[Connection]) -> tqdm[_Message]:

@@ -107,7 +107,8 @@ class OutputBag:
             raise
         except Exception as error:
             # Of the system or of a storage library: a full disk, most likely.
-            raise BagError(f"cannot write {self._path}: {in_one_line(error)}") from None
+            why = getattr(error, "strerror", None) or in_one_line(error)
+            raise BagError(f"cannot write {self._path}: {why}") from None
 
 
 def check_replaceable(path: Path, *sources: Path, force: bool) -> None:

@@ -25,12 +25,15 @@ _TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 class TopicNames:
     """Relative names to full ones, as the nodes' namespace and remappings make them.
 
-    Raises BagError for what is no remapping of a topic.
+    Raises BagError for what is no namespace, or no remapping of a topic.
     """
 
     def __init__(self, namespace: str, remappings: Sequence[str]) -> None:
         self._namespace = "/" + namespace.strip("/")
+        if self._namespace != "/" and not _TOPIC.fullmatch(self._namespace):
+            raise BagError(f"--namespace {namespace!r} is no namespace")
         self._remapped: dict[str, str] = {}
+        self._asked: set[str] = set()
         for rule in remappings:
             source, found, target = rule.partition(":=")
             if not (found and source and target):
@@ -49,7 +52,14 @@ class TopicNames:
     def __call__(self, name: str) -> str:
         """Full name of a topic."""
         full = self._full(name)
+        self._asked.add(full)
         return self._remapped.get(full, full)
+
+    @property
+    def idle_rules(self) -> list[str]:
+        """Remappings of topics whose full name nobody has asked for."""
+        rules = self._remapped.items()
+        return [f"{source}:={target}" for source, target in rules if source not in self._asked]
 
     def of_node(self, name: str) -> str:
         """Full name of a node, which no rule renames."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -27,10 +28,7 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
     Prints the table. Raises BagError, saying why there is no calibration, and KeyboardInterrupt
     soon after `stopped` says so; nothing is then written.
     """
-    for name in ("out", "picture"):
-        path: Path | None = getattr(arguments, name)
-        if path is not None and path.exists() and not arguments.force:
-            raise BagError(f"--{name}: {path} exists; choose another, or --force to replace it")
+    _check_outputs(arguments)
     if not 0.0 <= arguments.interval <= _MAX_INTERVAL_S:
         raise BagError(f"--interval must be 0 to {_MAX_INTERVAL_S:g} s, got {arguments.interval:g}")
     try:
@@ -46,11 +44,6 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
         raise BagError(f"no calibration: {calibration.reason}{hint}. {recording.summary}")
     print(calibration_text(calibration, recording.rot_base_from_cam, recording.summary))
     written = []
-    if arguments.picture is not None:
-        from horizon_sensor_ros.tools.calibration.figure import draw_calibration  # noqa: PLC0415
-
-        draw_calibration(arguments.picture, calibration, recording.rot_base_from_cam)
-        written.append(arguments.picture)
     if arguments.out is not None:
         text = corrected_parameters(arguments.params, calibration, recording.sphere)
         try:
@@ -58,4 +51,29 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
         except OSError as error:
             raise BagError(f"cannot write {arguments.out}: {error.strerror}") from None
         written.append(arguments.out)
+    if arguments.picture is not None:
+        from horizon_sensor_ros.tools.calibration.figure import draw_calibration  # noqa: PLC0415
+
+        draw_calibration(arguments.picture, calibration, recording.rot_base_from_cam)
+        written.append(arguments.picture)
     return "\n".join(f"written: {path}" for path in written)
+
+
+def _check_outputs(arguments: argparse.Namespace) -> None:
+    """BagError where one of the files could not be written after all the work; folders are made."""
+    for name in ("out", "picture"):
+        path: Path | None = getattr(arguments, name)
+        if path is None:
+            continue
+        if path.exists() and not arguments.force:
+            raise BagError(f"--{name}: {path} exists; choose another, or --force to replace it")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise BagError(f"--{name}: cannot write {path}: {error.strerror}") from None
+        if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
+            raise BagError(f"--{name}: cannot write {path}; choose another place")
+    if arguments.picture is not None:
+        from horizon_sensor_ros.tools.calibration.figure import check_picture  # noqa: PLC0415
+
+        check_picture(arguments.picture)

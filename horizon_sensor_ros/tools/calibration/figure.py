@@ -12,6 +12,7 @@ mpl.use("Agg")
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import FigureCanvasBase
 
 from horizon_sensor_ros.core.self_calibration.adjustment import Calibration
 from horizon_sensor_ros.core.self_calibration.differences import (
@@ -23,6 +24,13 @@ from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
 # Okabe & Ito's colours, which colour-blind readers tell apart; the markers differ as well.
 _BEFORE: dict[str, Any] = {"color": "#D55E00", "marker": "x", "label": "before"}
 _AFTER: dict[str, Any] = {"color": "#0072B2", "marker": "o", "label": "after"}
+
+
+def check_picture(path: Path) -> None:
+    """BagError where the name is not that of a kind of picture."""
+    kinds = FigureCanvasBase.get_supported_filetypes()
+    if path.suffix.removeprefix(".").lower() not in kinds:
+        raise BagError(f"--picture: {path} must end in one of .{', .'.join(sorted(kinds))}")
 
 
 def draw_calibration(

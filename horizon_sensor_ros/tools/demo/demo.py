@@ -59,6 +59,7 @@ from horizon_sensor_ros.tools.truth.target_errors import (
 
 LEVEL_Z = "down"
 _QUIET_S = 3.0
+_MOST_SETS = 100_000  # of frames and a cloud: more make a bag of 100 GB and more
 _BAG = "demo"
 
 
@@ -68,7 +69,13 @@ class NoAnswerError(RuntimeError):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Command line entry point; returns the exit code."""
-    options = _parser().parse_args(argv)
+    parser = _parser()
+    options = parser.parse_args(argv)
+    if not options.seconds * options.rate <= _MOST_SETS:
+        parser.error(
+            f"--seconds {options.seconds:g} at --rate {options.rate:g} are more than {_MOST_SETS} "
+            "image pairs: make the flight shorter, or the rate lower"
+        )
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _exit)
     try:
@@ -103,12 +110,11 @@ def _parser() -> argparse.ArgumentParser:
         "in it, and the page that horizon_report makes of that bag.",
         epilog="Example: horizon_demo --seconds 60 --output /tmp/flight",
     )
-    parser.add_argument("--seconds", type=_positive, default=20.0, help="length of the flight")
-    parser.add_argument(
-        "--rate", type=_positive, default=5.0, help="image pairs and clouds a second"
-    )
-    parser.add_argument("--seed", type=_seed, default=0, help="of the noise")
-    parser.add_argument(
+    add = parser.add_argument
+    add("--seconds", type=_positive, default=20.0, help="length of the flight (default 20)")
+    add("--rate", type=_positive, default=5.0, help="image pairs and clouds a second (default 5)")
+    add("--seed", type=_seed, default=0, help="of the noise, a whole number (default 0)")
+    add(
         "--output",
         type=Path,
         default=Path("demo_output"),
@@ -120,17 +126,19 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _positive(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
     if not 0.0 < value < np.inf:
-        raise argparse.ArgumentTypeError(f"must be positive, got {text}")
+        raise argparse.ArgumentTypeError(f"must be a positive number, got {text}")
     return value
 
 
 def _seed(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"must not be negative, got {text}")
-    return value
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"must be a whole number, not negative, got {text}")
+    return int(text)
 
 
 @dataclass

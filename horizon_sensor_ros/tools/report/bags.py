@@ -141,16 +141,17 @@ class Recorded:
 def read_bags(
     bags: Sequence[Path],
     names: TopicNames,
-    imu_topic: str = IMU_TOPIC,
+    imu_topic: str | None = None,
     stopped: Callable[[], bool] = bool,
 ) -> Recorded:
     """Read all but the pixels; where two bags have the same topic the first one's counts.
 
-    Raises BagError for a bag that cannot be read, or where none has an answer or a diagnosis of
-    the nodes that the names are for.
+    imu_topic : of an accelerometer; by default the nodes', if it is there. Raises BagError for a
+    bag that cannot be read, or where none has an answer or a diagnosis of the nodes that the names
+    are for, or the imu_topic that is asked for.
     """
     found = Recorded(tuple(bags))
-    wanted = _Wanted(found, names, imu_topic)
+    wanted = _Wanted(found, names, imu_topic or IMU_TOPIC)
     taken: set[str] = set()
     for path in bags:
         bag = open_bag(path)
@@ -168,6 +169,9 @@ def read_bags(
             "Make them with horizon_replay IN_BAG OUT_BAG, then: horizon_report OUT_BAG --input "
             "IN_BAG"
         )
+    if imu_topic is not None and not found.imu:
+        there = ", ".join(sorted({t.topic for t in found.topics if t.msgtype == IMU}))
+        raise BagError(f"--imu: there is no {names(imu_topic)} ({IMU}); there is {there or 'none'}")
     found.diagnostics = _without_other_craft(found.diagnostics, names)
     return found
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import jinja2
 import numpy as np
 
-from horizon_sensor_ros.ros.aiding_sources import IMU_TOPIC
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.horizon_parameters import base_frame_in
@@ -33,7 +32,7 @@ def write_page(
     params: Path | None = None,
     namespace: str = "/",
     remappings: Sequence[str] = (),
-    imu_topic: str = IMU_TOPIC,
+    imu_topic: str | None = None,
     title: str | None = None,
     stopped: Callable[[], bool] = bool,
 ) -> None:

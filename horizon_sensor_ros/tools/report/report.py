@@ -34,7 +34,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--input", metavar="BAG", type=Path, help="bag with the frames and clouds")
     add("--out", metavar="FILE", type=Path, default=Path("report.html"), help="the page")
     add("--params", metavar="FILE", type=Path, help="ROS parameter file of the nodes")
-    add("--imu", metavar="TOPIC", default="imu", help="accelerometer to compare with (imu)")
+    add("--imu", metavar="TOPIC", help="accelerometer to compare with (default: imu, if there)")
     add("--title", help="heading of the page")
     add("--force", action="store_true", help="replace FILE if it exists")
     add("--namespace", default="/", help="the nodes' namespace")

@@ -39,12 +39,13 @@ def draw_mounting(args: argparse.Namespace) -> str:
             "--mounting must be two altitudes above the limb in km, the lower first, "
             f"got {low_km:g} {high_km:g}"
         )
-    if not 0 <= args.tilt < 45:
-        raise ValueError(f"--tilt must be 0 to 45 degrees, got {args.tilt:g}")
+    tilt_deg = 0.0 if args.tilt is None else args.tilt
+    if not 0 <= tilt_deg < 45:
+        raise ValueError(f"--tilt must be 0 to 45 degrees, got {tilt_deg:g}")
     heights_m = (1e3 * low_km, 1e3 * high_km)
     files = output_paths(args.output or Path("mounting"))
-    found = mountings(views, rig.planet, rig.nadir_at_zero, heights_m, args.sigma, args.tilt)
-    return _draw_map(files, found, views, rig.nadir_at_zero, rig.planet, args.tilt, args.sigma)
+    found = mountings(views, rig.planet, rig.nadir_at_zero, heights_m, args.sigma, tilt_deg)
+    return _draw_map(files, found, views, rig.nadir_at_zero, rig.planet, tilt_deg, args.sigma)
 
 
 def _draw_map(
