@@ -17,7 +17,7 @@ from horizon_sensor_ros.core.hidden_sky import farthest_limb_px
 from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Judged, Sighting
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix, told_by
 from horizon_sensor_ros.core.limb.detection import Detection
-from horizon_sensor_ros.core.limb.detector import detect_limb
+from horizon_sensor_ros.core.limb.detector import detect_limb, limb_of_one
 from horizon_sensor_ros.core.limb.evidence import NEAREST_SKY_PX
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb.search.selection import (
@@ -62,7 +62,7 @@ class HorizonSearch:
         """
         limbs = list(unusable)
         look = partial(self._sighting, aiding)
-        singles = SingleCameras(frames, look, self._estimator, self._any_sigma)
+        singles = SingleCameras(frames, look, self._of_one, self._estimator, self._any_sigma)
         everything = not any(limbs)
         layer: Consensus | None = None
         # What all saw where some frames were doubtful, and these: number in it, and in `frames`.
@@ -180,6 +180,22 @@ class HorizonSearch:
         if np.isfinite(detection.rho_rad):
             figure = figure.aligned(detection.nadir_base)
         return Sighting(frames, detection, figure, aiding)
+
+    def _of_one(self, sighting: Sighting, index: int) -> Sighting | None:
+        """Limb in one of the frames by itself, as of `limb_of_one`."""
+        frame = sighting.frames[index]
+        detection = limb_of_one(
+            sighting.views[index],
+            frame.gray,
+            self._estimator.sphere,
+            sighting.detection,
+            index,
+            rho_min_rad=self._rho_min,
+            rho_max_rad=self._rho_max,
+        )
+        if detection is None:
+            return None
+        return replace(sighting, frames=[frame], detection=detection)
 
 
 def _no_fix(frames: Sequence[Frame], limbs: Sequence[LimbPoints | None]) -> HorizonFix:

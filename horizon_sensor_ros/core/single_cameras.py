@@ -32,6 +32,8 @@ _MUCH_LESS_SURE = 2.0  # times the sigma of nadir
 # Limb in whole frames, and as a second argument a cone that it is known to be near, as of
 # `detect_limb`.
 _Look = Callable[..., Sighting]
+# Limb in one of the frames of a sighting by itself, as of `limb_of_one`.
+_LookAtOne = Callable[[Sighting, int], Sighting | None]
 
 
 class SingleCameras:
@@ -45,12 +47,14 @@ class SingleCameras:
         self,
         frames: Sequence[Frame],
         look: _Look,
+        look_at_one: _LookAtOne,
         estimator: HorizonEstimator,
         any_sigma: HorizonEstimator,
     ) -> None:
-        self._frames, self._look = frames, look
+        self._frames, self._look, self._look_at_one = frames, look, look_at_one
         self._estimator, self._any_sigma = estimator, any_sigma
         self._seen: dict[int, tuple[Detection, Judged]] = {}
+        self._near: dict[int, tuple[Sighting, int]] = {}
 
     def found(self, i: int) -> Detection:
         """What a camera, by number, finds by itself."""
@@ -60,9 +64,18 @@ class SingleCameras:
         """What that comes to, however little it says of nadir."""
         return self._alone(i)[1]
 
+    def looked_near(self, sighting: Sighting) -> None:
+        """Look near the limbs of a sighting first, where single cameras are asked about: that takes
+        a part of the time.
+        """
+        numbers = {frame.view.name: i for i, frame in enumerate(self._frames)}
+        for k, frame in enumerate(sighting.frames):
+            self._near[numbers[frame.view.name]] = sighting, k
+
     def _alone(self, i: int) -> tuple[Detection, Judged]:
         if i not in self._seen:
-            sighting = self._look([self._frames[i]])
+            sighting = self._look_at_one(*self._near[i]) if i in self._near else None
+            sighting = sighting or self._look([self._frames[i]])
             self._seen[i] = sighting.detection, self._any_sigma.judged(sighting)
         return self._seen[i]
 
@@ -121,6 +134,7 @@ class SingleCameras:
         consensus = sighting.detection.consensus
         if not by_ground(fix, consensus) or self._undisputed(fix, consensus):
             return None
+        self.looked_near(sighting)
         found = {
             i: self.found(i)
             for i, limb in enumerate(fix.limbs)
@@ -170,11 +184,13 @@ class SingleCameras:
     def _who_tells_of_layer(self, sighting: Sighting, fix: HorizonFix) -> str | None:
         """What says that a limb may be a layer's: how light fades below it; the borders of all
         frames, which hide what would tell; or one camera that by itself sees the edge of one there,
-        or its limb so much lower.
+        or its limb so much lower. Nothing under air as it is by day.
         """
         detection = sighting.detection
+        if detection.under_daylit_air:
+            return None
         agreed = detection.agreed
-        if agreed is not None and not detection.under_daylit_air:
+        if agreed is not None:
             if detection.consensus.perhaps_layer:
                 return _BY_FADING
             at = sighting.views, detection.working, agreed, detection.consensus
@@ -182,6 +198,7 @@ class SingleCameras:
                 return _CUT_OFF
         if self._undisputed(fix, detection.consensus):
             return None
+        self.looked_near(sighting)
         number = {frame.view.name: i for i, frame in enumerate(self._frames)}
         for seen in detection.observations:
             i = number[seen.view.name]

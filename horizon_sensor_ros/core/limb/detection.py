@@ -27,6 +27,7 @@ _STRETCHES, _ON_COURSE_PX = 4, 0.6
 # Scale heights of air over the usual one that it has by day: simulated limbs .95 to 1.1; layers of
 # airglow that pass for air .25.
 _USUAL_SHARES = 0.6, 1.5
+_ALIKE = {(Status.OK, True)}, {(Status.OK, False)}
 _SHORTEST_PX = 1.0  # length of glow that is told from the blur
 
 
@@ -45,6 +46,24 @@ class LimbState:
     steepness: tuple[np.ndarray, ...]
     above_m: float
 
+    def of(self, index: int) -> LimbState:
+        """That of one frame."""
+        here = slice(index, index + 1)
+        return LimbState(
+            self.sees[here],
+            self.looks[here],
+            self.factors[here],
+            self.smears[here],
+            self.steepness[here],
+            self.above_m,
+        )
+
+    @property
+    def without_air(self) -> LimbState:
+        """The same, where it is not known what air glows above the limb."""
+        looks = (tuple(replace(look, air=None) for look in kinds) for kinds in self.looks)
+        return replace(self, looks=tuple(looks))
+
 
 @dataclass(frozen=True)
 class Detection:
@@ -60,8 +79,8 @@ class Detection:
 
     Of all frames together:
     nadir_base (3,), rho_rad : the cone around which the last pass refined; NaN where there is none.
-    consensus : of the candidates. agreed : the search's edges that the consensus is of, the limb's
-    or the airglow's; None where the limb was followed and nothing was searched.
+    candidates : the search's edges, of which the consensus is; None where the limb was followed and
+    nothing was searched.
     layer_rad : how far above the limb a layer of airglow lies, 0 without one. airglow : after a
     search, whether such a layer may show; where the limb is followed, whether it did.
     """
@@ -75,7 +94,7 @@ class Detection:
     factors: tuple[int, ...] = ()
     layer_rad: float = 0.0
     smears: tuple[Smear | None, ...] = ()
-    agreed: RayCandidates | None = None
+    candidates: RayCandidates | None = None
     steepness: tuple[np.ndarray, ...] = ()
     separated: tuple[LimbObservation, ...] = ()
     airglow: bool = True
@@ -91,6 +110,11 @@ class Detection:
         sees = tuple(limb.status is Status.OK for limb in self.limbs)
         above_m = max((limb.above_m for limb in self.limbs), default=0.0)
         return LimbState(sees, self.looks, self.factors, self.smears, self.steepness, above_m)
+
+    @cached_property
+    def agreed(self) -> RayCandidates | None:
+        """The candidates that agree, on the limb or on the airglow's edge; None without any."""
+        return None if self.candidates is None else self.candidates.take(self.consensus.inliers)
 
     def seen_by(self, views: Sequence[CameraView]) -> tuple[LimbObservation, ...]:
         """Return the observations by cameras that may have been stretched anew since."""
@@ -111,6 +135,14 @@ class Detection:
     def glow_separated(self) -> bool:
         """Whether limb and glow were separated in every frame that shows a limb."""
         return all(limb.glow_separated for limb in self.limbs if limb.status is Status.OK)
+
+    @property
+    def seen_alike(self) -> bool:
+        """Whether every frame shows the limb, in its full size, and by the same model: sharp, or
+        separated from the glow above it.
+        """
+        alike = {(limb.status, limb.glow_separated) for limb in self.limbs}
+        return self.modelled and alike in _ALIKE and max(self.factors) == 1
 
     @property
     def under_daylit_air(self) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.fits.maximum_likelihood import refine
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb.detection import Detection, LimbState
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
@@ -51,6 +52,8 @@ from horizon_sensor_ros.core.status import Status
 
 # Jumps between means of many edges of a limb that shows itself well at once.
 _STEADY_MEANS_PX = 0.15
+# From its points, pixels of the search: a limb so far off is another one.
+_ANOTHER_PX = 3.0
 
 
 def detect_limb(
@@ -98,7 +101,60 @@ def detect_limb(
         working=working,
         consensus=consensus,
         layer_rad=consensus.layer_rad,
-        agreed=found.take(consensus.inliers),
+        candidates=found,
+        steepness=tuple(limb.steepness for limb in looked.limbs),
+    )
+
+
+def limb_of_one(
+    view: CameraView,
+    image: np.ndarray,
+    planet: Planet,
+    found: Detection,
+    index: int,
+    *,
+    rho_min_rad: float,
+    rho_max_rad: float,
+) -> Detection | None:
+    """What `detect_limb` finds in one frame alone, sooner: from what it found in all of them.
+
+    view, image : of the frame. found, index : in all frames, and its number among these. What is
+    found around a common cone lies near it, also where that is no camera's own: so the limb is
+    looked for again around the cone of this frame's points. None where that may not tell what a
+    search would find: frames in which the limb was not `seen_alike`; candidates of this one that
+    agree on another limb; or a layer of airglow.
+    """
+    if found.candidates is None or not found.seen_alike:
+        return None
+    seen = found.observations[index]
+    own = refine(seen.rays, planet, (found.nadir_base, found.rho_rad))
+    if not own.ok:
+        return None
+    candidates, working = found.candidates.of_camera(index), found.working[index]
+    consensus = limb_consensus(candidates, rho_min_rad=rho_min_rad, rho_max_rad=rho_max_rad)
+    consensus = ground_under_airglow([view], [working], candidates, consensus, planet)
+    elsewhere = (
+        consensus.status is not Status.OK
+        or consensus.layer_rad > 0.0
+        or consensus.apart_px(seen.rays, working.factor * view.camera.pixel_rad) > _ANOTHER_PX
+    )
+    if elsewhere:
+        return None
+    near = own.nadir_base, own.rho_rad
+    # The air of a fit around another cone would lead back to that.
+    before = found.state.of(index).without_air
+    looked = follow_limb([view], [image], planet, near, before)
+    if looked is None:
+        return None
+    if not consensus.unanimous:
+        below = _below_airglow([view], planet, [working], candidates, looked)
+        if below is not None:
+            return None
+    return replace(
+        looked,
+        working=(working,),
+        consensus=consensus,
+        candidates=candidates,
         steepness=tuple(limb.steepness for limb in looked.limbs),
     )
 

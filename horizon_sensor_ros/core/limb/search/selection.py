@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.robust import quantile
 from horizon_sensor_ros.core.status import Status
@@ -61,6 +62,11 @@ class RayCandidates:
         """Those that a mask (N,) tells."""
         return RayCandidates(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
 
+    def of_camera(self, index: int) -> RayCandidates:
+        """Those of one camera, as if there were no other."""
+        those = self.take(self.camera == index)
+        return replace(those, camera=np.zeros_like(those.camera))
+
     def outside(self, nadir_base: np.ndarray, rho_rad: float) -> np.ndarray:
         """Which (N,) lie farther outside a cone than edges of its limb are seen to."""
         off = np.arccos(np.clip(self.rays @ nadir_base, -1.0, 1.0)) - rho_rad
@@ -87,6 +93,11 @@ class Consensus:
     layer_rad: float = 0.0
     by_day: Consensus | None = None
     perhaps_layer: bool = False
+
+    def apart_px(self, limb: LimbRays, pitch_rad: float) -> float:
+        """How far nine tenths of a limb's points lie off the cone at most, pixels of this pitch."""
+        angle_rad = limb.angles(self.nadir_base)[0]
+        return quantile(np.abs(angle_rad - self.rho_rad), 0.9) / pitch_rad
 
 
 def rays_of_candidates(
