@@ -1,4 +1,4 @@
-"""A limb that all cameras found, looked for again in one frame: what a search of that would find."""
+"""A limb that all cameras found, looked for again in one frame: what a search there would find."""
 
 from __future__ import annotations
 
