@@ -22,13 +22,16 @@ class SharedError(NamedTuple):
     coherent_px : of a stretch of limb, independent of the other stretches (air glow bends long
     ones). shift_px : of the whole limb (cameras see different air). slope_px : of its ends, one
     outwards and one inwards, which turns the limb. height_px : of the whole limb, the same in the
-    limbs of all cameras (overexposed air, or below airglow).
+    limbs of all cameras (overexposed air, or below airglow). scale_px : of places where the lens
+    has e times as many pixels to an angle, beside the others, likewise the same in all limbs (air
+    that passes for blur lifts edges the less, the better it is resolved).
     """
 
     coherent_px: float = 0.0
     shift_px: float = 0.0
     slope_px: float = 0.0
     height_px: float = 0.0
+    scale_px: float = 0.0
 
     def besides(self, other: SharedError) -> SharedError:
         """Both errors together, independent of each other: the roots of the sums of squares."""

@@ -72,6 +72,8 @@ def _with_shared(
         own2 = _MEDIAN_VARIANCE * median(rays.sigma_px) ** 2 * _STRETCHES / len(rays)
         if limb.cone_errors is not None:
             negligible = False
+        elif limb.shared.scale_px > 0.0:
+            negligible = False
         elif claimed_px > 0.0:
             negligible &= claimed_px**2 < _NEGLIGIBLE * own2 and bend_px(fit, rays) ** 2 < own2
         cameras.append((limb, rays, claimed_px**2, own2))
@@ -81,7 +83,8 @@ def _with_shared(
     to_tangent = tangent_rows(basis)
     rows = [camera[1].design_sigmas(fit.nadir_base, basis) for camera in cameras]
     gain = inverse(sum((a.T @ a for a in rows), np.zeros((3, 3))))
-    cov, height, of_cones = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 1))
+    cov, of_cones = np.zeros((3, 3)), np.zeros((3, 1))
+    height, by_scale = np.zeros(3), np.zeros(3)
     variance = np.diag(fit.cov_nadir_altitude).copy()
     variance[3] /= sphere.altitude_slope(fit.rho_rad) ** 2
     # Factor between the variance that the fit found for the points and that which they claim.
@@ -107,8 +110,11 @@ def _with_shared(
         if limb.shared.slope_px > 0.0:
             ends = limb.shared.slope_px * np.linspace(-1.0, 1.0, len(rays)) @ by_px[order]
             cov += np.outer(ends, ends)
+        if limb.shared.scale_px > 0.0:
+            log_scale = -np.log(rays.sigma_rad / rays.sigma_px)
+            by_scale += limb.shared.scale_px * (log_scale - log_scale.mean()) @ by_px
         cov += coherent2 * len(rays) / _STRETCHES * by_px.T @ by_px
-    cov += np.outer(height, height) + of_cones @ of_cones.T
+    cov += np.outer(height, height) + np.outer(by_scale, by_scale) + of_cones @ of_cones.T
     return covariance_nadir_altitude(cov, basis, fit.rho_rad, sphere)
 
 

@@ -187,7 +187,9 @@ class _Below:
     @property
     def shows_ground(self) -> bool:
         """Whether so many columns show ground that the edge is a layer's above it."""
-        return self.share >= _SHARE or (self.share >= _SHARE_BY_NIGHT and self.by_night)
+        # Stars alone show no night: they are in frames of the sky beside a planet by day too.
+        by_night = self.share >= _SHARE_BY_NIGHT and self.layered and self.by_night
+        return self.share >= _SHARE or by_night
 
     @property
     def is_layer_alone(self) -> bool:
