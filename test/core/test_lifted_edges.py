@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from horizon_fixes import NADIR, nees
 from limb_frames import PLANET, as_frames, clouds, distance_px, draw, limb_views
 
 from horizon_sensor_ros.core.covariance.lifted_edges import with_lifted_edges
@@ -17,11 +18,11 @@ from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import SimFrame
-from horizon_sensor_ros.sim.earth_scene import Imaging
+from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
+from horizon_sensor_ros.sim.poses import camera_from_fov
 
 ALTITUDE_M = 1.4e6
 RHO_RAD = PLANET.rho_from_altitude(ALTITUDE_M)
-NADIR = np.array([0.0, 0.0, 1.0])
 VIEWS = limb_views(ALTITUDE_M, azimuths_rad=(0.4, 2.0))
 NEAR = RefinePass(reach_px=3.0, grid_px=0.5, spacing_px=2.0)
 FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0)
@@ -29,11 +30,11 @@ FINAL = RefinePass(reach_px=1.0, grid_px=0.125, spacing_px=1.0)
 
 @pytest.fixture(scope="module")
 def limbs() -> tuple[LimbPoints, ...]:
-    """Limbs of a planet without air."""
+    """Limbs of a planet without air, in focus: beside clouds they look a little softer."""
     fix = HorizonSensor().process(as_frames(VIEWS, draw(VIEWS, ALTITUDE_M, clouds(1))))
     assert fix.ok
     assert all(limb.modelled and len(limb.steepness) for limb in fix.limbs)
-    return fix.limbs
+    return tuple(replace(limb, blur_px=0.75) for limb in fix.limbs)
 
 
 def lifted(*limbs: LimbPoints) -> list[LimbPoints]:
@@ -101,6 +102,38 @@ def test_thin_air_above_edges_without_a_model_lifts_them_by_no_more_than_is_clai
             assert abs(off_px[-1]) < 2.0 * shared.shift_px
     assert len(off_px) >= 3
     assert np.mean(off_px) > 0.4  # and several times what they claim by themselves
+
+
+def test_edges_that_air_may_have_softened_may_be_turned_by_it(
+    limbs: tuple[LimbPoints, ...],
+) -> None:
+    """From afar air passes for blur; near the planet it is seen, and a soft lens is just soft."""
+    soft, sharp = replace(limbs[0], blur_px=0.85), limbs[0]
+
+    def claimed(limb: LimbPoints, altitude_m: float) -> LimbPoints:
+        seen = (LimbObservation(VIEWS[0], limb),)
+        return with_lifted_edges(seen, PLANET.rho_from_altitude(altitude_m))[0].limb
+
+    assert claimed(sharp, 4e6) is sharp
+    assert claimed(soft, 200e3) is soft
+    assert claimed(soft, 4e6).shared.scale_px > 0.05
+    # No more than air could: it fades over less and less of a pixel.
+    assert claimed(soft, 36e6).shared.scale_px < 0.5 * claimed(soft, 4e6).shared.scale_px
+
+
+@pytest.mark.parametrize("air_dn", [0.0, 60.0])
+def test_a_wide_lens_far_above_thin_air_claims_how_it_turns_the_limb(air_dn: float) -> None:
+    """Of limbs that others drew so one in five was beyond three sigma."""
+    altitude_m, nees_of = 2.5e6, []
+    camera = camera_from_fov(640, 480, np.radians(80.0))
+    scene = replace(EarthScene(), air_dn=air_dn, air_scale_height_m=8e3)
+    for seed in range(12):
+        azimuths = (0.2 * seed,)
+        views = limb_views(altitude_m, camera, azimuths, roll_rad=0.5 * seed, above_rad=0.25)
+        drawn = draw(views, altitude_m, scene, Imaging(noise_dn=2.0), seed)
+        nees_of.append(nees(HorizonSensor().process(as_frames(views, drawn)), NADIR))
+    assert np.mean(nees_of) < 2.8
+    assert max(nees_of) < (6.0 if air_dn else 11.8)
 
 
 def glow_of(limb: LimbPoints) -> LimbPoints:

@@ -77,6 +77,41 @@ def test_errors_are_as_large_as_claimed(cameras: int, even: bool, slope_px: floa
     assert 1.8 < np.mean(nees) < 3.4
 
 
+def log_scale(seen: LimbObservation) -> np.ndarray:
+    """(N,) logarithm of pixels to a radian: by how far two rays beside each point are apart."""
+    px, normal_px = seen.limb.px, seen.limb.normal_px
+    rays = [seen.view.camera.rays(px + step * normal_px) for step in (-0.5, 0.5)]
+    outward = rays[1] - rays[0]
+    return -np.log(np.linalg.norm(outward, axis=1))
+
+
+@pytest.mark.parametrize("cameras", [1, 2])
+def test_air_that_lifts_edges_less_where_pixels_are_finer_turns_the_limb(cameras: int) -> None:
+    """The same air above all limbs; what it lifts all of them by is not in this covariance."""
+    rng = np.random.default_rng(40 + cameras)
+    exact = [limb_of(i, shared=SharedError(scale_px=0.6)) for i in range(cameras)]
+    scales = [log_scale(one) for one in exact]
+    usual = np.concatenate(scales).mean()
+    nees, without = [], []
+    for _ in range(300):
+        air = rng.standard_normal()
+        seen = []
+        for one, scale in zip(exact, scales, strict=True):
+            off = one.limb.sigma_px * rng.standard_normal(len(one.limb.px))
+            off += air * one.limb.shared.scale_px * (scale - usual)
+            px = one.limb.px + off[:, None] * one.limb.normal_px
+            seen.append(replace(one, limb=replace(one.limb, px=px)))
+        plain = fit_horizon(seen, PLANET)
+        for fit, found in ((with_shared_error(plain, seen, PLANET), nees), (plain, without)):
+            cov = cov_of_cone(fit.cov_nadir_altitude)
+            off = np.append(BASIS.T @ fit.nadir_base, fit.rho_rad - RHO_RAD)
+            found.append(off @ np.linalg.solve(cov, off))
+    # Three degrees of freedom.
+    assert 2.0 < np.mean(nees) < 3.6
+    # Two cameras that see it alike hold each other: it is one height again.
+    assert cameras > 1 or np.mean(without) > 1.5 * np.mean(nees)
+
+
 def test_one_cameras_cone_is_known_as_it_says() -> None:
     root = np.array([[1.0, 0.0, 0.0], [0.3, 0.8, 0.0], [0.5, -0.2, 0.4]]) * 1e-4
     to_base = np.zeros((4, 3))

@@ -27,9 +27,9 @@ _IN_FOCUS_PX, _PER_BLUR = 0.76, 2.0
 _HARDLY_BLURRED_PX = 0.775  # up to here there is hardly any air
 # At most so many lengths over which air fades, by how many pixels these have.
 _MOST_LENGTHS = ((1.0, 0.5), (2.5, 0.06))
-# Of that lift, what it changes by where an angle has e times as many pixels: there a half to two
-# thirds.
-_BY_SCALE = 0.6
+# Of that lift, what it changes by where an angle has e times as many pixels, there a half to two
+# thirds; and from camera to camera, whose blur is known to a step of its ladder.
+_OF_LIFT = SharedError(shift_px=0.1, scale_px=0.6)
 
 
 def with_lifted_edges(
@@ -62,7 +62,7 @@ def _softened(seen: LimbObservation, rho_rad: float) -> LimbObservation:
     lift_px = min(_PER_BLUR * (limb.blur_px - _IN_FOCUS_PX), most * length_px)
     if lift_px <= 0.0:
         return seen
-    by_air = SharedError(scale_px=_BY_SCALE * lift_px)
+    by_air = _OF_LIFT.times(lift_px)
     return LimbObservation(seen.view, replace(limb, shared=limb.shared.besides(by_air)))
 
 

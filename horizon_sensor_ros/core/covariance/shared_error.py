@@ -14,6 +14,7 @@ from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude, t
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.robust import median, stretches
 from horizon_sensor_ros.core.symmetric3 import inverse
@@ -70,9 +71,7 @@ def _with_shared(
         limb = observation.limb
         claimed_px = limb.shared.coherent_px if len(rays) >= 2 * _STRETCHES else 0.0
         own2 = _MEDIAN_VARIANCE * median(rays.sigma_px) ** 2 * _STRETCHES / len(rays)
-        if limb.cone_errors is not None:
-            negligible = False
-        elif limb.shared.scale_px > 0.0:
+        if limb.cone_errors is not None or limb.shared.scale_px > 0.0:
             negligible = False
         elif claimed_px > 0.0:
             negligible &= claimed_px**2 < _NEGLIGIBLE * own2 and bend_px(fit, rays) ** 2 < own2
@@ -85,6 +84,7 @@ def _with_shared(
     gain = inverse(sum((a.T @ a for a in rows), np.zeros((3, 3))))
     cov, of_cones = np.zeros((3, 3)), np.zeros((3, 1))
     height, by_scale = np.zeros(3), np.zeros(3)
+    usual = _usual_log_scale([(limb, rays) for limb, rays, *_ in cameras])
     variance = np.diag(fit.cov_nadir_altitude).copy()
     variance[3] /= sphere.altitude_slope(fit.rho_rad) ** 2
     # Factor between the variance that the fit found for the points and that which they claim.
@@ -111,11 +111,18 @@ def _with_shared(
             ends = limb.shared.slope_px * np.linspace(-1.0, 1.0, len(rays)) @ by_px[order]
             cov += np.outer(ends, ends)
         if limb.shared.scale_px > 0.0:
-            log_scale = -np.log(rays.sigma_rad / rays.sigma_px)
-            by_scale += limb.shared.scale_px * (log_scale - log_scale.mean()) @ by_px
+            by_scale += limb.shared.scale_px * (rays.log_scale - usual) @ by_px
         cov += coherent2 * len(rays) / _STRETCHES * by_px.T @ by_px
     cov += np.outer(height, height) + np.outer(by_scale, by_scale) + of_cones @ of_cones.T
     return covariance_nadir_altitude(cov, basis, fit.rho_rad, sphere)
+
+
+def _usual_log_scale(limbs: Sequence[tuple[LimbPoints, LimbRays]]) -> float:
+    """Mean `LimbRays.log_scale` of points with an error that goes with it: what they share there is
+    one height of the limb.
+    """
+    of_points = [rays.log_scale for limb, rays in limbs if limb.shared.scale_px > 0.0]
+    return float(np.concatenate(of_points).mean()) if of_points else 0.0
 
 
 def _left(rows_px: np.ndarray, by_px: np.ndarray) -> float:

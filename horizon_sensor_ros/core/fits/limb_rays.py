@@ -58,6 +58,11 @@ class LimbRays:
         """(N,) rad per pixel below which a distance along the normal means nothing."""
         return _LEAST_NORMAL_COSINE * self.sigma_rad / self.sigma_px
 
+    @cached_property
+    def log_scale(self) -> np.ndarray:
+        """(N,) logarithm of the pixels to a radian across the limb."""
+        return np.asarray(np.log(self.sigma_px / self.sigma_rad))
+
     def angles(self, nadir_base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the rays' angles from nadir (N,), rad, and their growth per pixel (N,).
 
