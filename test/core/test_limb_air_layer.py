@@ -102,6 +102,39 @@ def test_a_layer_that_is_hardly_more_than_a_pixels_noise(seed: int) -> None:
     assert abs(np.degrees(after.rho_rad - RHO)) < 0.5
 
 
+def clouds_before_a_dark_sea(seed: int) -> Frame:
+    """Unequal banks of cloud along the limb by day, behind half of which a strait of dark sea lies
+    about as deep as the ground does below airglow; and stars, as a camera of the sky shows them.
+    """
+    rng = np.random.default_rng(seed)
+    view = limb_views(ALTITUDE_M, above_rad=0.05)[0]
+    height, width = view.camera.height, view.camera.width
+    y, x = np.indices((height, width)).reshape(2, -1).astype(float)
+    rays = view.camera.rays(np.stack([x, y], axis=1)) @ view.rot_base_from_cam.T
+    depth_m = PLANET.radius_m - (PLANET.radius_m + ALTITUDE_M) * np.sqrt(1.0 - rays[:, 2] ** 2)
+    bank = np.floor(np.arctan2(rays[:, 1], rays[:, 0]) / 0.035).astype(int)
+    bank -= bank.min()
+    num = int(bank.max()) + 1
+    has_sea = rng.permutation(num) < 0.55 * num
+    cloud_dn, sea = rng.uniform(110.0, 230.0, num), rng.uniform(0.25, 0.6, num)
+    ashore = np.interp(depth_m, [25e3, 60e3, 80e3, 90e3], [1.0, 0.0, 0.0, 1.0])
+    share = np.where(has_sea[bank], sea[bank] + (1.0 - sea[bank]) * ashore, 1.0)
+    scene = np.where(depth_m > 0.0, cloud_dn[bank] * share, 8.0)
+    stars = rng.choice(np.flatnonzero(depth_m < -150e3), 60, replace=False)
+    scene[stars] = 220.0
+    image = cv2.GaussianBlur(scene.reshape(height, width), (0, 0), 0.7)
+    image += rng.normal(0.0, 1.5, image.shape)
+    return Frame(view, np.clip(np.rint(image), 0, 255).astype(np.uint8))
+
+
+@pytest.mark.parametrize("seed", [4, 7])
+def test_stars_alone_show_no_night(seed: int) -> None:
+    """Altitude was 92 km too large with 3 and 7 claimed, and 98 in a scene that others drew."""
+    fix = HorizonSensor().process([clouds_before_a_dark_sea(seed)])
+    assert fix.ok
+    assert abs(fix.fit.altitude_m - ALTITUDE_M) < 2e3
+
+
 @given(
     altitude_m=st.floats(250e3, 3000e3),
     height_m=st.floats(0.0, 130e3),
