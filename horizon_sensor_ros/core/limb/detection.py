@@ -58,12 +58,6 @@ class LimbState:
             self.above_m,
         )
 
-    @property
-    def without_air(self) -> LimbState:
-        """The same, where it is not known what air glows above the limb."""
-        looks = (tuple(replace(look, air=None) for look in kinds) for kinds in self.looks)
-        return replace(self, looks=tuple(looks))
-
 
 @dataclass(frozen=True)
 class Detection:

@@ -141,9 +141,7 @@ def limb_of_one(
     if elsewhere:
         return None
     near = own.nadir_base, own.rho_rad
-    # The air of a fit around another cone would lead back to that.
-    before = found.state.of(index).without_air
-    looked = follow_limb([view], [image], planet, near, before)
+    looked = follow_limb([view], [image], planet, near, found.state.of(index))
     if looked is None:
         return None
     if not consensus.unanimous:
