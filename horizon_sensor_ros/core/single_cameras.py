@@ -38,7 +38,7 @@ _LookAtOne = Callable[[Sighting, int], Sighting | None]
 
 class SingleCameras:
     """Simultaneous frames, each of which is looked at by itself where it is asked about: it takes
-    as long as a search.
+    as long as a search, or a part of that near a limb that all of them show.
 
     any_sigma : estimator that accepts any sigma of nadir.
     """
@@ -64,7 +64,7 @@ class SingleCameras:
         """What that comes to, however little it says of nadir."""
         return self._alone(i)[1]
 
-    def looked_near(self, sighting: Sighting) -> None:
+    def look_near(self, sighting: Sighting) -> None:
         """Look near the limbs of a sighting first, where single cameras are asked about: that takes
         a part of the time.
         """
@@ -134,7 +134,7 @@ class SingleCameras:
         consensus = sighting.detection.consensus
         if not by_ground(fix, consensus) or self._undisputed(fix, consensus):
             return None
-        self.looked_near(sighting)
+        self.look_near(sighting)
         found = {
             i: self.found(i)
             for i, limb in enumerate(fix.limbs)
@@ -198,7 +198,7 @@ class SingleCameras:
                 return _CUT_OFF
         if self._undisputed(fix, detection.consensus):
             return None
-        self.looked_near(sighting)
+        self.look_near(sighting)
         number = {frame.view.name: i for i, frame in enumerate(self._frames)}
         for seen in detection.observations:
             i = number[seen.view.name]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.limb.edge.looks import MOST_IN_FOCUS_PX
 from horizon_sensor_ros.core.limb.glow.air import USUAL_HEIGHT
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.haze.limb import ABOVE_M, THINNEST_PX
@@ -24,9 +25,9 @@ _HIGHER = 0.8
 _PASSES_FOR_BLUR = ((1.0, 0.25), (2.5, 0.06))
 # Edges that no model fits may be those of air that fades over fewer pixels than this.
 _SEEN_WITHOUT_MODEL_PX = 1.0
-# One sigma of blur, pixel included. An edge sharper than the first (a lens in focus) has no air
-# above it; up to the second there is so little air that only the last row above applies.
-_SHARP_PX, _HARDLY_BLURRED_PX = 0.755, 0.775
+# One sigma of blur, pixel included. An edge sharper than this (a lens in focus) has no air above
+# it; up to `MOST_IN_FOCUS_PX` there is so little air that only the last row above applies.
+_SHARP_PX = 0.755
 # One sigma of how high a limb lies in air that hides the ground: by colour and haze.
 _ABOVE_SIGMA_M = 6e3
 
@@ -61,7 +62,7 @@ def hidden_air_sigma_m(
 
 def _may_be_in_air(limb: LimbPoints) -> bool:
     """Whether a limb was separated from air, or its edges are as those in air may be."""
-    return limb.glow_separated or not limb.modelled or not limb.blur_px <= _HARDLY_BLURRED_PX
+    return limb.glow_separated or not limb.modelled or not limb.blur_px <= MOST_IN_FOCUS_PX
 
 
 def _passed_for_blur(limbs: Sequence[LimbPoints], length_px: float) -> float:
@@ -73,7 +74,7 @@ def _passed_for_blur(limbs: Sequence[LimbPoints], length_px: float) -> float:
         return _HIGHER
     if not any(limb.blur_px > _SHARP_PX for limb in limbs):
         return 0.0
-    blurred = any(limb.blur_px > _HARDLY_BLURRED_PX for limb in limbs)
+    blurred = any(limb.blur_px > MOST_IN_FOCUS_PX for limb in limbs)
     for most_px, higher in _PASSES_FOR_BLUR if blurred else _PASSES_FOR_BLUR[-1:]:
         if length_px < most_px:
             return higher

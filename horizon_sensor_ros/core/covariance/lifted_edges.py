@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.limb.edge.looks import MOST_IN_FOCUS_PX
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError
 from horizon_sensor_ros.core.status import Status
@@ -24,7 +25,6 @@ _OF_LENGTH = SharedError(shift_px=0.8, slope_px=0.2)
 # Blur of an edge in focus, and by how much more of it edges lie too high that air makes so soft:
 # beside the truth of 30 limbs that others drew 2000 to 6000 km up 1.4 to 2.4.
 _IN_FOCUS_PX, _PER_BLUR = 0.76, 2.0
-_HARDLY_BLURRED_PX = 0.775  # up to here there is hardly any air
 # At most so many lengths over which air fades, by how many pixels these have.
 _MOST_LENGTHS = ((1.0, 0.5), (2.5, 0.06))
 # Of that lift, what it changes by where an angle has e times as many pixels, there a half to two
@@ -35,8 +35,8 @@ _OF_LIFT = SharedError(shift_px=0.1, scale_px=0.6)
 def with_lifted_edges(
     observations: Sequence[LimbObservation], rho_rad: float
 ) -> tuple[LimbObservation, ...]:
-    """Return the limbs of simultaneous frames; those whose edges no model fits with what air may be
-    lifting them by, unless there are limbs of others and none shows air.
+    """Return the limbs of simultaneous frames, with what air may be lifting their edges by: those
+    that no model fits, unless there are limbs of others and none shows air, and soft ones.
 
     rho_rad : angular radius of the limb.
     """
@@ -55,15 +55,12 @@ def with_lifted_edges(
 def _softened(seen: LimbObservation, rho_rad: float) -> LimbObservation:
     """The limb with what air that passes for blur may turn it by."""
     limb = seen.limb
-    if not limb.blur_px > _HARDLY_BLURRED_PX:
+    if not limb.blur_px > MOST_IN_FOCUS_PX:
         return seen
     length_px = usual_length_px(seen.view, rho_rad)
     most = next((times for px, times in _MOST_LENGTHS if length_px < px), 0.0)
     lift_px = min(_PER_BLUR * (limb.blur_px - _IN_FOCUS_PX), most * length_px)
-    if lift_px <= 0.0:
-        return seen
-    by_air = _OF_LIFT.times(lift_px)
-    return LimbObservation(seen.view, replace(limb, shared=limb.shared.besides(by_air)))
+    return seen if lift_px == 0.0 else _with(seen, _OF_LIFT.times(lift_px))
 
 
 def _shows_air(limb: LimbPoints) -> bool:
@@ -73,6 +70,9 @@ def _shows_air(limb: LimbPoints) -> bool:
 
 def _lifted(seen: LimbObservation, rho_rad: float) -> LimbObservation:
     """The limb with what air may lift it by."""
+    return _with(seen, _OF_LENGTH.times(usual_length_px(seen.view, rho_rad)))
+
+
+def _with(seen: LimbObservation, by_air: SharedError) -> LimbObservation:
     limb = seen.limb
-    by_air = _OF_LENGTH.times(usual_length_px(seen.view, rho_rad))
     return LimbObservation(seen.view, replace(limb, shared=limb.shared.besides(by_air)))

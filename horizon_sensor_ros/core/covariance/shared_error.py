@@ -71,10 +71,13 @@ def _with_shared(
         limb = observation.limb
         claimed_px = limb.shared.coherent_px if len(rays) >= 2 * _STRETCHES else 0.0
         own2 = _MEDIAN_VARIANCE * median(rays.sigma_px) ** 2 * _STRETCHES / len(rays)
-        if limb.cone_errors is not None or limb.shared.scale_px > 0.0:
+        if limb.cone_errors is not None:
             negligible = False
         elif claimed_px > 0.0:
             negligible &= claimed_px**2 < _NEGLIGIBLE * own2 and bend_px(fit, rays) ** 2 < own2
+        if limb.shared.scale_px > 0.0:
+            scaled_px = limb.shared.scale_px * float(np.ptp(rays.log_scale))
+            negligible &= scaled_px**2 < _NEGLIGIBLE * own2
         cameras.append((limb, rays, claimed_px**2, own2))
     if negligible:
         return fit.cov_nadir_altitude

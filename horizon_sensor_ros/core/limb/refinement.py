@@ -11,6 +11,7 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.limb.edge.looks import (
     CLEAR_SHARE,
+    MOST_IN_FOCUS_PX,
     USUAL_PSF_PX,
     guess_looks,
     likeliest_look,
@@ -33,10 +34,9 @@ from horizon_sensor_ros.core.status import Status
 # The limb, and looks of its edge.
 _Refined = tuple[LimbPoints, tuple[EdgeLook, ...]]
 _THINNEST_PX = 0.3  # length over which glow fades, from which it may be told from the blur
-# Blur of an edge, one sigma with the pixel, from which it may be air's: more than a lens in focus
-# leaves; length of glow up to which it passes for blur; and from which it would shine beyond the
-# edge, in sigmas of the noise at least: all of 20 simulated limbs told from such air did so.
-_BLURRED_PX, _PASSES_PX = 0.775, 2.5
+# Length of glow up to which it passes for blur; and from which it would shine beyond the edge, in
+# sigmas of the noise at least: all of 20 simulated limbs told from such air did so.
+_PASSES_PX = 2.5
 _SHINES_PX, _SHINES = 0.8, 1.0
 
 
@@ -193,7 +193,7 @@ class _JointFit:
         usually fades. beyond : `LimbSample.light_beyond`.
         """
         blurred = (
-            look.psf_px > _BLURRED_PX
+            look.psf_px > MOST_IN_FOCUS_PX
             and _passes_for_blur(length_px, self._step)
             and (length_px < _SHINES_PX or beyond > _SHINES)
             and not self._step.expected

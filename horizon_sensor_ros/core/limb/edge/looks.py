@@ -25,6 +25,8 @@ _FROM_PX, _TO_PX = -2.5, 4.0  # the part of the mean profile that is looked at
 # below it, a sharp edge above clear space has none.
 _GLOW_SHARE, CLEAR_SHARE = 0.04, 0.02
 USUAL_PSF_PX = 0.75  # with the pixel's own width; to start from where glow hides the blur
+# Likewise; an edge that is blurred by more, more than a lens in focus leaves, may be air's.
+MOST_IN_FOCUS_PX = 0.775
 _USUAL = (EdgeLook(USUAL_PSF_PX, 0.0), *EdgeLook(USUAL_PSF_PX, 0.0).neighbours())
 
 
