@@ -54,7 +54,8 @@ class SingleCameras:
         self._frames, self._look, self._look_at_one = frames, look, look_at_one
         self._estimator, self._any_sigma = estimator, any_sigma
         self._seen: dict[int, tuple[Detection, Judged]] = {}
-        self._near: dict[int, tuple[Sighting, int]] = {}
+        self._near: dict[int, tuple[Detection, Judged]] = {}
+        self._about: Sighting | None = None
 
     def found(self, i: int) -> Detection:
         """What a camera, by number, finds by itself."""
@@ -64,18 +65,22 @@ class SingleCameras:
         """What that comes to, however little it says of nadir."""
         return self._alone(i)[1]
 
-    def look_near(self, sighting: Sighting) -> None:
-        """Look near the limbs of a sighting first, where single cameras are asked about: that takes
-        a part of the time.
-        """
-        numbers = {frame.view.name: i for i, frame in enumerate(self._frames)}
+    def _look_near(self, sighting: Sighting) -> None:
+        """Look near the limbs of a sighting, where that tells what a search of the frame would."""
+        if self._about is sighting:
+            return
+        self._about = sighting
+        number = {frame.view.name: i for i, frame in enumerate(self._frames)}
         for k, frame in enumerate(sighting.frames):
-            self._near[numbers[frame.view.name]] = sighting, k
+            one = self._look_at_one(sighting, k)
+            if one is not None:
+                self._near[number[frame.view.name]] = one.detection, self._any_sigma.judged(one)
 
     def _alone(self, i: int) -> tuple[Detection, Judged]:
+        if i in self._near:
+            return self._near[i]
         if i not in self._seen:
-            sighting = self._look_at_one(*self._near[i]) if i in self._near else None
-            sighting = sighting or self._look([self._frames[i]])
+            sighting = self._look([self._frames[i]])
             self._seen[i] = sighting.detection, self._any_sigma.judged(sighting)
         return self._seen[i]
 
@@ -134,7 +139,17 @@ class SingleCameras:
         consensus = sighting.detection.consensus
         if not by_ground(fix, consensus) or self._undisputed(fix, consensus):
             return None
-        self.look_near(sighting)
+        self._look_near(sighting)
+        by_own = self._by_own(sighting, fix)
+        if by_own is None or not self._near:
+            return by_own
+        # Errors of one camera's cone draw what is found near it: before cameras contradict each
+        # other each is searched all over its frame.
+        self._near.clear()
+        return self._by_own(sighting, fix)
+
+    def _by_own(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
+        """The same, by what is known so far of each camera."""
         found = {
             i: self.found(i)
             for i, limb in enumerate(fix.limbs)
@@ -198,7 +213,7 @@ class SingleCameras:
                 return _CUT_OFF
         if self._undisputed(fix, detection.consensus):
             return None
-        self.look_near(sighting)
+        self._look_near(sighting)
         number = {frame.view.name: i for i, frame in enumerate(self._frames)}
         for seen in detection.observations:
             i = number[seen.view.name]
