@@ -67,10 +67,11 @@ def test_it_is_where_a_search_of_the_frame_finds_it(kind: str, turned_deg: float
             if one is None or searched.limbs[0].status is not Status.OK:
                 continue
             apart.append(sigmas_apart(frame, one, searched))
-    # Beside clouds a search comes to the limb by another way, and weighs its texture otherwise.
+    # A search comes to the limb by another way, and may weigh its texture or air otherwise: by less
+    # than the four sigma from which cameras contradict each other.
     assert len(apart) >= 10
     assert np.median(apart) < 0.4
-    assert max(apart) < (3.0 if kind == "clouds" else 1.0)
+    assert max(apart) < 3.0
 
 
 def no_search(*_: object) -> Sighting:
