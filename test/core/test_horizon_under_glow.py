@@ -57,6 +57,7 @@ def test_faint_glow_is_not_taken_for_even_above_ground_that_ends_in_the_dark() -
     assert nees(fix, scene.frames[0].truth.nadir_base) < 11.83
 
 
+@pytest.mark.slow
 def test_one_camera_towards_the_terminator_claims_neither_too_little_nor_too_much() -> None:
     """Mean 2-dof NEES is 2 where claims are as large as errors. Of 33 such limbs 18 were known well
     enough, by claims that were enlarged for what the fit of limb and glow claims itself.

@@ -349,6 +349,7 @@ def test_a_short_arc_of_ground_lies_below_the_layer(seed: int) -> None:
     assert risen_m == pytest.approx(110e3, abs=60e3)
 
 
+@pytest.mark.slow
 def test_one_camera_by_night_is_no_wronger_than_it_claims() -> None:
     nees, off_m = [], []
     for seed in (78, 79):

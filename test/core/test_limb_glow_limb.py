@@ -91,6 +91,7 @@ def test_limbs_lie_as_near_to_the_true_ones_as_they_claim() -> None:
     assert np.sqrt(np.mean(np.square(slopes))) < 2.0
 
 
+@pytest.mark.slow
 def test_one_camera_beside_glow_claims_neither_too_little_nor_too_much() -> None:
     """Mean 2-dof NEES is 2 where claims are as large as errors; glow as even as here deserves half
     of what is claimed, but nothing tells it from daylight's, which deserves all.
