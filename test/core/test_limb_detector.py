@@ -137,6 +137,7 @@ def beside_the_night(seed: int, air_dn: float) -> list[Frame]:
     return as_frames(views, draw(views, altitude_m, scene, Imaging(noise_dn=1.5), seed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("air_dn", [0.0, 90.0])
 def test_a_limb_towards_the_night_is_known_less_than_it_shows(air_dn: float) -> None:
     nees = []

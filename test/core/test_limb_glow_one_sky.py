@@ -183,6 +183,7 @@ def test_lenses_that_blur_unlike_each_other_claim_what_they_are_off_by() -> None
     assert np.mean(nees) < 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["air", "daylight", "low_sun"])
 def test_two_cameras_claim_what_they_are_off_by_under_even_and_uneven_glow(kind: str) -> None:
     nees = []

@@ -129,6 +129,7 @@ def test_texture_moves_edges_less_and_is_seen_where_it_is() -> None:
     assert np.median(ratio) > 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strength", [4.0, 16.0])
 def test_error_that_smooth_ground_gives_whole_stretches_is_claimed(strength: float) -> None:
     """Waves of half a radius and more: they bend the limb for a long way, not edge by edge."""

@@ -15,6 +15,7 @@ mpl.use("Agg")  # no display needed, none opened
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 # Okabe & Ito's colours, which colour-blind readers tell apart.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE = "#0072B2", "#D55E00", "#009E73", "#AA4499", "#E69F00"
@@ -106,13 +107,15 @@ def chart(
             figure, axes = plt.subplots(
                 *shape,
                 figsize=(width, panel_height * shape[0] + 0.6),
+                dpi=dpi,
                 sharex=share_x,
                 squeeze=False,
                 layout="constrained",
             )
             draw(axes.ravel().tolist())
             buffer = io.BytesIO()
-            figure.savefig(buffer, format="png", dpi=dpi)
+            # `savefig` goes through all that is drawn once more beforehand, for the same picture.
+            FigureCanvasAgg(figure).print_png(buffer)
             plt.close(figure)
         urls.append(_data_url(buffer.getvalue(), "png"))
     return Chart(alt, caption, urls[0], urls[1])
