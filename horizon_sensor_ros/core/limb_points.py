@@ -24,7 +24,9 @@ class SharedError(NamedTuple):
     outwards and one inwards, which turns the limb. height_px : of the whole limb, the same in the
     limbs of all cameras (overexposed air, or below airglow). scale_px : of places where the lens
     has e times as many pixels to an angle, beside the others, likewise the same in all limbs (air
-    that passes for blur lifts edges the less, the better it is resolved).
+    that passes for blur lifts edges the less, the better it is resolved). dark_px : of places as
+    bright as is usual along the limb, and more where it is darker, see `LimbPoints.darkness` (air
+    that passes for blur lifts edges the more, the less light the ground gives beside it).
     """
 
     coherent_px: float = 0.0
@@ -32,6 +34,7 @@ class SharedError(NamedTuple):
     slope_px: float = 0.0
     height_px: float = 0.0
     scale_px: float = 0.0
+    dark_px: float = 0.0
 
     def besides(self, other: SharedError) -> SharedError:
         """Both errors together, independent of each other: the roots of the sums of squares."""
@@ -68,6 +71,8 @@ class LimbPoints:
     the step there, in S stretches along it; empty where air glows.
     blur_px : one sigma of the blur of sharp edges, by their model; NaN without one, or under glow.
     factor : by which the image was reduced for edges to be placed in it.
+    darkness : (N,) the usual step of the limb's brightness over that at each point; empty where
+    that was not measured.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -87,6 +92,7 @@ class LimbPoints:
     steepness: np.ndarray = field(default_factory=lambda: np.empty(0))
     blur_px: float = np.nan
     factor: int = 1
+    darkness: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     @property
     def glow_separated(self) -> bool:
@@ -110,6 +116,7 @@ class LimbPoints:
             normal_px=self.normal_px[which],
             sigma_px=self.sigma_px[which],
             offset_px=self.offset_px[which],
+            darkness=self.darkness[which] if len(self.darkness) else self.darkness,
         )
 
     @classmethod

@@ -140,3 +140,13 @@ def test_air_that_hides_the_ground_is_seen_and_still_of_unknown_height() -> None
     assert hidden_air_sigma_m(fix.fit, [hazy], PLANET) == pytest.approx(18e3, rel=0.01)
     told = replace(PLANET, limb_height_m=17e3)
     assert hidden_air_sigma_m(fix.fit, [hazy], told) == pytest.approx(6e3)
+
+
+@pytest.mark.parametrize("limb_height_m", [17e3, 77e3, 250e3])
+def test_a_limb_that_is_told_to_lie_high_is_not_claimed_to_lie_low(limb_height_m: float) -> None:
+    """As of planets with thicker air: told 77 km, altitude claimed 60 km besides."""
+    views = limb_views(36e6)
+    fix = fixed(views, 36e6, EarthScene())
+    planet = replace(PLANET, limb_height_m=limb_height_m)
+    seen = [LimbObservation(view, limb) for view, limb in zip(views, fix.limbs, strict=True)]
+    assert hidden_air_sigma_m(fix.fit, seen, planet) == pytest.approx(6e3)

@@ -112,6 +112,36 @@ def test_air_that_lifts_edges_less_where_pixels_are_finer_turns_the_limb(cameras
     assert cameras > 1 or np.mean(without) > 1.5 * np.mean(nees)
 
 
+@pytest.mark.parametrize("cameras", [1, 2])
+def test_light_of_air_lifts_edges_the_more_the_darker_the_ground_is(cameras: int) -> None:
+    """Each camera's limb by itself; what all of it is lifted by is not in this covariance."""
+    rng = np.random.default_rng(60 + cameras)
+    exact = []
+    for i in range(cameras):
+        num = len(limb_of(i).limb.px)
+        # As under a Sun that is low at one end of the limb.
+        darkness = 1.0 / np.linspace(0.4, 1.3, num)
+        exact.append(limb_of(i, shared=SharedError(dark_px=0.3), darkness=darkness))
+    nees, without = [], []
+    for _ in range(300):
+        seen = []
+        for one in exact:
+            limb = one.limb
+            off = limb.sigma_px * rng.standard_normal(len(limb.px))
+            uneven = limb.darkness - limb.darkness.mean()
+            off += rng.standard_normal() * limb.shared.dark_px * uneven
+            px = limb.px + off[:, None] * limb.normal_px
+            seen.append(replace(one, limb=replace(limb, px=px)))
+        plain = fit_horizon(seen, PLANET)
+        for fit, found in ((with_shared_error(plain, seen, PLANET), nees), (plain, without)):
+            cov = cov_of_cone(fit.cov_nadir_altitude)
+            off = np.append(BASIS.T @ fit.nadir_base, fit.rho_rad - RHO_RAD)
+            found.append(off @ np.linalg.solve(cov, off))
+    # Three degrees of freedom; what two cameras show of it in their residuals is believed as well.
+    assert 1.4 < np.mean(nees) < 3.6
+    assert np.mean(without) > 1.5 * np.mean(nees)
+
+
 def test_one_cameras_cone_is_known_as_it_says() -> None:
     root = np.array([[1.0, 0.0, 0.0], [0.3, 0.8, 0.0], [0.5, -0.2, 0.4]]) * 1e-4
     to_base = np.zeros((4, 3))

@@ -52,8 +52,8 @@ def hidden_air_sigma_m(
     if finest_px < _SEEN_PX or in_air:
         above_m = max(above_m, ABOVE_M)
     if above_m > 0.0:
-        # What is known of the visible limb's height counts.
-        return math.hypot(above_m - sphere.limb_height_m, _ABOVE_SIGMA_M)
+        # What is known of the visible limb's height counts; of another planet's it may be more.
+        return math.hypot(max(above_m - sphere.limb_height_m, 0.0), _ABOVE_SIGMA_M)
     if any(each.limb.glow_separated for each in used):
         return 0.0
     higher = _passed_for_blur([each.limb for each in used], finest_px)

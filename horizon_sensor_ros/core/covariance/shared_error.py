@@ -78,6 +78,9 @@ def _with_shared(
         if limb.shared.scale_px > 0.0:
             scaled_px = limb.shared.scale_px * float(np.ptp(rays.log_scale))
             negligible &= scaled_px**2 < _NEGLIGIBLE * own2
+        if _goes_with_darkness(limb, rays):
+            darker_px = limb.shared.dark_px * float(np.ptp(rays.darkness))
+            negligible &= darker_px**2 < _NEGLIGIBLE * own2
         cameras.append((limb, rays, claimed_px**2, own2))
     if negligible:
         return fit.cov_nadir_altitude
@@ -115,6 +118,9 @@ def _with_shared(
             cov += np.outer(ends, ends)
         if limb.shared.scale_px > 0.0:
             by_scale += limb.shared.scale_px * (rays.log_scale - usual) @ by_px
+        if _goes_with_darkness(limb, rays):
+            darker = limb.shared.dark_px * (rays.darkness - rays.darkness.mean()) @ by_px
+            cov += np.outer(darker, darker)
         cov += coherent2 * len(rays) / _STRETCHES * by_px.T @ by_px
     cov += np.outer(height, height) + np.outer(by_scale, by_scale) + of_cones @ of_cones.T
     return covariance_nadir_altitude(cov, basis, fit.rho_rad, sphere)
@@ -126,6 +132,11 @@ def _usual_log_scale(limbs: Sequence[tuple[LimbPoints, LimbRays]]) -> float:
     """
     of_points = [rays.log_scale for limb, rays in limbs if limb.shared.scale_px > 0.0]
     return float(np.concatenate(of_points).mean()) if of_points else 0.0
+
+
+def _goes_with_darkness(limb: LimbPoints, rays: LimbRays) -> bool:
+    """Whether a limb has an error that changes along it; of all of it the mean is height."""
+    return limb.shared.dark_px > 0.0 and len(rays.darkness) == len(rays)
 
 
 def _left(rows_px: np.ndarray, by_px: np.ndarray) -> float:

@@ -41,6 +41,9 @@ _EVIDENCE = 10.0  # logarithm by which it has to be likelier than any other edge
 # hides the ground is so: 31 of 41 simulated pairs under such, and 2 of 36 pairs that others drew
 # under thin air and that its law fits best. In finer pixels the law alone tells them apart.
 _SURE, _EVEN, _FINE_PX = 3.0, 0.08, 2.5
+# The logarithm by which a stretch is less likely in air that hides the ground than without, where a
+# frame does not resolve it: 3 in two simulated scenes under thin air, .1 at most under thick.
+_DENIED = 1.0
 _LEAST_ALTITUDE_M = 80e3  # below it the camera is in the air itself, which then looks otherwise
 _MORE = 2  # passes, where the limb still lies off its cone
 _NO_LIMB = LimbPoints.none(Status.NO_LIMB, "the limb is not in the frame")
@@ -88,10 +91,13 @@ def look_through_haze(
     if not any(may_be_haze(*glance) for glance in glances):
         return None
     samples = _samples(views, reduced, factors, near, SEEK)
-    rated = [rate_haze(*shown) for shown in _shown(samples, usual_px)]
+    shown = _shown(samples, usual_px)
+    rated = [rate_haze(*sample) for sample in shown]
     # It is the same air in all frames.
     merit = np.sum(rated, axis=0)
     if not rated or merit.max() < _EVIDENCE * len(rated):
+        return None
+    if any(_denied(*sample, merits) for sample, merits in zip(shown, rated, strict=True)):
         return None
     length = _likeliest_length(merit)
     looks: list[tuple[EdgeLook, ...]] = [
@@ -166,6 +172,15 @@ def _refined(
             return None
         near = nearer.nadir_base, nearer.rho_rad
     return None
+
+
+def _denied(sample: HazySample, length_px: float, merits: np.ndarray) -> bool:
+    """Whether a frame shows too sharp a limb, by its `rate_haze`, for the air to hide the ground.
+
+    The law of such air fits thin air too in a frame that resolves it. One that does not, as a
+    smaller frame beside it, shows a sharp edge under thin air and a soft one under thick.
+    """
+    return length_px < THINNEST_PX and bool(merits.max() < -_DENIED * len(sample.profiles))
 
 
 def _likeliest_length(merit: np.ndarray) -> float:
