@@ -25,8 +25,8 @@ class SharedError(NamedTuple):
     limbs of all cameras (overexposed air, or below airglow). scale_px : of places where the lens
     has e times as many pixels to an angle, beside the others, likewise the same in all limbs (air
     that passes for blur lifts edges the less, the better it is resolved). dark_px : of places as
-    bright as is usual along the limb, and more where it is darker, see `LimbPoints.darkness` (air
-    that passes for blur lifts edges the more, the less light the ground gives beside it).
+    bright as is usual along the limb, and more where it is darker, by `LimbPoints.step` (air that
+    passes for blur lifts edges the more, the less light the ground gives beside it).
     """
 
     coherent_px: float = 0.0
@@ -71,8 +71,8 @@ class LimbPoints:
     the step there, in S stretches along it; empty where air glows.
     blur_px : one sigma of the blur of sharp edges, by their model; NaN without one, or under glow.
     factor : by which the image was reduced for edges to be placed in it.
-    darkness : (N,) the usual step of the limb's brightness over that at each point; empty where
-    that was not measured.
+    step : (N,) gray levels from space to the planet beside each point; empty where that was not
+    measured.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -92,7 +92,7 @@ class LimbPoints:
     steepness: np.ndarray = field(default_factory=lambda: np.empty(0))
     blur_px: float = np.nan
     factor: int = 1
-    darkness: np.ndarray = field(default_factory=lambda: np.empty(0))
+    step: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     @property
     def glow_separated(self) -> bool:
@@ -116,7 +116,7 @@ class LimbPoints:
             normal_px=self.normal_px[which],
             sigma_px=self.sigma_px[which],
             offset_px=self.offset_px[which],
-            darkness=self.darkness[which] if len(self.darkness) else self.darkness,
+            step=self.step[which] if len(self.step) else self.step,
         )
 
     @classmethod

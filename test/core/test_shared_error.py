@@ -11,6 +11,7 @@ from limb_samples import PINHOLE, observe, view_at_limb
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.covariance.shared_error import with_shared_error
 from horizon_sensor_ros.core.fits import LimbObservation, fit_horizon
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb_points import SharedError
 from horizon_sensor_ros.core.planet import Planet
 
@@ -51,6 +52,12 @@ def cov_of_cone(cov: np.ndarray) -> np.ndarray:
     return to_cone @ cov @ to_cone.T
 
 
+def nees_of(fit: HorizonFit) -> float:
+    """Three degrees of freedom: nadir and rho."""
+    off = np.append(BASIS.T @ fit.nadir_base, fit.rho_rad - RHO_RAD)
+    return float(off @ np.linalg.solve(cov_of_cone(fit.cov_nadir_altitude), off))
+
+
 @pytest.mark.parametrize("cameras", [1, 2])
 @pytest.mark.parametrize("even", [True, False], ids=["alike", "unequal"])
 @pytest.mark.parametrize("slope_px", [0.0, 0.3], ids=["", "turned"])
@@ -69,9 +76,7 @@ def test_errors_are_as_large_as_claimed(cameras: int, even: bool, slope_px: floa
         seen = [drawn(one, rng) for one in exact]
         fit = with_shared_error(fit_horizon(seen, PLANET), seen, PLANET)
         assert fit.ok
-        cov = cov_of_cone(fit.cov_nadir_altitude)
-        off = np.append(BASIS.T @ fit.nadir_base, fit.rho_rad - RHO_RAD)
-        nees.append(off @ np.linalg.solve(cov, off))
+        nees.append(nees_of(fit))
     # Three degrees of freedom; stretches that happen to lie off far are believed, which adds to
     # the covariance.
     assert 1.8 < np.mean(nees) < 3.4
@@ -103,9 +108,7 @@ def test_air_that_lifts_edges_less_where_pixels_are_finer_turns_the_limb(cameras
             seen.append(replace(one, limb=replace(one.limb, px=px)))
         plain = fit_horizon(seen, PLANET)
         for fit, found in ((with_shared_error(plain, seen, PLANET), nees), (plain, without)):
-            cov = cov_of_cone(fit.cov_nadir_altitude)
-            off = np.append(BASIS.T @ fit.nadir_base, fit.rho_rad - RHO_RAD)
-            found.append(off @ np.linalg.solve(cov, off))
+            found.append(nees_of(fit))
     # Three degrees of freedom.
     assert 2.0 < np.mean(nees) < 3.6
     # Two cameras that see it alike hold each other: it is one height again.
@@ -120,23 +123,22 @@ def test_light_of_air_lifts_edges_the_more_the_darker_the_ground_is(cameras: int
     for i in range(cameras):
         num = len(limb_of(i).limb.px)
         # As under a Sun that is low at one end of the limb.
-        darkness = 1.0 / np.linspace(0.4, 1.3, num)
-        exact.append(limb_of(i, shared=SharedError(dark_px=0.3), darkness=darkness))
+        step = np.linspace(0.4, 1.3, num)
+        exact.append(limb_of(i, shared=SharedError(dark_px=0.3), step=step))
     nees, without = [], []
     for _ in range(300):
         seen = []
         for one in exact:
             limb = one.limb
             off = limb.sigma_px * rng.standard_normal(len(limb.px))
-            uneven = limb.darkness - limb.darkness.mean()
+            darkness = np.median(limb.step) / limb.step
+            uneven = darkness - darkness.mean()
             off += rng.standard_normal() * limb.shared.dark_px * uneven
             px = limb.px + off[:, None] * limb.normal_px
             seen.append(replace(one, limb=replace(limb, px=px)))
         plain = fit_horizon(seen, PLANET)
         for fit, found in ((with_shared_error(plain, seen, PLANET), nees), (plain, without)):
-            cov = cov_of_cone(fit.cov_nadir_altitude)
-            off = np.append(BASIS.T @ fit.nadir_base, fit.rho_rad - RHO_RAD)
-            found.append(off @ np.linalg.solve(cov, off))
+            found.append(nees_of(fit))
     # Three degrees of freedom; what two cameras show of it in their residuals is believed as well.
     assert 1.4 < np.mean(nees) < 3.6
     assert np.mean(without) > 1.5 * np.mean(nees)

@@ -55,15 +55,15 @@ def seen(seed: int, air_dn: float) -> tuple[HorizonFix, tuple[SimFrame, ...]]:
     return HorizonSensor().process(as_frames(views, drawn)), drawn
 
 
-def test_darkness_is_where_the_sun_stands_low() -> None:
+def test_steps_are_small_where_the_sun_stands_low() -> None:
     fix, drawn = seen(0, air_dn=60.0)
     for limb, frame in zip(fix.limbs, drawn, strict=True):
-        assert limb.darkness.shape == (len(limb.px),)
+        assert limb.step.shape == (len(limb.px),)
         inside = np.rint(limb.px - 4.0 * limb.normal_px).astype(int)
         level = frame.image[inside[:, 1], inside[:, 0]].astype(float)
         level -= np.percentile(frame.image, 1)
-        assert np.corrcoef(limb.darkness, level.mean() / level)[0, 1] > 0.8
-        # The same light of air lifts edges more there.
+        assert np.corrcoef(1.0 / limb.step, level.mean() / level)[0, 1] > 0.8
+        # Air lifts all of it.
         off_px = distance_px(frame.truth.limb, limb.px)
         assert off_px.min() > 0.0
 
@@ -92,7 +92,7 @@ def limb(blur_px: float) -> LimbPoints:
         px=np.zeros((9, 2)),
         steepness=np.ones(6),
         blur_px=blur_px,
-        darkness=np.ones(9),
+        step=np.ones(9),
     )
 
 

@@ -6,6 +6,8 @@ there is none.
 Edges that are less sharp than a lens in focus leaves them, where air fades over a pixel or two: it
 may be air that passes for blur. By how much it lifts all of the limb is `hidden_air`'s; but it
 lifts it less where the lens has more pixels to an angle, which turns the limb.
+Edges as sharp as a lens leaves them, where air fades over less than a pixel: a sharper lens under
+air leaves the same.
 """
 
 from __future__ import annotations

@@ -23,6 +23,7 @@ _STRETCHES = 6
 _NEGLIGIBLE = 0.02  # shared variance over the points' own that is not worth adding
 _MEDIAN_VARIANCE = np.pi / 2.0  # of a median of normal errors, over that of their mean
 _NOT_A_LIMB_PX = 9.0  # bend of a limb to which no distance can be told: no limb bends so far
+_MOST_DARK = 4.0  # usual brightness over that of a place: less is not measured well
 _SURE = 2.0  # times the points' own variance: what chance makes of it
 
 
@@ -78,10 +79,9 @@ def _with_shared(
         if limb.shared.scale_px > 0.0:
             scaled_px = limb.shared.scale_px * float(np.ptp(rays.log_scale))
             negligible &= scaled_px**2 < _NEGLIGIBLE * own2
-        if _goes_with_darkness(limb, rays):
-            darker_px = limb.shared.dark_px * float(np.ptp(rays.darkness))
-            negligible &= darker_px**2 < _NEGLIGIBLE * own2
-        cameras.append((limb, rays, claimed_px**2, own2))
+        darker_px = _darker_px(limb, rays)
+        negligible &= float(np.ptp(darker_px)) ** 2 < _NEGLIGIBLE * own2
+        cameras.append((limb, rays, claimed_px**2, own2, darker_px))
     if negligible:
         return fit.cov_nadir_altitude
     basis = tangent_basis(fit.nadir_base)
@@ -95,7 +95,7 @@ def _with_shared(
     variance[3] /= sphere.altitude_slope(fit.rho_rad) ** 2
     # Factor between the variance that the fit found for the points and that which they claim.
     more_own = float(variance.sum() / np.trace(gain))
-    for (limb, rays, claimed2, own2), a in zip(cameras, rows, strict=True):
+    for (limb, rays, claimed2, own2, darker_px), a in zip(cameras, rows, strict=True):
         # How a sigma of each point moves the fit, and a pixel.
         by_sigma = a @ gain
         by_px = by_sigma / rays.sigma_px[:, None]
@@ -118,8 +118,8 @@ def _with_shared(
             cov += np.outer(ends, ends)
         if limb.shared.scale_px > 0.0:
             by_scale += limb.shared.scale_px * (rays.log_scale - usual) @ by_px
-        if _goes_with_darkness(limb, rays):
-            darker = limb.shared.dark_px * (rays.darkness - rays.darkness.mean()) @ by_px
+        if limb.shared.dark_px > 0.0:
+            darker = darker_px @ by_px
             cov += np.outer(darker, darker)
         cov += coherent2 * len(rays) / _STRETCHES * by_px.T @ by_px
     cov += np.outer(height, height) + np.outer(by_scale, by_scale) + of_cones @ of_cones.T
@@ -134,9 +134,24 @@ def _usual_log_scale(limbs: Sequence[tuple[LimbPoints, LimbRays]]) -> float:
     return float(np.concatenate(of_points).mean()) if of_points else 0.0
 
 
-def _goes_with_darkness(limb: LimbPoints, rays: LimbRays) -> bool:
-    """Whether a limb has an error that changes along it; of all of it the mean is height."""
-    return limb.shared.dark_px > 0.0 and len(rays.darkness) == len(rays)
+def _darker_px(limb: LimbPoints, rays: LimbRays) -> np.ndarray:
+    """One sigma (N,) of the error that goes with darkness, less its mean, which is height.
+
+    What changes faster along the limb than the Sun's height does turns none.
+    """
+    if limb.shared.dark_px == 0.0 or len(rays.step) != len(rays):
+        return np.zeros(len(rays))
+    usual = median(rays.step)
+    darkness = usual / np.maximum(rays.step, usual / _MOST_DARK)
+    powers = _slow_powers(len(rays))
+    slow = darkness @ powers.T @ powers
+    return np.asarray(limb.shared.dark_px * (slow - slow.mean()))
+
+
+@lru_cache(maxsize=8)
+def _slow_powers(count: int) -> np.ndarray:
+    """Orthonormal polynomials (3, count), to the second degree, of the place along a limb."""
+    return np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, count), 3, increasing=True))[0].T
 
 
 def _left(rows_px: np.ndarray, by_px: np.ndarray) -> float:

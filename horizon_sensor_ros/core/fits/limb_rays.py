@@ -23,7 +23,7 @@ class LimbRays:
     from the limb, that moves its image one pixel along the limb normal; radians per pixel.
     sigma_px : (N,) along that normal. camera : (N,) index into cameras, the names. num_points :
     before unusable ones (not finite, or without a ray) were dropped. ordered : the points are known
-    to come camera by camera, and along the limb. darkness : (N,) as of `LimbPoints`, of one camera;
+    to come camera by camera, and along the limb. step : (N,) as of `LimbPoints`, of one camera;
     else empty.
     """
 
@@ -34,7 +34,7 @@ class LimbRays:
     cameras: tuple[str, ...]
     num_points: int
     ordered: bool = False
-    darkness: np.ndarray = field(default_factory=lambda: np.empty(0))
+    step: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     def __len__(self) -> int:
         return len(self.rays_base)
@@ -144,10 +144,10 @@ def rays_of(view: CameraView, limb: LimbPoints) -> LimbRays:
     sigma = np.asarray(limb.sigma_px, dtype=float)
     keep = np.isfinite(rays[:, 0] + normal[:, 0] + normal[:, 1]) & (sigma > 0) & (sigma < 1e6)
     keep &= normal.any(axis=1)
-    darkness = limb.darkness
+    step = limb.step
     if not keep.all():
         rays, normal, sigma = rays[keep], normal[keep], sigma[keep]
-        darkness = darkness[keep] if len(darkness) else darkness
+        step = step[keep] if len(step) else step
     if len(rays) == 0:
         return no_rays(len(px))
     outward = outward_per_px(view.camera.pixel_jacobian(rays), normal)
@@ -155,7 +155,7 @@ def rays_of(view: CameraView, limb: LimbPoints) -> LimbRays:
     index = np.zeros(len(rays), dtype=int)
     ordered = limb.predicted is not None
     cameras = (view.name,)
-    return LimbRays(rays @ rot, outward @ rot, sigma, index, cameras, len(px), ordered, darkness)
+    return LimbRays(rays @ rot, outward @ rot, sigma, index, cameras, len(px), ordered, step)
 
 
 def outward_per_px(jacobian: np.ndarray, normal_px: np.ndarray) -> np.ndarray:

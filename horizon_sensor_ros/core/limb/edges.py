@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -41,7 +41,6 @@ _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that m
 # texture; beside ground as even as this there is none to take out.
 _FINE_PSF_PX, _EVEN = 0.6, 0.006
 _STRETCHES = 6
-_MOST_DARK = 4.0  # of `LimbPoints.darkness`: such steps are not measured well
 _MOVED_SHARE = 0.75  # of what a model moves stretches by unequally, as measured beside truth
 _CALM, _CALM_PX = 3.0, 0.2  # jumps from profile to profile: over those without a model, and at all
 # Jumps of the steepest fall from which on texture moves it, and no cone that fits it is near enough
@@ -381,23 +380,8 @@ def _points(
         steepness=steepness,
         blur_px=blur_px,
         factor=factor,
-        darkness=_darkness(places.step),
+        step=places.step,
     )
-
-
-def _darkness(step: np.ndarray) -> np.ndarray:
-    """`LimbPoints.darkness` (N,) of steps (N,), but for what changes faster along the limb than the
-    Sun's height does.
-    """
-    usual = median(step)
-    powers = _slow_powers(len(step))
-    return np.asarray((usual / np.maximum(step, usual / _MOST_DARK)) @ powers.T @ powers)
-
-
-@lru_cache(maxsize=8)
-def _slow_powers(count: int) -> np.ndarray:
-    """Orthonormal polynomials (3, count), to the second degree, of the place along a limb."""
-    return np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, count), 3, increasing=True))[0].T
 
 
 def _to_be_kriged(look: EdgeLook, step: np.ndarray) -> bool:
