@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib import pyplot as plt
 
-from figures.drawing import BLUE, ORANGE, save
+from figures.drawing import BLUE, GREEN, ORANGE, save
 from horizon_sensor_ros.core.horizon_fix import Frame
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook, edge_profile
@@ -34,17 +34,22 @@ def draw(folder: Path) -> None:
         xlim=(depths[0], depths[-1]),
         ylim=(-0.1, 1.3),
     )
-    for cameras, color, label in (((0, 1), ORANGE, "both cameras"), ((0,), BLUE, "camera 1 alone")):
-        rows = np.array([row for scene in scenes if (row := _error_and_sigma(scene, cameras))])
-        share = f"{label}: {len(rows)} of {len(scenes)} fixed"
+    balloons = list(hard_scenes(_SCENES, _SEED, ("balloon_haze",)))
+    for seen_from, cameras, color, label in (
+        (scenes, (0, 1), ORANGE, "both cameras"),
+        (scenes, (0,), BLUE, "camera 1 alone"),
+        (balloons, (0, 1), GREEN, "both, from a balloon"),
+    ):
+        rows = np.array([row for scene in seen_from if (row := _error_and_sigma(scene, cameras))])
+        share = f"{label}: {len(rows)} of {len(seen_from)} fixed"
         errors.loglog(rows[:, 1], rows[:, 0], "o", ms=4, color=color, alpha=0.75, label=share)
     sigma = np.array([5e-3, 0.5])
     errors.loglog(sigma, sigma, color="0.4", lw=1.0, label="as claimed")
     errors.loglog(sigma, 3.0 * sigma, "--", color="0.4", lw=1.0, label="three times that")
-    errors.set(xlabel="sigma claimed (deg)", ylabel="error of nadir (deg)", ylim=(2e-4, 0.5))
+    errors.set(xlabel="sigma claimed (deg)", ylabel="error of nadir (deg)", ylim=(5e-5, 0.5))
     for axes in (across, errors):
         axes.grid(color="0.92")
-        axes.legend(fontsize=10)
+        axes.legend(fontsize=9, loc="upper right" if axes is across else "lower left")
     save(figure, folder / "haze.png")
 
 

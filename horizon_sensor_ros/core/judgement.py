@@ -15,6 +15,7 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.limb.evidence import SkyEvidence
+from horizon_sensor_ros.core.limb.haze.column import LOWEST_RHO_RAD
 from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.symmetric3 import largest_eigenvalue
@@ -119,7 +120,7 @@ def refusal(
     """
     estimate = fit if estimate is None else estimate
     return (
-        _of_altitude(estimate, layer_m, config)
+        _of_altitude(estimate, observations, layer_m, config)
         or _of_residual(fit, observations, config)
         or _of_edges(fit, observations, alone, layered)
         or _of_glow(fit, glow_over_usual)
@@ -129,7 +130,10 @@ def refusal(
 
 
 def _of_altitude(
-    estimate: HorizonFit, layer_m: tuple[float, float, float] | None, config: HorizonConfig
+    estimate: HorizonFit,
+    observations: Sequence[LimbObservation],
+    layer_m: tuple[float, float, float] | None,
+    config: HorizonConfig,
 ) -> tuple[Status, str] | None:
     """`refusal` by where the airglow and the camera would be."""
     if layer_m is not None:
@@ -139,13 +143,30 @@ def _of_altitude(
             return Status.POOR_FIT, f"{would_be} {middle / 1e3:.0f} km high"
         if high - low > _LAYER_SPREAD_M:
             return Status.POOR_FIT, f"{would_be} {low / 1e3:.0f} to {high / 1e3:.0f} km high"
-    if not config.altitude_min_m <= estimate.altitude_m <= config.altitude_max_m:
+    if (
+        not _lowest_m(estimate, observations, config)
+        <= estimate.altitude_m
+        <= config.altitude_max_m
+    ):
         return (
             Status.ALTITUDE_OUT_OF_RANGE,
             f"altitude {estimate.altitude_m / 1e3:.0f} km is outside "
             f"{config.altitude_min_m / 1e3:.0f} to {config.altitude_max_m / 1e3:.0f} km",
         )
     return None
+
+
+def _lowest_m(
+    estimate: HorizonFit, observations: Sequence[LimbObservation], config: HorizonConfig
+) -> float:
+    """Altitude that an estimate may have at least."""
+    # A limb in air that hides the ground lies so much above it, and the camera may too; but a soft
+    # straight edge of the craft's looks to one camera as such a limb does to a very low one.
+    above_m = max((seen.limb.above_m for seen in observations), default=0.0)
+    if above_m == 0.0 or len(estimate.cameras) < 2:
+        return config.altitude_min_m
+    lowest_m = config.altitude_min_m - max(above_m - config.planet.limb_height_m, 0.0)
+    return max(lowest_m, config.planet.altitude_from_rho(LOWEST_RHO_RAD))
 
 
 def _of_residual(

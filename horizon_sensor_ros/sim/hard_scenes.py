@@ -409,6 +409,11 @@ def _haze(draft: _Draft, rng: np.random.Generator) -> _Draft:
     )
 
 
+def _balloon_haze(draft: _Draft, rng: np.random.Generator) -> _Draft:
+    """The same from a balloon, within that air."""
+    return replace(_haze(draft, rng), altitude_m=float(rng.uniform(25e3, 40e3)))
+
+
 KINDS: dict[str, Callable[[_Draft, np.random.Generator], _Draft]] = {
     "flat": _flat,
     "clouds": _clouds,
@@ -439,6 +444,7 @@ KINDS: dict[str, Callable[[_Draft, np.random.Generator], _Draft]] = {
 ALL_KINDS = KINDS | {
     "daylight": _daylight,
     "haze": _haze,
+    "balloon_haze": _balloon_haze,
     "low_sun": _low_sun,
     "soft_corners": _soft_corners,
 }

@@ -10,6 +10,7 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.edge.looks import MOST_IN_FOCUS_PX
 from horizon_sensor_ros.core.limb.glow.air import USUAL_HEIGHT
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
+from horizon_sensor_ros.core.limb.haze.column import seen_from_within
 from horizon_sensor_ros.core.limb.haze.limb import ABOVE_M, THINNEST_PX
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
@@ -49,6 +50,12 @@ def hidden_air_sigma_m(
     )
     above_m = max((each.limb.above_m for each in used), default=0.0)
     in_air = finest_px < THINNEST_PX and any(_may_be_in_air(each.limb) for each in used)
+    # From within the air its scale height is many pixels: an edge that is soft is the air's, or
+    # overexposed.
+    in_air = in_air or (
+        seen_from_within(fit.rho_rad)
+        and all(_may_be_in_air(each.limb) and not each.limb.glow_separated for each in used)
+    )
     if finest_px < _SEEN_PX or in_air:
         above_m = max(above_m, ABOVE_M)
     if above_m > 0.0:

@@ -13,6 +13,7 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb.detection import Detection, LimbState
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.glow.points import told_together
+from horizon_sensor_ros.core.limb.haze.column import LOWEST_RHO_RAD
 from horizon_sensor_ros.core.limb.haze.passes import follow_through_haze, look_through_haze
 from horizon_sensor_ros.core.limb.passes import (
     AGAIN,
@@ -27,7 +28,10 @@ from horizon_sensor_ros.core.limb.passes import (
 )
 from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow
-from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
+from horizon_sensor_ros.core.limb.search.candidates import (
+    candidates_in,
+    space_boundary_candidates,
+)
 from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
     RayCandidates,
@@ -54,6 +58,9 @@ from horizon_sensor_ros.core.status import Status
 _STEADY_MEANS_PX = 0.15
 # From its points, pixels of the search: a limb so far off is another one.
 _ANOTHER_PX = 3.0
+# By how much smaller images than the search's are in which a limb shows that fades slowly.
+_COARSER = 2, 4
+_LEAST_COARSE_PX = 16  # shorter side of one
 
 
 def detect_limb(
@@ -87,6 +94,10 @@ def detect_limb(
         daylit = _under_daylit_air(views, images, planet, working, consensus.by_day)
         consensus = consensus if daylit is None else consensus.by_day
     if consensus.status is not Status.OK:
+        if near is None:
+            within = _from_within_air(views, images, planet, working, rho_min_rad)
+            if within is not None:
+                return within
         return _nothing(views, working, consensus)
     looked = daylit or _looked_for(views, images, planet, working, consensus)
     if near is None and not (daylit or consensus.unanimous) and consensus.layer_rad == 0.0:
@@ -212,6 +223,41 @@ def follow_limb(
                 return None
             found = replace(found, smears=smears, steepness=sharp)
             return with_smear_error(found.raised(before.above_m))
+    return None
+
+
+def _from_within_air(
+    views: Sequence[CameraView],
+    images: Sequence[np.ndarray],
+    planet: Planet,
+    working: Sequence[WorkingImage],
+    rho_min_rad: float,
+) -> Detection | None:
+    """Limb that fades too slowly for the search, as air does from within it; None without one.
+
+    It may lie high above the ground, and the camera hardly above it.
+    """
+    for times in _COARSER:
+        if min(min(small.gray.shape) for small in working) < _LEAST_COARSE_PX * times:
+            break
+        candidates = [
+            candidates_in(small.coarser(times, view.mask), mask=view.mask)
+            for view, small in zip(views, working, strict=True)
+        ]
+        found = rays_of_candidates(views, candidates)
+        consensus = limb_consensus(found, rho_min_rad=rho_min_rad, rho_max_rad=LOWEST_RHO_RAD)
+        if consensus.status is not Status.OK:
+            continue
+        near = consensus.nadir_base, consensus.rho_rad
+        hazy = look_through_haze(views, images, planet, near)
+        if hazy is not None and hazy.sure and not smeared_one_way(images, hazy.found):
+            return replace(
+                hazy.found,
+                working=tuple(working),
+                consensus=consensus,
+                candidates=found,
+                steepness=tuple(limb.steepness for limb in hazy.found.limbs),
+            )
     return None
 
 

@@ -33,6 +33,9 @@ from horizon_sensor_ros.core.status import Status
 LENGTHS = 1.15 ** np.arange(-3.0, 4.0)  # scale heights that are tried, over the usual one
 # Steepest fall over two pixels, in scale heights, over the whole fall, from so many of these inside
 # to so many outside: .74 in haze, .64 to .86 where some texture shows; sharp edges fall faster.
+# From within the air, where some of the ground shines through it, or what is brightest is clipped,
+# up to 1.2; ground that shows as such 1.4 and more.
+_STEEPNESS_WITHIN = 1.2
 _STEEPNESS, _FROM, _TO, _LEAST_FROM_PX, _LEAST_TO_PX = 0.95, 1.5, 3.0, 2, 3
 _OTHERS = (
     *(EdgeLook(USUAL_PSF_PX, length) for length in (1.0, 1.6, 2.5)),
@@ -61,7 +64,8 @@ def may_be_haze(sample: HazySample, length_px: float) -> bool:
     inside = profiles[rows, np.maximum(inner, 0)]
     outside = profiles[rows, np.minimum(outer, profiles.shape[1] - 1)]
     share = fall[rows, steepest] / np.maximum(inside - outside, sample.noise)
-    return bool(median(share) * length_px < _STEEPNESS)
+    most = _STEEPNESS if sample.warp is None else _STEEPNESS_WITHIN
+    return bool(median(share) * length_px < most)
 
 
 def rate_haze(sample: HazySample, length_px: float) -> np.ndarray:
@@ -95,7 +99,7 @@ def hazy_limb(sample: HazySample, look: EdgeLook) -> LimbPoints:
         return LimbPoints.none(Status.NO_LIMB, reason)
     step_px = np.linalg.norm(sample.curve.normal_px[good], axis=1)
     unit = sample.curve.normal_px[good] / step_px[:, None]
-    offset_px = places.offset_px[good] * step_px * sample.factor
+    offset_px = sample.offset_px(places.offset_px[good]) * step_px * sample.factor
     size_px = look.glow_px * sample.factor
     jumps_px = scatter_px(places.offset_px[good]) * sample.factor
     return LimbPoints(

@@ -12,7 +12,6 @@ from horizon_sensor_ros.core.fits.maximum_likelihood import refine
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.haze.limb import (
     ABOVE_M,
     LENGTHS,
@@ -28,6 +27,7 @@ from horizon_sensor_ros.core.limb.haze.sample import (
     SEEK,
     HazySample,
     Sought,
+    air_length_px,
     haze_factor,
     sample_haze,
 )
@@ -44,7 +44,6 @@ _SURE, _EVEN, _FINE_PX = 3.0, 0.08, 2.5
 # The logarithm by which a stretch is less likely in air that hides the ground than without, where a
 # frame does not resolve it: 3 in two simulated scenes under thin air, .1 at most under thick.
 _DENIED = 1.0
-_LEAST_ALTITUDE_M = 80e3  # below it the camera is in the air itself, which then looks otherwise
 _MORE = 2  # passes, where the limb still lies off its cone
 _NO_LIMB = LimbPoints.none(Status.NO_LIMB, "the limb is not in the frame")
 
@@ -79,13 +78,13 @@ def look_through_haze(
 
     images : (H, W) uint8 or uint16, one a view. near : nadir (3,), base frame, and rho (rad).
     """
-    thickest_px = max(usual_length_px(view, near[1]) for view in views)
-    if thickest_px < THINNEST_PX or planet.altitude_from_rho(near[1]) < _LEAST_ALTITUDE_M:
+    thickest_px = max(air_length_px(view, near[1]) for view in views)
+    if thickest_px < THINNEST_PX:
         return None
     factors = tuple(haze_factor(view, near[1]) for view in views)
     reduced = _reduced(images, factors)
     usual_px = [
-        usual_length_px(view, near[1], factor) for view, factor in zip(views, factors, strict=True)
+        air_length_px(view, near[1], factor) for view, factor in zip(views, factors, strict=True)
     ]
     glances = _shown(_samples(views, reduced, factors, near, GLANCE), usual_px)
     if not any(may_be_haze(*glance) for glance in glances):

@@ -1,14 +1,18 @@
-"""Mean profiles across a predicted limb, by angle: in them air looks the same all along it."""
+"""Mean profiles across a predicted limb, by angle, or from within the air by its optical depth: in
+them air looks the same all along it, and from everywhere.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
+from horizon_sensor_ros.core.limb.haze.column import AirColumn, seen_from_within
 from horizon_sensor_ros.core.limb.profiles import (
     Bundles,
     ProfileGrid,
@@ -23,6 +27,8 @@ from horizon_sensor_ros.core.robust import median
 # Pixels of the reduced image: the usual scale height, at which a ground's sharp edge would still
 # show, and how far profiles reach beside where edges are sought, inwards and outwards.
 _LENGTH_PX, _INNER_PX, _OUTER_PX = 3.2, 4.0, 9.0
+_CLEARANCE_PX = 1.5  # from a mask, of single samples
+_LEAST_OUTER_PX = 2.5  # where rays do not reach as far outside
 _STRETCHES = 64  # along the limb
 # Noise over the brightness of the limb, at least: coding, and what a camera makes of light, bend
 # profiles as much.
@@ -43,12 +49,34 @@ class Sought(NamedTuple):
 GLANCE, SEEK, PLACE = Sought(6.0, 0.5, 4.0), Sought(6.0, 0.5, 2.0), Sought(2.0, 0.25, 2.0)
 
 
+class Warp(NamedTuple):
+    """Profiles from within the air, whose samples are as far apart as its optical depth changes by
+    the same factor: at the predicted limb a pixel of the reduced image, of so many rad.
+    """
+
+    column: AirColumn
+    pixel_rad: float
+
+    @property
+    def most_px(self) -> float:
+        """Place of the highest ray, samples outside the limb."""
+        return self.column.most * self.column.length_rad / self.pixel_rad
+
+    def outward_rad(self, d_px: np.ndarray) -> np.ndarray:
+        """How far (J,) outside the limb places (J,) in samples are."""
+        return self.column.outward_rad(d_px * (self.pixel_rad / self.column.length_rad))
+
+    def unwarped_px(self, d_px: np.ndarray) -> np.ndarray:
+        """The same in pixels of the reduced image."""
+        return self.outward_rad(d_px) / self.pixel_rad
+
+
 @dataclass(frozen=True, eq=False)
 class HazySample:
     """Mean profiles (M, J) across stretches of a predicted limb, by angle.
 
-    curve : of the stretches' middles; its normals are as long as a sample's step, in pixels of the
-    reduced image.
+    curve : of the stretches' middles; its normals are as long as a sample's step at the limb, in
+    pixels of the reduced image. warp : how samples get farther apart outside; None: they do not.
     """
 
     curve: LimbCurve
@@ -58,11 +86,24 @@ class HazySample:
     predicted: LimbCurve
     stretch_px: float
     factor: int
+    warp: Warp | None = None
+
+    def offset_px(self, places_px: np.ndarray) -> np.ndarray:
+        """How far (M,) outside the limb places (M,) in samples are, steps of its normals."""
+        return places_px if self.warp is None else self.warp.unwarped_px(places_px)
+
+
+def air_length_px(view: CameraView, rho_rad: float, factor: int = 1) -> float:
+    """Length over which the optical depth of the Earth's air falls to 1 / e outside a limb."""
+    column = _column(rho_rad)
+    if column is None:
+        return usual_length_px(view, rho_rad, factor)
+    return column.length_rad / (factor * view.camera.pixel_rad)
 
 
 def haze_factor(view: CameraView, rho_rad: float) -> int:
     """By which an image is reduced so that the Earth's air fades over some three pixels."""
-    return max(1, round(usual_length_px(view, rho_rad) / _LENGTH_PX))
+    return max(1, round(air_length_px(view, rho_rad) / _LENGTH_PX))
 
 
 def sample_haze(
@@ -83,14 +124,25 @@ def sample_haze(
         return None
     # Pixels of the same angle everywhere along the limb.
     pitch = pixel_rad_across(view, predicted.px, predicted.normal_px)
-    pitch /= np.median(pitch)
-    curve = replace(predicted, normal_px=predicted.normal_px / pitch[:, None])
+    usual_rad = factor * float(np.median(pitch))
+    curve = replace(
+        predicted, normal_px=predicted.normal_px / (pitch * (factor / usual_rad))[:, None]
+    )
     first = -(reach_px + _INNER_PX)
-    num = round(2 * reach_px + _INNER_PX + _OUTER_PX) + 1
+    column = _column(rho_rad)
+    warp = None if column is None else Warp(column, usual_rad)
+    outer_px = _OUTER_PX if warp is None else min(_OUTER_PX, warp.most_px - reach_px)
+    if outer_px < _LEAST_OUTER_PX:
+        return None
+    num = int(2 * reach_px + _INNER_PX + outer_px) + 1
     grid = ProfileGrid(first, num, reach_px, grid_px)
-    profiles, valid = sample_profiles(gray, curve, grid.d_px, factor)
-    if view.mask is not None:
-        valid &= view.mask.clear(curve.px, (TAPS_PX - first) * factor)
+    if warp is None:
+        profiles, valid = sample_profiles(gray, curve, grid.d_px, factor)
+        if view.mask is not None:
+            valid &= view.mask.clear(curve.px, (TAPS_PX - first) * factor)
+    else:
+        away = warp.outward_rad(grid.d_px)
+        profiles, valid = _by_rays(gray, view, nadir_base, predicted, away, factor)
     num_valid = int(np.count_nonzero(valid))
     if num_valid < MIN_PROFILES:
         return None
@@ -107,4 +159,43 @@ def sample_haze(
         predicted,
         size * spacing_px,
         factor,
+        warp,
     )
+
+
+def _column(rho_rad: float) -> AirColumn | None:
+    """The air above a limb that is seen from within it; None for others."""
+    return AirColumn(0.5 * np.pi - rho_rad) if seen_from_within(rho_rad) else None
+
+
+def _by_rays(
+    gray: np.ndarray,
+    view: CameraView,
+    nadir_base: np.ndarray,
+    limb: LimbCurve,
+    away_rad: np.ndarray,
+    factor: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gray levels (N, J) so far (J,) outside a limb, as the lens shows it, and which of them (N,)
+    are inside the frame and not masked.
+    """
+    nadir = view.rot_base_from_cam.T @ nadir_base
+    rays = view.camera.rays(limb.px)
+    outward = rays * (rays @ nadir)[:, None] - nadir
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    there = np.cos(away_rad)[:, None] * rays[:, None]
+    there = there + np.sin(away_rad)[:, None] * outward[:, None]
+    px = view.camera.pixels(there.reshape(-1, 3)).reshape((*there.shape[:2], 2))
+    at = (px + 0.5) / factor - 0.5
+    # A place without a pixel is in no frame.
+    with np.errstate(invalid="ignore"):
+        inside = (at >= 0.0) & (at <= np.array(gray.shape[::-1]) - 1.0)
+    valid = np.asarray(inside.all(axis=(1, 2)))
+    if view.mask is not None:
+        valid[valid] = view.mask.clear(px[valid], _CLEARANCE_PX * factor).all(axis=1)
+    x, y = at[valid].astype(np.float32).transpose(2, 0, 1)
+    profiles = np.zeros(there.shape[:2], dtype=np.float32)
+    if valid.any():
+        # Air that fades over three pixels is smooth.
+        profiles[valid] = cv2.remap(gray.astype(np.float32), x, y, cv2.INTER_LINEAR)
+    return profiles, valid

@@ -94,7 +94,13 @@ def space_boundary_candidates(
     result. At most `max_candidates`, evenly thinned. What is masked is unknown, like what lies
     beyond the frame.
     """
-    working = WorkingImage.of(gray, mask)
+    return candidates_in(WorkingImage.of(gray, mask), max_candidates=max_candidates, mask=mask)
+
+
+def candidates_in(
+    working: WorkingImage, *, max_candidates: int = 600, mask: Mask | None = None
+) -> LimbCandidates:
+    """`space_boundary_candidates` of a frame that is reduced already."""
     factor, level = working.factor, working.space_level
     smooth = cv2.GaussianBlur(working.gray, (0, 0), 1.0)
     bright = float(

@@ -32,7 +32,14 @@ class WorkingImage:
     @classmethod
     def of(cls, gray: np.ndarray, mask: Mask | None = None) -> WorkingImage:
         """Reduce a frame (H, W) uint8 or uint16, and measure its space."""
-        small, factor = reduce_image(gray)
+        return cls._measured(*reduce_image(gray), mask)
+
+    def coarser(self, times: int, mask: Mask | None = None) -> WorkingImage:
+        """The same frame, smaller by another factor. mask : of the frame."""
+        return self._measured(block_average(self.gray, times), times * self.factor, mask)
+
+    @classmethod
+    def _measured(cls, small: np.ndarray, factor: int, mask: Mask | None) -> WorkingImage:
         usable = None if mask is None else mask.reduced(factor)
         level, noise = space_level_and_noise(small, usable)
         if usable is not None:
