@@ -172,6 +172,32 @@ def test_a_lidars_frame_is_brought_forward() -> None:
     assert image.num_used == range_image(scan.plain()).num_used
 
 
+def wall_by_lidar(half_height_m: float) -> np.ndarray:
+    """(N, 3) a lidar's 64 lines, 15 deg up and down, on a wall 4 m ahead that leans a little."""
+    azimuth, elevation = np.radians(np.meshgrid(np.arange(-22, 22, 0.2), np.linspace(-15, 15, 64)))
+    ray = np.stack([np.cos(azimuth), np.sin(azimuth), np.tan(elevation)], axis=-1)
+    points = ray * (4.0 / (ray @ [1.0, 0.1, 0.15]))[..., None]
+    return points[np.abs(points[..., 2]) < half_height_m]
+
+
+def test_a_lidars_highest_and_lowest_line_are_no_edges() -> None:
+    """They are bent in the image: of a wall that goes on, and of one that ends before them."""
+    for half_height_m, cut in ((9.0, True), (0.8, False)):
+        image = range_image(wall_by_lidar(half_height_m))
+        x, y = image.tangents()
+        ray = image.rot_sensor_from_view @ np.stack(
+            [*np.meshgrid(x, y), np.ones((len(y), len(x)))]
+        ).reshape(3, -1)
+        elevation_deg = np.degrees(np.arctan2(ray[2], np.hypot(ray[0], ray[1])))
+        unknown = image.unknown.ravel()
+        beside = np.abs(ray[1] / ray[0]) < 0.3
+        for side in (1, -1):
+            farther = beside & (side * elevation_deg > 15.6) & (side * elevation_deg < 17.0)
+            assert np.count_nonzero(farther) > 20 or not cut
+            assert (unknown[farther] == cut).all()
+        assert not unknown[beside & (np.abs(elevation_deg) < 10.0)].any()
+
+
 @pytest.mark.parametrize(
     "cloud",
     [

@@ -232,6 +232,41 @@ def test_a_side_of_a_prism_away_from_the_velocity_is_no_motion(seed: int) -> Non
     assert any(fix.new_frame for fix in fixes[4:])
 
 
+@pytest.mark.parametrize(("sides", "step_deg"), [(10, 6.0), (10, 12.0), (8, 15.0), (12, 10.0)])
+def test_a_prism_that_has_turned_by_a_side_since_it_was_doubted_is_not_at_rest(
+    sides: int, step_deg: float
+) -> None:
+    """Clouds were refused as it may have turned the other way, until it looked as at first."""
+    prism = cylinder(0.5, 1.2, sides)
+    start = Rotation.from_euler("XYZ", (50, 15, 20), degrees=True).as_matrix()
+    rng = np.random.default_rng(4)
+    tracker = TargetTracker()
+    refused = 0
+    for k in range(14):
+        turn = rotation_from_vector(np.array([0.0, 0.0, np.radians(k * step_deg)]))
+        pose = pose_matrix(start @ turn, np.array([0.0, 0.0, 4.0]))
+        fix = tracker.process(CAMERA.scan(prism, pose, rng).points, k * STEP_NS)
+        if fix.new_frame:
+            frame = inverse_pose(pose) @ fix.pose_sensor_from_target
+        elif fix.status is Status.OK:
+            assert angle_deg(fix.pose_sensor_from_target, pose @ frame) < 0.5
+        refused += fix.registration is not None and fix.registration.doubted
+    assert refused > 0
+
+
+@pytest.mark.parametrize("sides", [6, 8, 10])
+def test_a_prism_at_rest_is_at_rest(sides: int) -> None:
+    prism = cylinder(0.5, 1.2, sides)
+    turned = Rotation.from_euler("XYZ", (50, 15, 20), degrees=True).as_matrix()
+    pose = pose_matrix(turned, np.array([0.0, 0.0, 4.0]))
+    rng = np.random.default_rng(5)
+    tracker = TargetTracker()
+    for k in range(4):
+        fix = tracker.process(CAMERA.scan(prism, pose, rng).points, k * STEP_NS)
+        assert fix.status is Status.OK
+    assert angle_deg(fix.delta_previous_from_now, np.eye(4)) < 0.2
+
+
 @pytest.mark.parametrize("steps_deg", [(4, 0), (7, -7)], ids=["stops and goes", "turns back"])
 def test_a_rate_that_changes_is_followed(steps_deg: tuple[float, float]) -> None:
     steps = np.repeat([*steps_deg, *steps_deg], 3)

@@ -26,6 +26,10 @@ _NEIGHBOURS = 12
 # next return on its surface, looked for so far along its row or column and up to such a slope; of
 # those on bars up to a fifth. Of lines that a lidar scans with room between, more.
 _LINE_GAPS, _LINE_REACH_PX, _LINE_SLOPE = 0.23, 5, 2.0
+# Of what is seen, columns that end within a pixel of the same elevation.
+_CUT_SHARE = 0.5
+# By how much their line bends, rounded to pixels: less, and it may be a straight edge.
+_BENT_PX = 1.5
 # Smallest step of ranges that is still looked for, and the points it is looked for in.
 _SMALLEST_STEP_M, _STEP_POINTS = 5e-4, 2000
 # And of disparity, at the median depth.
@@ -315,6 +319,8 @@ def _assemble(
     unknown[frame[3] + 1 :] = True
     unknown[:, : max(frame[0], 0)] = True
     unknown[:, frame[2] + 1 :] = True
+    if view is not None:
+        unknown |= _outside_lines(inverse, origin + low / focal, focal, view)
     speckle = _speckle(inverse, focal)
     inverse[speckle] = 0
     unknown |= speckle
@@ -396,6 +402,46 @@ def _likely_frame(inverse: np.ndarray) -> np.ndarray:
             last_v if bottom else height - 1,
         ]
     )
+
+
+def _outside_lines(
+    inverse: np.ndarray, corner: np.ndarray, focal: float, view: np.ndarray
+) -> np.ndarray:
+    """Pixels (H, W), bool, above or below a lidar's field, as far as the cloud tells.
+
+    What turns about the sensor's z axis scans lines of the same elevation, which are no straight
+    lines of the image. Where most of what is seen ends in the highest or the lowest one, which is
+    bent, the target leaves the field there.
+    """
+    height, width = inverse.shape
+    outside = np.zeros((height, width), bool)
+    if view[2, 2] != 0.0:
+        # Straight above or below the sensor.
+        return outside
+    x = corner[0] + np.arange(width) / focal
+    y = corner[1] + np.arange(height)[:, None] / focal
+    ray = view[:, 0, None, None] * x + view[:, 1, None, None] * y + view[:, 2, None, None]
+    # In pixels across the lines, where these cross the middle of the image.
+    level = np.rint(ray[2] / np.hypot(ray[0], ray[1]) * focal)
+    seen = inverse > 0
+    along = 0 if view[2, 1] != 0.0 else 1
+    for side in (level, -level):
+        ends = np.where(seen, side, -np.inf).max(axis=along)
+        last = ends.max()
+        cut = np.flatnonzero(ends >= last - 1.0)
+        if len(cut) > _CUT_SHARE * np.count_nonzero(ends > -np.inf):
+            # The line itself may lie between two pixels.
+            beyond = side >= last - 1.0
+            if _bends(np.count_nonzero(beyond, axis=along)[cut], cut):
+                outside |= ~seen & beyond
+    return outside
+
+
+def _bends(place: np.ndarray, at: np.ndarray) -> bool:
+    """Whether a line's places (N,) lie off a straight one, as a target's edge is, by a pixel."""
+    arm = at - at.mean()
+    off = place - place.mean() - arm * (arm @ place / max(float(arm @ arm), 1.0))
+    return bool(np.ptp(off) > _BENT_PX)
 
 
 def _speckle(inverse: np.ndarray, focal: float) -> np.ndarray:

@@ -33,6 +33,8 @@ _SAME_SCORE, _OTHER_SCORE = 0.012, 0.03
 # Times its own turn, up to which that of a prism by another number of sides is as likely: a target
 # that hardly turned may be a prism of however many.
 _AS_LIKELY = 6.0
+# Turns of a prism that are asked for, over the search: it may have turned a little beyond that.
+_BEYOND_SEARCH = 2.0
 # Odd returns in both clouds make two scores differ by so much of their share.
 _SCORE_NOISE = 0.6
 _SAMPLES = 600  # points of each view that a score is of
@@ -63,6 +65,7 @@ class Registration:
         order of ``covariance``.
     num_points : pairs used.  searched : whether the search was needed.
     part_off_m : by which a part of the cloud moved otherwise; NaN where all of it is one body.
+    doubted : it was refused since another motion explains the views about as well.
     Everything numeric is NaN where there was nothing to tell; pose and covariance are NaN unless
     the status is OK.
     """
@@ -79,6 +82,7 @@ class Registration:
     weak: np.ndarray = field(default_factory=lambda: np.empty((0, 6)))
     searched: bool = False
     part_off_m: float = float("nan")
+    doubted: bool = False
 
     def refused(self, status: Status, reason: str) -> Registration:
         """The same without its motion."""
@@ -114,12 +118,16 @@ def register(
     b: TargetView,
     config: RegistrationConfig | None = None,
     prior_b_from_a: np.ndarray | None = None,
+    *,
+    doubted_rad: float = 0.0,
 ) -> Registration:
     """Find the target's motion between two views.
 
     prior_b_from_a : (4, 4) expected motion, good to a few degrees and centimetres; the search
         follows only where it does not hold. Without one, a start from no turn is tried before the
         search.
+    doubted_rad : as far as the target may have turned since view a, if motions from it to views
+        before b were ``doubted``.
     Bad data never raises: status and reason tell (TOO_FEW_POINTS, NOT_CONVERGED, ILL_CONDITIONED
     where a direction cannot be observed, POOR_FIT where the views contradict each other). Raises
     ValueError for a prior of another shape, or not finite.
@@ -142,7 +150,7 @@ def register(
         prior = (turn_b.T @ prior_b_from_a[:3, :3] @ turn_a, turn_b.T @ prior_b_from_a[:3, 3])
     still = turn_b.T @ turn_a
     found = Finder(a.surface, b.surface, config, still).find(prior)
-    return _judge(found, a, b, still, config)
+    return _judge(found, a, b, still, config, doubted_rad)
 
 
 def gainsaid(
@@ -181,7 +189,12 @@ def _tell_part(off_m: float) -> str:
 
 
 def _judge(
-    found: Found, a: TargetView, b: TargetView, still: np.ndarray, config: RegistrationConfig
+    found: Found,
+    a: TargetView,
+    b: TargetView,
+    still: np.ndarray,
+    config: RegistrationConfig,
+    doubted_rad: float,
 ) -> Registration:
     assert a.surface is not None
     assert b.surface is not None
@@ -210,9 +223,11 @@ def _judge(
     off_m = part_off_m(a.surface, b.surface, refined.rotation, refined.translation_m)
     if off_m is not None:
         return replace(known, status=Status.POOR_FIT, reason=_tell_part(off_m), part_off_m=off_m)
-    doubt = "" if found.expected else _doubt(found, a.surface, b.surface, still, config)
+    doubt = ""
+    if not found.expected:
+        doubt = _doubt(found, a.surface, b.surface, still, config, doubted_rad)
     if doubt:
-        return replace(known, status=Status.POOR_FIT, reason=doubt)
+        return replace(known, status=Status.POOR_FIT, reason=doubt, doubted=True)
     pose = pose_matrix(turn_b @ refined.rotation @ turn_a.T, turn_b @ refined.translation_m)
     return replace(
         known, pose_b_from_a=pose, covariance=covariance, centre_m=turn_b @ judged.centre_m
@@ -220,18 +235,25 @@ def _judge(
 
 
 def _doubt(
-    found: Found, a: SurfaceView, b: SurfaceView, still: np.ndarray, config: RegistrationConfig
+    found: Found,
+    a: SurfaceView,
+    b: SurfaceView,
+    still: np.ndarray,
+    config: RegistrationConfig,
+    doubted_rad: float,
 ) -> str:
     """Why a motion nobody expected may be another one, on a target that is nearly symmetric: "" if
     nothing says so.
 
-    still : as of `Finder`.
+    still : as of `Finder`. doubted_rad : as of `register`.
     Rivals are the same motion turned further, about the target's axes, with which the views agree
     about as well. How much better a rival must agree depends on how likely its turn is:
 
-    - Turned as a prism is like itself (only if the motion found is within the search, and so is the
-      rival): up to `_AS_LIKELY` times the turn that was found it may even agree a little less well;
-      beyond that it has to agree better.
+    - Turned as a prism is like itself (only if the motion found is within the search): up to
+      `_AS_LIKELY` times the turn that was found, within the search, it may even agree a little less
+      well; beyond that it has to agree better. Where views between these two were doubted a rival
+      may be as likely up to `doubted_rad`: a prism that was seen to turn, and then not to, has
+      turned by a side.
     - Turned by right angles: it has to agree better, and clearly so if its turn is beyond twice the
       search. But if the motion found is itself beyond the search, a rival with a likely turn may
       even agree a little less well, and any other one need only agree better at all. This is not
@@ -243,13 +265,15 @@ def _doubt(
     far = turn > config.search_rad
     odd = odd_share(a, b)
     clear = found.score > BEYOND_DOUBT - SCORE_LOST * odd
-    if not far:
+    if not far or turn < doubted_rad:
         # Turns as likely as its own speak against it and need not be better; others must be.
-        starts = prism_turned(b, rotation, translation, still, config.search_rad)
+        likely_rad = max(min(_AS_LIKELY * turn, config.search_rad), doubted_rad)
+        most_rad = max(_BEYOND_SEARCH * config.search_rad, doubted_rad)
+        starts = prism_turned(b, rotation, translation, still, min(most_rad, np.pi))
         for rival in rivals(a, b, rotation, translation, still, starts):
-            likely = rival.turn_rad < _AS_LIKELY * turn
+            likely = rival.turn_rad < likely_rad
             margin = -_OTHER_SCORE if likely else _SAME_SCORE + _SCORE_NOISE * odd
-            if rival.turn_rad < config.search_rad and rival.lead > margin:
+            if rival.lead > margin:
                 return _tell_rival(rival, found)
         if clear:
             return ""

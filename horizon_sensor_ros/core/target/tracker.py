@@ -106,6 +106,7 @@ class TargetTracker:
         # Stamps and poses of the fixes before the last one, the latest first.
         self._path: deque[tuple[int, np.ndarray]] = deque(maxlen=_PATH)
         self._refused = 0
+        self._doubted = 0
         self._strayed = False
         self._odd: TargetView | None = None
         self._flat: TargetView | None = None
@@ -208,9 +209,16 @@ class TargetTracker:
         predicted = self._predict(stamp_ns)
         tried = Registration(Status.POOR_FIT, "")
         refused_by: list[_Known] = []
+        # Nothing tells by how much a target has turned since the last fix that may be like itself.
+        search_rad = self.config.registration.search_rad
+        doubted_rad = (1 + self._doubted) * search_rad if self._doubted else 0.0
+        doubted = False
         for keyframe in self._candidates(last.pose if predicted is None else predicted):
             prior = None if predicted is None else predicted @ inverse_pose(keyframe.pose)
-            found = register(keyframe.view, view, self.config.registration, prior)
+            found = register(
+                keyframe.view, view, self.config.registration, prior, doubted_rad=doubted_rad
+            )
+            doubted = doubted or found.doubted
             if found.status is Status.OK:
                 found = self._believed(found, keyframe, predicted, refused_by, view)
             if not tried.reason or found.status is Status.OK:
@@ -221,6 +229,7 @@ class TargetTracker:
                 # From one cloud to the next the part would move too little to tell.
                 return None, found
             refused_by.append(keyframe)
+        self._doubted += doubted
         return None, tried
 
     def _believed(
@@ -315,7 +324,8 @@ class TargetTracker:
         if found.overlap < self.config.keyframe_overlap:
             self._keep(now)
         self._path.appendleft((last.stamp_ns, last.pose))
-        self._last, self._refused, self._strayed, self._odd = now, 0, False, None
+        self._last, self._odd = now, None
+        self._refused, self._doubted, self._strayed = 0, 0, False
         return TargetFix(
             Status.OK, "", stamp_ns, pose, covariance, delta, delta_covariance,
             (stamp_ns - last.stamp_ns) * 1e-9, False, found,
