@@ -228,6 +228,28 @@ def test_the_covariance_of_strewn_returns_is_that_of_the_errors() -> None:
     assert np.median(squared) < 10
 
 
+def test_the_covariance_between_far_and_near_views_is_that_of_the_errors() -> None:
+    """A pixel from afar counted once for each from near by that fell into it: 20 (squared)."""
+    camera = ToFCamera(range_max_m=9.0)
+    mesh = assembly([box((0.5, 0.4, 0.3)), box((0.2, 0.15, 0.3), (0.2, 0.1, 0.25))])
+    for far_m, near_m in ((7.5, 2.5), (2.5, 7.5)):
+        squared = []
+        for seed in range(12):
+            rng = np.random.default_rng(seed)
+            start = Rotation.from_euler("XYZ", (40, 30, 20), degrees=True).as_matrix()
+            turn = rotation_from_vector(np.radians(3.0) * np.array([0.3, 0.8, 0.52]))
+            across = rng.uniform(-0.02, 0.02, (2, 2))
+            a = pose_matrix(start, np.array([*across[0], far_m]))
+            b = pose_matrix(turn @ start, np.array([*across[1], near_m]))
+            truth = b @ inverse_pose(a)
+            views = [target_view(camera.scan(mesh, pose, rng).points) for pose in (a, b)]
+            found = register(*views, prior_b_from_a=truth)
+            if found.status is Status.OK:
+                squared.append(nees(found, truth))
+        assert len(squared) > 8
+        assert 2.0 < np.median(squared) < 10.0
+
+
 def scanned(pose: np.ndarray, roll_deg: float, rng: np.random.Generator) -> np.ndarray:
     """(N, 3) plain cloud of a bare cylinder from a lidar of uneven lines, denser along them."""
     camera = ToFCamera(width=816, height=816, focal_length_m=4 * ToFCamera().focal_length_m)

@@ -63,7 +63,8 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
         # All along a bar alike.
         bar = np.flatnonzero(pairs.kind == THIN + k)
         place[:, bar] -= np.outer(axis, axis @ place[:, bar])
-    block = np.floor(place / (_BLOCK_PX * b.footprint_m)).astype(np.int64)
+    coarser_m = max(a.footprint_m, b.footprint_m)
+    block = np.floor(place / (_BLOCK_PX * coarser_m)).astype(np.int64)
     key = ((block[0] * 4099 + block[1]) * 4099 + block[2]) * 32 + pairs.kind
     order = np.argsort(key)
     first = np.flatnonzero(np.diff(key[order], prepend=-1))

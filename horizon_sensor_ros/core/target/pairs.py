@@ -122,6 +122,10 @@ class Matcher:
         from scipy.spatial import cKDTree  # noqa: PLC0415  heavy to import, and only used here
 
         self.a, self.b = a, b
+        # Pixels of the finer view that fall in one of the other's meet the same noise there: each
+        # counts for its share of that, along edges and, squared, on faces.
+        finer = a.footprint_m / b.footprint_m
+        self._share_a, self._share_b = min(finer, 1.0), min(1.0 / finer, 1.0)
         self._tree = cKDTree(b.edges.points)
         # Directions of b's bars, and which of them each of b's edges has.
         self._directions, self._direction = _directions(b.edges)
@@ -137,14 +141,19 @@ class Matcher:
         a, b = self.a, self.b
         turn, shift = rotation.astype(np.float32), translation.astype(np.float32)
         sets = [
-            _to_planes(a, b, turn, shift, gate_m, step),
-            _turned_back(_to_planes(b, a, turn.T, -shift @ turn, gate_m, step), turn, shift),
+            _counted(_to_planes(a, b, turn, shift, gate_m, step), self._share_a**2),
+            _turned_back(
+                _counted(_to_planes(b, a, turn.T, -shift @ turn, gate_m, step), self._share_b**2),
+                turn,
+                shift,
+            ),
         ]
         if len(a.edges) and len(b.edges):
-            sets += self._edges(rotation, translation, gate_m, step)
+            found = self._edges(rotation, translation, gate_m, step)
+            sets += [_counted(each, self._share_a) for each in found]
         # From afar a bar may be taken for the next side of it.
         if step == 1 and len(a.parts) and len(b.parts):
-            sets.append(self._parts(turn, shift, gate_m))
+            sets.append(_counted(self._parts(turn, shift, gate_m), self._share_a**2))
         parts = [np.concatenate(part) for part in zip(*sets, strict=True)]
         point_a, point_b, normal_a, normal_b = (
             np.array(part.T, np.float64, order="C") for part in parts[:4]
@@ -252,6 +261,12 @@ def _alike(
 def _dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(N,) products of the rows of (N, 3)."""
     return np.einsum("ij,ij->i", a, b)
+
+
+def _counted(pairs: _Set, share: float) -> _Set:
+    """Pairs that count for a share of what they did."""
+    point_a, point_b, normal_a, normal_b, sigma, weight, *rest = pairs
+    return point_a, point_b, normal_a, normal_b, sigma, share * weight, *rest
 
 
 def _turned_back(pairs: _Set, rotation: np.ndarray, translation: np.ndarray) -> _Set:
