@@ -229,12 +229,12 @@ def test_the_covariance_of_strewn_returns_is_that_of_the_errors() -> None:
 
 
 def test_the_covariance_between_far_and_near_views_is_that_of_the_errors() -> None:
-    """A pixel from afar counted once for each from near by that fell into it: 20 (squared)."""
+    """A pixel from afar counted once for each from near by that fell into it: 13 and 16 (median, of six)."""
     camera = ToFCamera(range_max_m=9.0)
     mesh = assembly([box((0.5, 0.4, 0.3)), box((0.2, 0.15, 0.3), (0.2, 0.1, 0.25))])
     for far_m, near_m in ((7.5, 2.5), (2.5, 7.5)):
         squared = []
-        for seed in range(12):
+        for seed in range(24):
             rng = np.random.default_rng(seed)
             start = Rotation.from_euler("XYZ", (40, 30, 20), degrees=True).as_matrix()
             turn = rotation_from_vector(np.radians(3.0) * np.array([0.3, 0.8, 0.52]))
@@ -246,8 +246,8 @@ def test_the_covariance_between_far_and_near_views_is_that_of_the_errors() -> No
             found = register(*views, prior_b_from_a=truth)
             if found.status is Status.OK:
                 squared.append(nees(found, truth))
-        assert len(squared) > 8
-        assert 2.0 < np.median(squared) < 10.0
+        assert len(squared) > 16
+        assert 2.0 < np.median(squared) < 8.0
 
 
 def scanned(pose: np.ndarray, roll_deg: float, rng: np.random.Generator) -> np.ndarray:
