@@ -229,7 +229,7 @@ def test_the_covariance_of_strewn_returns_is_that_of_the_errors() -> None:
 
 
 def test_the_covariance_between_far_and_near_views_is_that_of_the_errors() -> None:
-    """A pixel from afar counted once for each from near by that fell into it: 13 and 16 (median, of six)."""
+    """A pixel from afar counted once for each from near by that fell into it: 13 and 16, of six."""
     camera = ToFCamera(range_max_m=9.0)
     mesh = assembly([box((0.5, 0.4, 0.3)), box((0.2, 0.15, 0.3), (0.2, 0.1, 0.25))])
     for far_m, near_m in ((7.5, 2.5), (2.5, 7.5)):
