@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.ros.parameters.camera import OF_A_CAMERA
 from horizon_sensor_ros.ros.parameters.common import (
     COMMON_PARAMETERS,
     NODE_PARAMETERS,
@@ -349,6 +350,20 @@ def test_the_shipped_file_holds_every_default() -> None:
     values = yaml.safe_load(parameter_file())["/**"]["ros__parameters"]
     assert values == {p.name: p.default for p in ALL_PARAMETERS}
     assert max(len(line) for line in parameter_file().splitlines()) <= 100
+
+
+def test_the_block_of_a_camera_may_be_uncommented_as_a_whole(tmp_path: Path) -> None:
+    """Its lines are one block: a second one of the same name is an error to YAML, and to ROS."""
+    text = parameter_file()
+    start = text.index("    # camera_1:")
+    block = text[start : text.index("\n\n", start)]
+    whole = "\n".join("    " + line.removeprefix("    # ") for line in block.splitlines())
+    path = tmp_path / "params.yaml"
+    path.write_text(text.replace(block, whole))
+    values = read_parameter_file(path, "attitude_node")
+    names = {of("camera_1").name for of in OF_A_CAMERA}
+    assert names <= values.keys()
+    assert not unknown_parameters(values, horizon_parameters(values))
 
 
 def test_the_reference_names_every_parameter() -> None:

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
-from horizon_sensor_ros.ros.parameters.camera import (
-    OF_A_CAMERA,
-    corner_blur_parameter,
-    exposure_parameter,
-    gamma_parameter,
-    mask_parameter,
-    readout_parameter,
-    rotation_parameter,
-)
+from horizon_sensor_ros.ros.parameters.camera import OF_A_CAMERA
 from horizon_sensor_ros.ros.parameters.common import NODES_PARAMETER
 from horizon_sensor_ros.ros.parameters.horizon import CAMERAS, HORIZON_PARAMETERS
 from horizon_sensor_ros.ros.parameters.parameter import Parameter
 from horizon_sensor_ros.ros.parameters.target import target_parameters
+
+# Examples of what else a camera may be given.
+_OF_ONE_CAMERA = (
+    "mask: package://my_craft/config/camera_1_mask.png",
+    "gamma: 2.2",
+    "readout: 0.02",
+    "exposure: 0.01",
+    "corner_blur: 0.3",
+)
 
 
 def parameter_reference() -> str:
@@ -45,29 +46,20 @@ def parameter_file() -> str:
         lines += _comment(parameter)
         lines.append(f"    {parameter.name}: {_yaml_value(parameter.default)}")
         if parameter is CAMERAS:
-            lines += _comment(rotation_parameter("camera_N"))
-            lines.append("    # No default: set it for every camera that is used.")
+            for of in OF_A_CAMERA:
+                named = of("camera_N")
+                lines += _comment(named, f"{named.name}: ")
+            lines += ["", "    # Rotations have no default: set that of every camera that is used."]
             for camera in parameter.default:  # type: ignore[union-attr]
                 lines += [f"    # {camera}:", "    #   rotation: [0.0, 0.0, 0.0, 1.0]"]
-            lines += _comment(mask_parameter("camera_N"))
-            lines += [
-                "    # camera_1:",
-                "    #   mask: package://my_craft/config/camera_1_mask.png",
-            ]
-            lines += _comment(gamma_parameter("camera_N"))
-            lines += ["    # camera_1:", "    #   gamma: 2.2"]
-            lines += _comment(readout_parameter("camera_N"))
-            lines += ["    # camera_1:", "    #   readout: 0.02"]
-            lines += _comment(exposure_parameter("camera_N"))
-            lines += ["    # camera_1:", "    #   exposure: 0.01"]
-            lines += _comment(corner_blur_parameter("camera_N"))
-            lines += ["    # camera_1:", "    #   corner_blur: 0.3"]
+                # One block a camera, of which lines are uncommented: YAML takes no second one.
+                lines += [f"    #   {each}" for each in _OF_ONE_CAMERA if camera == "camera_1"]
     return "\n".join(lines) + "\n"
 
 
-def _comment(parameter: Parameter) -> list[str]:
+def _comment(parameter: Parameter, start: str = "") -> list[str]:
     facts = [parameter.unit, parameter.range_text, "live" if parameter.live else "read-only"]
-    text = f"{parameter.description} [{'; '.join(fact for fact in facts if fact)}]"
+    text = f"{start}{parameter.description} [{'; '.join(fact for fact in facts if fact)}]"
     lines, line = [""], "    #"
     for word in text.split():
         if len(line) + 1 + len(word) > 100:
