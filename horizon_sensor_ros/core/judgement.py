@@ -143,11 +143,8 @@ def _of_altitude(
             return Status.POOR_FIT, f"{would_be} {middle / 1e3:.0f} km high"
         if high - low > _LAYER_SPREAD_M:
             return Status.POOR_FIT, f"{would_be} {low / 1e3:.0f} to {high / 1e3:.0f} km high"
-    if (
-        not _lowest_m(estimate, observations, config)
-        <= estimate.altitude_m
-        <= config.altitude_max_m
-    ):
+    lowest_m = _lowest_m(estimate, observations, config)
+    if not lowest_m <= estimate.altitude_m <= config.altitude_max_m:
         return (
             Status.ALTITUDE_OUT_OF_RANGE,
             f"altitude {estimate.altitude_m / 1e3:.0f} km is outside "

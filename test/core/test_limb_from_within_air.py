@@ -7,11 +7,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from hazy_scenes import error_and_sigma_rad, followed_rad, frames_of
 from hypothesis import given
 from hypothesis import strategies as st
 from limb_frames import PLANET, as_frames, draw, limb_views
 from scipy.integrate import quad
-from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement
 from horizon_sensor_ros.core.covariance.hidden_air import hidden_air_sigma_m
@@ -22,24 +22,11 @@ from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.haze.column import LOWEST_RHO_RAD, AirColumn, seen_from_within
 from horizon_sensor_ros.core.mask import Mask
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scenes
 
 _SCENES = 12
 _HEIGHT_M = 8.5e3 / 6371e3 * PLANET.radius_m  # the Earth's usual scale height
-
-
-def _frames(scene: HardScene) -> list[Frame]:
-    return [Frame(view, frame.image) for view, frame in zip(scene.views, scene.frames, strict=True)]
-
-
-def _error_and_sigma_rad(fix: HorizonFix, scene: HardScene) -> tuple[float, float]:
-    """Angle of the fix from true nadir, and the sigma that it claims of that."""
-    assert fix.ok, f"{scene.name}: {fix.reason}"
-    off = fix.fit.nadir_base - scene.frames[0].truth.nadir_base
-    error = float(np.linalg.norm(off))
-    return error, float(np.sqrt(off @ fix.fit.cov_nadir_altitude[:3, :3] @ off) / error)
 
 
 def _altitude_off(fix: HorizonFix, scene: HardScene) -> tuple[float, float]:
@@ -55,7 +42,7 @@ def scenes() -> list[HardScene]:
 
 @pytest.fixture(scope="module")
 def fixes(scenes: list[HardScene]) -> list[HorizonFix]:
-    return [HorizonSensor().process(_frames(scene)) for scene in scenes]
+    return [HorizonSensor().process(frames_of(scene)) for scene in scenes]
 
 
 def _column(camera_m: float, depression_rad: float) -> float:
@@ -109,7 +96,7 @@ def test_both_nadir_and_altitude_are_as_they_claim(
 ) -> None:
     """Most such frames were refused for a motion that they did not have."""
     errors, sigmas = np.transpose(
-        [_error_and_sigma_rad(fix, scene) for fix, scene in zip(fixes, scenes, strict=True)]
+        [error_and_sigma_rad(fix, scene) for fix, scene in zip(fixes, scenes, strict=True)]
     )
     assert np.degrees(np.sqrt(np.mean(errors**2))) < 0.1
     assert (errors < 3.0 * sigmas).all()
@@ -124,7 +111,7 @@ def test_both_nadir_and_altitude_are_as_they_claim(
 def test_a_limb_height_that_is_told_makes_the_altitude_right(scenes: list[HardScene]) -> None:
     config = HorizonConfig(planet=Planet(limb_height_m=17e3))
     for scene in scenes:
-        off_m, sigma_m = _altitude_off(HorizonSensor(config).process(_frames(scene)), scene)
+        off_m, sigma_m = _altitude_off(HorizonSensor(config).process(frames_of(scene)), scene)
         assert abs(off_m) < 3.0 * sigma_m
         assert sigma_m < 8e3
 
@@ -133,32 +120,15 @@ def test_an_altitude_that_is_known_is_used(scenes: list[HardScene]) -> None:
     scene = scenes[0]
     truth_m = scene.frames[0].truth.altitude_m
     known = Aiding(altitude=AltitudeMeasurement(truth_m, 50.0))
-    fix = HorizonSensor().process(_frames(scene), known)
-    error, sigma = _error_and_sigma_rad(fix, scene)
+    fix = HorizonSensor().process(frames_of(scene), known)
+    error, sigma = error_and_sigma_rad(fix, scene)
     assert not fix.reason
     assert fix.fit.altitude_m == pytest.approx(truth_m, abs=200.0)
     assert error < 3.0 * sigma
 
 
 def test_a_followed_limb_is_as_near_as_a_searched_one(scenes: list[HardScene]) -> None:
-    scene = scenes[1]
-    truth = scene.frames[0].truth
-    rng = np.random.default_rng(5)
-    sensor = HorizonSensor()
-    for step in range(4):
-        turned = Rotation.from_rotvec(np.radians([0.2 * step, 0.4 * step, 0.0])).as_matrix()
-        frames = render_views(
-            scene.views,
-            truth.rot_world_from_base @ turned,
-            truth.position_ecef_m,
-            scene.scene,
-            rng,
-            imaging=scene.imaging,
-        )
-        now = replace(scene, frames=frames)
-        fix = sensor.process(_frames(now))
-        assert (fix.predicted is not None) == (step > 0)
-        error, sigma = _error_and_sigma_rad(fix, now)
+    for error, sigma in followed_rad(scenes[1], (0.2, 0.4, 0.0)):
         assert error < 3.0 * sigma
 
 
@@ -166,13 +136,13 @@ def test_what_is_masked_is_left_out(scenes: list[HardScene], fixes: list[Horizon
     """A bar before the limb, from the frame's upper to its lower edge: only what it hides."""
     scene, whole = scenes[2], fixes[2]
     frames = []
-    for frame in _frames(scene):
+    for frame in frames_of(scene):
         use = np.full(frame.gray.shape, 255, np.uint8)
         use[:, 300:330] = 0
         barred = np.where(use > 0, frame.gray, np.uint8(230))
         frames.append(Frame(replace(frame.view, mask=Mask(use)), barred))
     fix = HorizonSensor().process(frames)
-    error, sigma = _error_and_sigma_rad(fix, scene)
+    error, sigma = error_and_sigma_rad(fix, scene)
     assert error < 3.0 * sigma
     lost = [1.0 - len(a.px) / len(b.px) for a, b in zip(fix.limbs, whole.limbs, strict=True)]
     assert max(lost) < 0.3

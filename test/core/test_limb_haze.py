@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hazy_scenes import error_and_sigma_rad, followed_rad, frames_of
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
@@ -22,18 +23,6 @@ from horizon_sensor_ros.sim.poses import camera_from_fov
 _SCENES = 8
 
 
-def _frames(scene: HardScene) -> list[Frame]:
-    return [Frame(view, frame.image) for view, frame in zip(scene.views, scene.frames, strict=True)]
-
-
-def _error_and_sigma_rad(fix: HorizonFix, scene: HardScene) -> tuple[float, float]:
-    """Angle of the fix from true nadir, and the sigma that it claims of that."""
-    assert fix.ok, f"{scene.name}: {fix.reason}"
-    off = fix.fit.nadir_base - scene.frames[0].truth.nadir_base
-    error = float(np.linalg.norm(off))
-    return error, float(np.sqrt(off @ fix.fit.cov_nadir_altitude[:3, :3] @ off) / error)
-
-
 @pytest.fixture(scope="module")
 def scenes() -> list[HardScene]:
     return list(hard_scenes(_SCENES, 61, ("haze",)))
@@ -41,7 +30,7 @@ def scenes() -> list[HardScene]:
 
 @pytest.fixture(scope="module")
 def fixes(scenes: list[HardScene]) -> list[HorizonFix]:
-    return [HorizonSensor().process(_frames(scene)) for scene in scenes]
+    return [HorizonSensor().process(frames_of(scene)) for scene in scenes]
 
 
 def test_brightness_follows_the_absorption_along_each_ray() -> None:
@@ -69,7 +58,7 @@ def test_two_cameras_find_nadir_to_hundredths_of_a_degree(
     scenes: list[HardScene], fixes: list[HorizonFix]
 ) -> None:
     errors, sigmas = np.transpose(
-        [_error_and_sigma_rad(fix, scene) for fix, scene in zip(fixes, scenes, strict=True)]
+        [error_and_sigma_rad(fix, scene) for fix, scene in zip(fixes, scenes, strict=True)]
     )
     assert np.degrees(np.sqrt(np.mean(errors**2))) < 0.015
     assert (errors < 3.0 * sigmas).all()
@@ -92,9 +81,9 @@ def test_how_far_above_the_ground_such_a_limb_lies_is_claimed(
 def test_one_camera_claims_what_it_is_off_by(scenes: list[HardScene]) -> None:
     errors, sigmas = np.transpose(
         [
-            _error_and_sigma_rad(HorizonSensor().process([frame]), scene)
+            error_and_sigma_rad(HorizonSensor().process([frame]), scene)
             for scene in scenes[:4]
-            for frame in _frames(scene)
+            for frame in frames_of(scene)
         ]
     )
     assert np.degrees(np.sqrt(np.mean(errors**2))) < 0.1
@@ -116,30 +105,13 @@ def test_a_soft_limb_of_a_long_lens_is_found(scenes: list[HardScene]) -> None:
     (drawn,) = render_views((narrow,), rot, truth.position_ecef_m, scene.scene, rng)
     config = HorizonConfig(max_nadir_sigma_rad=np.radians(3.0))
     fix = HorizonSensor(config).process([Frame(narrow, drawn.image)])
-    error, sigma = _error_and_sigma_rad(fix, replace(scene, frames=(drawn,)))
+    error, sigma = error_and_sigma_rad(fix, replace(scene, frames=(drawn,)))
     assert np.degrees(error) < 0.3
     assert error < 3.0 * sigma
 
 
 def test_a_followed_limb_is_as_near_as_a_searched_one(scenes: list[HardScene]) -> None:
-    scene = scenes[1]
-    truth = scene.frames[0].truth
-    rng = np.random.default_rng(5)
-    sensor = HorizonSensor()
-    for step in range(4):
-        turned = Rotation.from_rotvec(np.radians([0.05 * step, 0.1 * step, 0.0])).as_matrix()
-        frames = render_views(
-            scene.views,
-            truth.rot_world_from_base @ turned,
-            truth.position_ecef_m,
-            scene.scene,
-            rng,
-            imaging=scene.imaging,
-        )
-        now = replace(scene, frames=frames)
-        fix = sensor.process(_frames(now))
-        assert (fix.predicted is not None) == (step > 0)
-        error, sigma = _error_and_sigma_rad(fix, now)
+    for error, sigma in followed_rad(scenes[1], (0.05, 0.1, 0.0)):
         assert np.degrees(error) < 0.02
         assert error < 3.0 * sigma
 
@@ -159,8 +131,8 @@ def test_under_air_that_ground_shines_through_limb_and_glow_are_told_apart() -> 
     """By the law of haze nadir was off by 0.07 deg in these scenes, and altitude by 10 km."""
     errors = []
     for scene in _under_thin_air():
-        fix = HorizonSensor().process(_frames(scene))
-        error, sigma = _error_and_sigma_rad(fix, scene)
+        fix = HorizonSensor().process(frames_of(scene))
+        error, sigma = error_and_sigma_rad(fix, scene)
         assert error < 3.0 * sigma
         errors.append(error)
         off_m = fix.fit.altitude_m - scene.frames[0].truth.altitude_m
@@ -173,7 +145,7 @@ def test_under_air_that_ground_shines_through_limb_and_glow_are_told_apart() -> 
 def test_what_may_be_thick_air_stays_so_while_the_limb_is_followed() -> None:
     scene = _under_thin_air()[0]
     sensor = HorizonSensor()
-    fixes = [sensor.process(_frames(scene)), sensor.process(_frames(scene))]
+    fixes = [sensor.process(frames_of(scene)), sensor.process(frames_of(scene))]
     assert fixes[1].predicted is not None
     for fix in fixes:
         assert all(limb.glow_separated for limb in fix.limbs)
@@ -183,7 +155,7 @@ def test_what_may_be_thick_air_stays_so_while_the_limb_is_followed() -> None:
 @pytest.mark.parametrize("kind", ["daylight", "balloon", "clouds", "moonlit"])
 def test_ground_that_shows_at_its_limb_is_not_taken_for_haze(kind: str) -> None:
     for scene in hard_scenes(3, 62, (kind,)):
-        fix = HorizonSensor().process(_frames(scene))
+        fix = HorizonSensor().process(frames_of(scene))
         assert not any(limb.above_m for limb in fix.limbs)
 
 
@@ -191,7 +163,7 @@ def test_a_limb_height_that_is_told_makes_the_altitude_right(scenes: list[HardSc
     config = HorizonConfig(planet=Planet(limb_height_m=17e3))
     off_m, sigmas_m = [], []
     for scene in scenes:
-        fix = HorizonSensor(config).process(_frames(scene))
+        fix = HorizonSensor(config).process(frames_of(scene))
         assert fix.ok, fix.reason
         off_m.append(fix.fit.altitude_m - scene.frames[0].truth.altitude_m)
         sigmas_m.append(np.sqrt(fix.fit.cov_nadir_altitude[3, 3]))

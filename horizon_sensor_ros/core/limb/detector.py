@@ -107,14 +107,7 @@ def detect_limb(
             if consensus.status is not Status.OK:
                 return _nothing(views, working, consensus)
             looked = _looked_for(views, images, planet, working, consensus, FRESH)
-    return replace(
-        looked,
-        working=working,
-        consensus=consensus,
-        layer_rad=consensus.layer_rad,
-        candidates=found,
-        steepness=tuple(limb.steepness for limb in looked.limbs),
-    )
+    return _searched(looked, working, consensus, found)
 
 
 def limb_of_one(
@@ -159,13 +152,7 @@ def limb_of_one(
         below = _below_airglow([view], planet, [working], candidates, looked)
         if below is not None:
             return None
-    return replace(
-        looked,
-        working=(working,),
-        consensus=consensus,
-        candidates=candidates,
-        steepness=tuple(limb.steepness for limb in looked.limbs),
-    )
+    return _searched(looked, (working,), consensus, candidates)
 
 
 def joined(alone: Sequence[Detection], about: Detection) -> Detection:
@@ -226,6 +213,23 @@ def follow_limb(
     return None
 
 
+def _searched(
+    looked: Detection,
+    working: Sequence[WorkingImage],
+    consensus: Consensus,
+    found: RayCandidates,
+) -> Detection:
+    """What was looked for near a consensus, with what the search for that found."""
+    return replace(
+        looked,
+        working=tuple(working),
+        consensus=consensus,
+        layer_rad=consensus.layer_rad,
+        candidates=found,
+        steepness=tuple(limb.steepness for limb in looked.limbs),
+    )
+
+
 def _from_within_air(
     views: Sequence[CameraView],
     images: Sequence[np.ndarray],
@@ -251,13 +255,7 @@ def _from_within_air(
         near = consensus.nadir_base, consensus.rho_rad
         hazy = look_through_haze(views, images, planet, near)
         if hazy is not None and hazy.sure and not smeared_one_way(images, hazy.found):
-            return replace(
-                hazy.found,
-                working=tuple(working),
-                consensus=consensus,
-                candidates=found,
-                steepness=tuple(limb.steepness for limb in hazy.found.limbs),
-            )
+            return _searched(hazy.found, working, consensus, found)
     return None
 
 

@@ -275,8 +275,8 @@ def _doubt(
             margin = -_OTHER_SCORE if likely else _SAME_SCORE + _SCORE_NOISE * odd
             if rival.lead > margin:
                 return _tell_rival(rival, found)
-        if clear:
-            return ""
+    if clear and not far:
+        return ""
     if far and not clear:
         return (
             f"a turn by {np.degrees(turn):.0f} deg, beyond the search, with which the views agree"

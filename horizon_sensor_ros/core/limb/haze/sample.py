@@ -66,10 +66,6 @@ class Warp(NamedTuple):
         """How far (J,) outside the limb places (J,) in samples are."""
         return self.column.outward_rad(d_px * (self.pixel_rad / self.column.length_rad))
 
-    def unwarped_px(self, d_px: np.ndarray) -> np.ndarray:
-        """The same in pixels of the reduced image."""
-        return self.outward_rad(d_px) / self.pixel_rad
-
 
 @dataclass(frozen=True, eq=False)
 class HazySample:
@@ -90,7 +86,9 @@ class HazySample:
 
     def offset_px(self, places_px: np.ndarray) -> np.ndarray:
         """How far (M,) outside the limb places (M,) in samples are, steps of its normals."""
-        return places_px if self.warp is None else self.warp.unwarped_px(places_px)
+        if self.warp is None:
+            return places_px
+        return self.warp.outward_rad(places_px) / self.warp.pixel_rad
 
 
 def air_length_px(view: CameraView, rho_rad: float, factor: int = 1) -> float:
@@ -124,13 +122,11 @@ def sample_haze(
         return None
     # Pixels of the same angle everywhere along the limb.
     pitch = pixel_rad_across(view, predicted.px, predicted.normal_px)
-    usual_rad = factor * float(np.median(pitch))
-    curve = replace(
-        predicted, normal_px=predicted.normal_px / (pitch * (factor / usual_rad))[:, None]
-    )
+    usual_rad = float(np.median(pitch))
+    curve = replace(predicted, normal_px=predicted.normal_px / (pitch / usual_rad)[:, None])
     first = -(reach_px + _INNER_PX)
     column = _column(rho_rad)
-    warp = None if column is None else Warp(column, usual_rad)
+    warp = None if column is None else Warp(column, factor * usual_rad)
     outer_px = _OUTER_PX if warp is None else min(_OUTER_PX, warp.most_px - reach_px)
     if outer_px < _LEAST_OUTER_PX:
         return None
