@@ -57,13 +57,13 @@ class HorizonSearch:
         """Search whole frames for the limb.
 
         unusable : one per frame, why it is not to be looked at; None where it is.
-        Returns the fix, and the detection that a track may start from: None unless the fix is of
-        all frames and of the ground's limb.
+        Returns the fix, and the detection in the frames that were looked at that a track may start
+        from: None unless the fix is of all of them and of the ground's limb.
         """
         limbs = list(unusable)
         look = partial(self._sighting, aiding)
         singles = SingleCameras(frames, look, self._of_one, self._estimator, self._any_sigma)
-        everything = not any(limbs)
+        everything = True
         layer: Consensus | None = None
         # What all saw where some frames were doubtful, and these: number in it, and in `frames`.
         doubted: tuple[Sighting, dict[int, int]] | None = None

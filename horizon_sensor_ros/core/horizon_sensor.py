@@ -183,12 +183,16 @@ class HorizonSensor:
         self, given: Sequence[Frame], frames: Sequence[Frame], aiding: Aiding
     ) -> HorizonFix:
         """Fix of frames. given : the same, by the cameras as they are called from set to set."""
-        views = [frame.view for frame in given]
         unusable = [_unusable(frame) for frame in frames]
-        if self._track is not None and self._track.is_of(views) and not any(unusable):
-            followed = self._follow(frames, self._track, aiding)
+        usable = [i for i, limb in enumerate(unusable) if limb is None]
+        views = [given[i].view for i in usable]
+        before = self._track
+        numbers = None if before is None else before.numbers(views)
+        if before is not None and numbers is not None:
+            followed = self._follow([frames[i] for i in usable], before, numbers, aiding)
             if followed is not None:
-                return followed
+                limbs = iter(followed.limbs)
+                return replace(followed, limbs=tuple(limb or next(limbs) for limb in unusable))
         fix, detection = self._search.fix(frames, unusable, aiding)
         self._track = None
         if (
@@ -199,25 +203,31 @@ class HorizonSensor:
         ):
             shows = detection.layer_rad > 0.0 or fix.airglow is not None
             cameras = fix.cameras_on_cone(views)
-            self._track = Track.started(
+            track = Track.started(
                 views,
                 replace(detection, airglow=shows),
                 fix.fit,
                 cameras,
                 {
-                    frame.view.name: self._search.agreeing(frame)
-                    for frame in given
-                    if frame.view.name not in cameras
+                    given[i].view.name: self._search.agreeing(given[i])
+                    for i in usable
+                    if given[i].view.name not in cameras
                 },
             )
+            self._track = track.after(before, aiding.since_last_s)
         return fix
 
-    def _follow(self, frames: Sequence[Frame], track: Track, aiding: Aiding) -> HorizonFix | None:
-        """Fix from where the limb is expected; None where a search has to say what is there."""
+    def _follow(
+        self, frames: Sequence[Frame], track: Track, numbers: Sequence[int], aiding: Aiding
+    ) -> HorizonFix | None:
+        """Fix from where the limb is expected; None where a search has to say what is there.
+
+        numbers : of the frames, among the track's.
+        """
         views = [frame.view for frame in frames]
         if track.age >= _LONGEST_TRACK or self._sees_more(frames, track):
             return None
-        nadir, rho = track.predicted_cone(aiding.rot_now_from_last)
+        nadir, rho = track.predicted_cone(aiding.rot_now_from_last, aiding.since_last_s)
         figure = self._estimator.figure(aiding).aligned(nadir)
         images = [frame.gray for frame in frames]
         detection = follow_limb(
@@ -225,12 +235,12 @@ class HorizonSensor:
             images,
             self._estimator.sphere,
             (nadir, rho),
-            track.state,
+            track.state.of(numbers),
         )
         if detection is None:
             return None
         working = tuple(
-            before.sampled(image) for before, image in zip(track.working, images, strict=True)
+            track.working[i].sampled(image) for i, image in zip(numbers, images, strict=True)
         )
         detection = replace(
             detection, working=working, layer_rad=track.layer_rad, airglow=track.airglow
@@ -239,9 +249,10 @@ class HorizonSensor:
         # Where a frame is doubtful the fix is not OK, and a search follows.
         fix = self._estimator.judged(sighting).fix
         fix, detection = self._estimator.prefer_separated(sighting, fix)
-        if not fix.ok or fix.cameras_on_cone(views) != track.cameras:
+        expected = tuple(view.name for view in views if view.name in track.cameras)
+        if not fix.ok or fix.cameras_on_cone(views) != expected:
             return None
-        self._track = track.continued(detection, fix.fit)
+        self._track = track.continued(numbers, detection, fix.fit, aiding.since_last_s)
         return replace(fix, predicted=Disc(figure, nadir, rho))
 
     def _sees_more(self, frames: Sequence[Frame], track: Track) -> bool:

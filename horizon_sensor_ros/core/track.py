@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,15 +14,30 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.detection import Detection, LimbState
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 
+# Steps from which the limb is not moved on farther than so many times, and the least one that has a
+# direction.
+_FARTHEST, _LEAST_STEP_RAD = 3.0, 1e-9
+
+
+class Step(NamedTuple):
+    """How the limb's cone came to where it is.
+
+    nadir_base (3,), rho_rad : in the set before. since_s : from that set on; None: not known.
+    """
+
+    nadir_base: np.ndarray
+    rho_rad: float
+    since_s: float | None
+
 
 @dataclass(frozen=True, eq=False)
 class Track:
     """The limb of the last set of frames, and what it looked like.
 
-    views : of that set. cameras : names of those whose limbs lie on one cone. nadir_base,
-    rho_rad : its disc's cone. outside : of the other cameras, by name, how many edges agreed on one
-    disc, a limb or not, when they were searched. last_cone : nadir and rho of the set before, None
-    right after a search.
+    views : of the frames that were searched. cameras : names of those whose limbs lie on one cone.
+    nadir_base, rho_rad : its disc's cone. outside : of the other cameras, by name, how many edges
+    agreed on one disc, a limb or not, when they were searched. step : from the set before; None
+    where there was no fix of the same cameras.
     state : what the limb looked like. working : the search's images of the frames, one per frame.
     layer_rad : height of airglow above the limb. airglow : whether it shows. age : sets since the
     search.
@@ -35,7 +52,7 @@ class Track:
     layer_rad: float
     airglow: bool
     outside: Mapping[str, int]
-    last_cone: tuple[np.ndarray, float] | None = None
+    step: Step | None = None
     age: int = 0
 
     @classmethod
@@ -64,35 +81,69 @@ class Track:
             outside=outside,
         )
 
-    def continued(self, detection: Detection, fit: HorizonFit) -> Track:
-        """Track with one more fit, with its disc."""
+    def after(self, before: Track | None, since_s: float | None) -> Track:
+        """The same with the step from a track that the set before had left, if any had.
+
+        since_s : from that set on. So a limb that moves too far from set to set to be found where
+        it was is followed after two searches.
+        """
+        if before is None or before.cameras != self.cameras:
+            return self
+        return replace(self, step=Step(before.nadir_base, before.rho_rad, since_s))
+
+    def continued(
+        self,
+        frames: Sequence[int],
+        detection: Detection,
+        fit: HorizonFit,
+        since_s: float | None,
+    ) -> Track:
+        """Track with one more fit, with its disc. frames : numbers of its own that were followed.
+        since_s : from the set before on.
+        """
         assert fit.disc is not None
         return replace(
             self,
             nadir_base=fit.disc.nadir,
             rho_rad=fit.disc.rho_rad,
-            last_cone=(self.nadir_base, self.rho_rad),
-            state=replace(self.state, looks=detection.looks, steepness=detection.steepness),
+            step=Step(self.nadir_base, self.rho_rad, since_s),
+            state=self.state.with_looks(frames, detection),
             age=self.age + 1,
         )
 
-    def is_of(self, views: Sequence[CameraView]) -> bool:
-        """Whether frames come from the very cameras of the track, calibrations included."""
-        return len(views) == len(self.views) and all(
-            new is old for new, old in zip(views, self.views, strict=True)
-        )
+    def numbers(self, views: Sequence[CameraView]) -> list[int] | None:
+        """Which of its frames are of these cameras; None where one of them, its calibration
+        included, is none of the track's, or all of them are `outside`.
+        """
+        own = {id(view): i for i, view in enumerate(self.views)}
+        if not all(id(view) in own for view in views):
+            return None
+        if all(view.name in self.outside for view in views):
+            return None
+        return [own[id(view)] for view in views]
 
-    def predicted_cone(self, rot_now_from_last: np.ndarray | None) -> tuple[np.ndarray, float]:
-        """Nadir (3,) and rho expected now: turned as the gyro says, or moved as in the last step.
+    def predicted_cone(
+        self, rot_now_from_last: np.ndarray | None, since_s: float | None
+    ) -> tuple[np.ndarray, float]:
+        """Nadir (3,) and rho expected now: turned as the gyro says, or moved on as before.
 
-        rot_now_from_last : (3, 3), see `Aiding`. Without it sets are taken to come evenly.
+        rot_now_from_last : (3, 3), see `Aiding`. since_s : from the last set on; where it is not
+        known, or was not, sets are taken to come evenly.
         """
         if rot_now_from_last is not None:
             return rot_now_from_last @ self.nadir_base, self.rho_rad
-        if self.last_cone is None:
+        if self.step is None:
             return self.nadir_base, self.rho_rad
-        nadir, rho = self.last_cone
+        before, rho, took_s = self.step
+        steps = 1.0 if since_s is None or took_s is None else min(since_s / took_s, _FARTHEST)
         # The errors of nadir and rho hang together so that the limb in the frame is known far
         # better than either: moved on together they stay so.
-        ahead = 2.0 * (self.nadir_base @ nadir) * self.nadir_base - nadir
-        return ahead, 2.0 * self.rho_rad - rho
+        angle = math.atan2(
+            float(np.linalg.norm(np.cross(before, self.nadir_base))),
+            float(before @ self.nadir_base),
+        )
+        ahead = self.nadir_base
+        if angle > _LEAST_STEP_RAD:
+            on, back = math.sin((1.0 + steps) * angle), math.sin(steps * angle)
+            ahead = (on * self.nadir_base - back * before) / math.sin(angle)
+        return ahead, self.rho_rad + steps * (self.rho_rad - rho)

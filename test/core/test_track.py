@@ -17,6 +17,7 @@ from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb import detector
 from horizon_sensor_ros.core.planet_figure import disc_of
+from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import Imaging
 from horizon_sensor_ros.sim.poses import rot_from_axis
@@ -150,6 +151,68 @@ def test_an_unexpected_turn_is_searched_for(searches: list[int]) -> None:
     alone = HorizonSensor(SEARCHING).process(frames)
     np.testing.assert_array_equal(fix.fit.nadir_base, alone.fit.nadir_base)
     assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_a_fast_turn_is_followed_after_two_searches(timed: bool, searches: list[int]) -> None:
+    """The limb moves by 70 pixels a set at most: it is not near where it was, but where it goes to."""
+    sensor = HorizonSensor()
+    followed = []
+    for steps in (0, 12, 24, 36):
+        frames, nadir = turned(steps)
+        before = len(searches)
+        fix = sensor.process(frames, Aiding(since_last_s=0.5 if timed and steps else None))
+        assert fix.ok
+        assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+        followed.append(len(searches) == before)
+    assert followed == [False, False, True, True]
+
+
+def test_a_set_that_did_not_come_is_reckoned_with(searches: list[int]) -> None:
+    sensor = HorizonSensor()
+    for steps, since_s in ((0, None), (12, 0.5), (24, 0.5), (48, 1.0)):
+        frames, nadir = turned(steps)
+        before = len(searches)
+        fix = sensor.process(frames, Aiding(since_last_s=since_s))
+        assert fix.ok
+        assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+    assert len(searches) == before
+
+
+@pytest.mark.parametrize("stopped", [0, 1])
+def test_the_others_are_followed_where_a_camera_is_frozen(
+    stopped: int, searches: list[int]
+) -> None:
+    """And all of them as soon as it comes back."""
+    sensor = HorizonSensor()
+    other = VIEWS[1 - stopped].name
+    for steps in range(8):
+        frames, nadir = turned(steps)
+        frozen = 2 <= steps < 6
+        if frozen:
+            says = replace(frames[stopped], unusable="the very same image again")
+            frames = [says if i == stopped else frame for i, frame in enumerate(frames)]
+        before = len(searches)
+        fix = sensor.process(frames)
+        assert (len(searches) == before) == (steps > 0)
+        assert fix.cameras_used == ((other,) if frozen else ("camera_1", "camera_2"))
+        assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+        assert (fix.limbs[stopped].status is Status.BAD_IMAGE) == frozen
+        assert ("the very same" in fix.limbs[stopped].reason) == frozen
+
+
+def test_a_camera_that_never_worked_is_in_nobodys_way(searches: list[int]) -> None:
+    sensor = HorizonSensor()
+    followed = []
+    for steps in range(6):
+        first, second = turned(steps)[0]
+        frozen = replace(first, unusable="the very same image again")
+        before = len(searches)
+        # Once it works it takes part at once.
+        fix = sensor.process([frozen if steps < 4 else first, second])
+        followed.append(len(searches) == before)
+        assert fix.cameras_used == (("camera_2",) if steps < 4 else ("camera_1", "camera_2"))
+    assert followed == [False, True, True, True, False, True]
 
 
 def test_a_limb_that_is_gone_is_not_followed() -> None:

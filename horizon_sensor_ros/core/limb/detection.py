@@ -46,16 +46,26 @@ class LimbState:
     steepness: tuple[np.ndarray, ...]
     above_m: float
 
-    def of(self, index: int) -> LimbState:
-        """That of one frame."""
-        here = slice(index, index + 1)
+    def of(self, frames: Sequence[int]) -> LimbState:
+        """That of some of the frames, by number."""
         return LimbState(
-            self.sees[here],
-            self.looks[here],
-            self.factors[here],
-            self.smears[here],
-            self.steepness[here],
+            tuple(self.sees[i] for i in frames),
+            tuple(self.looks[i] for i in frames),
+            tuple(self.factors[i] for i in frames),
+            # Of limbs through haze neither is asked.
+            tuple(self.smears[i] for i in frames if self.smears),
+            tuple(self.steepness[i] for i in frames if self.steepness),
             self.above_m,
+        )
+
+    def with_looks(self, frames: Sequence[int], found: Detection) -> LimbState:
+        """The same, of a limb that looks in these frames as was found in them."""
+        looks = dict(zip(frames, found.looks, strict=True))
+        steepness = dict(zip(frames, found.steepness, strict=True)) if found.steepness else {}
+        return replace(
+            self,
+            looks=tuple(looks.get(i, before) for i, before in enumerate(self.looks)),
+            steepness=tuple(steepness.get(i, before) for i, before in enumerate(self.steepness)),
         )
 
 

@@ -145,7 +145,7 @@ def limb_of_one(
     if elsewhere:
         return None
     near = own.nadir_base, own.rho_rad
-    looked = follow_limb([view], [image], planet, near, found.state.of(index))
+    looked = follow_limb([view], [image], planet, near, found.state.of([index]))
     if looked is None:
         return None
     if not consensus.unanimous:
