@@ -38,9 +38,10 @@ def limb_views(
     azimuths_rad: tuple[float, ...] = (0.0,),
     roll_rad: float = 0.3,
     above_rad: float = 0.0,
+    planet: Planet = PLANET,
 ) -> tuple[CameraView, ...]:
     """Cameras whose axes point at (or above) the limb; nadir is (0, 0, 1) of the base."""
-    rho = PLANET.rho_from_altitude(altitude_m)
+    rho = planet.rho_from_altitude(altitude_m)
     axes = cone_rays(np.array([0.0, 0.0, 1.0]), rho + above_rad, np.array(azimuths_rad))
     return tuple(
         CameraView(f"camera_{i}", camera, rot_from_axis(axis, roll_rad + i))

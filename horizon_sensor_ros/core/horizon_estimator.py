@@ -142,7 +142,7 @@ class HorizonEstimator:
         """
         views, detection = sighting.views, sighting.detection
         observations = by_night(detection).seen_by(views)
-        observations = with_lifted_edges(observations, detection.rho_rad)
+        observations = with_lifted_edges(observations, self.sphere, detection.rho_rad)
         if self.config.limb == "canny" and np.isfinite(detection.rho_rad):
             found = canny_limbs(views, sighting.images, detection.nadir_base, detection.rho_rad)
             observations = tuple(map(LimbObservation, views, found))
@@ -298,7 +298,7 @@ class HorizonEstimator:
         limb knows nadir well without it.
         """
         detection = sighting.detection
-        if not detection.airglow or nadir_sigma_rad(fit) <= _SURE_RAD:
+        if not (detection.airglow and self.sphere.has_air) or nadir_sigma_rad(fit) <= _SURE_RAD:
             return None
         seen = list(zip(sighting.images, observations, strict=True))
         airglow = fit_airglow(seen, fit, self.sphere)

@@ -20,7 +20,8 @@ class Planet:
     """A planet's figure.
 
     radius_m : of the sphere, or the ellipsoid's equatorial radius. limb_height_m : of the visible
-    limb above the surface. flattening : 0 for a sphere.
+    limb above the surface. flattening : 0 for a sphere. has_air : whether there may be air, which
+    hides ground, lifts limbs and glows; what it may do is as if it were the Earth's.
     Raises ValueError for a radius that is not positive, a flattening outside [0, 1), or a limb
     below the centre.
     """
@@ -28,6 +29,7 @@ class Planet:
     radius_m: float = 6371000.0
     limb_height_m: float = 0.0
     flattening: float = 0.0
+    has_air: bool = True
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.radius_m) and self.radius_m > 0):

@@ -69,7 +69,7 @@ def mean_sphere(planet: Planet) -> Planet:
     """Sphere of the planet's mean radius, the planet itself if it is one."""
     if planet.flattening == 0.0:
         return planet
-    return Planet(planet.mean_radius_m, planet.limb_height_m)
+    return replace(planet, radius_m=planet.mean_radius_m, flattening=0.0)
 
 
 def disc_of(fit: HorizonFit) -> Disc:

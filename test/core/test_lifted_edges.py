@@ -39,7 +39,7 @@ def limbs() -> tuple[LimbPoints, ...]:
 
 def lifted(*limbs: LimbPoints) -> list[LimbPoints]:
     seen = [LimbObservation(view, limb) for view, limb in zip(VIEWS, limbs, strict=False)]
-    return [one.limb for one in with_lifted_edges(seen, RHO_RAD)]
+    return [one.limb for one in with_lifted_edges(seen, PLANET, RHO_RAD)]
 
 
 def under_air(seed: int, air_dn: float) -> SimFrame:
@@ -97,7 +97,7 @@ def test_thin_air_above_edges_without_a_model_lifts_them_by_no_more_than_is_clai
         limb = edges_of(frame)
         if not limb.modelled:
             seen = (LimbObservation(VIEWS[0], limb), LimbObservation(VIEWS[0], glow_of(limb)))
-            shared = with_lifted_edges(seen, RHO_RAD)[0].limb.shared
+            shared = with_lifted_edges(seen, PLANET, RHO_RAD)[0].limb.shared
             off_px.append(np.median(distance_px(frame.truth.limb, limb.px)))
             assert abs(off_px[-1]) < 2.0 * shared.shift_px
     assert len(off_px) >= 3
@@ -112,7 +112,7 @@ def test_edges_that_air_may_have_softened_may_be_turned_by_it(
 
     def claimed(limb: LimbPoints, altitude_m: float) -> LimbPoints:
         seen = (LimbObservation(VIEWS[0], limb),)
-        return with_lifted_edges(seen, PLANET.rho_from_altitude(altitude_m))[0].limb
+        return with_lifted_edges(seen, PLANET, PLANET.rho_from_altitude(altitude_m))[0].limb
 
     assert claimed(sharp, 4e6).shared.scale_px == sharp.shared.scale_px
     assert claimed(soft, 200e3) is soft

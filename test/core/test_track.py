@@ -155,7 +155,7 @@ def test_an_unexpected_turn_is_searched_for(searches: list[int]) -> None:
 
 @pytest.mark.parametrize("timed", [True, False])
 def test_a_fast_turn_is_followed_after_two_searches(timed: bool, searches: list[int]) -> None:
-    """The limb moves by 70 pixels a set at most: it is not near where it was, but where it goes to."""
+    """By up to 70 pixels a set: the limb is not near where it was, but where it goes to."""
     sensor = HorizonSensor()
     followed = []
     for steps in (0, 12, 24, 36):

@@ -83,7 +83,7 @@ def test_nadir_under_air_that_no_pixel_shows_is_as_near_as_claimed(
 
 def claimed(views: tuple[CameraView, ...], *limbs: LimbPoints) -> list[LimbPoints]:
     pairs = [LimbObservation(view, limb) for view, limb in zip(views, limbs, strict=True)]
-    return [one.limb for one in with_lifted_edges(pairs, PLANET.rho_from_altitude(1e6))]
+    return [one.limb for one in with_lifted_edges(pairs, PLANET, PLANET.rho_from_altitude(1e6))]
 
 
 def limb(blur_px: float) -> LimbPoints:

@@ -65,6 +65,7 @@ def test_defaults_are_the_contracts() -> None:
         ({"camera_1.rotation": "identity"}, ["camera_1.rotation", "list of numbers"]),
         ({"planet_radius": -6371000.0}, ["planet_radius", "-6371000"]),
         ({"planet_radius": float("nan")}, ["planet_radius"]),
+        ({"planet": "wgs84", "planet_air": False}, ["planet_air", "wgs84"]),
         ({"planet_radius": "large"}, ["planet_radius must be a double", "large"]),
         ({"planet": "cube"}, ["planet must be one of sphere, wgs84", "cube"]),
         ({"vertical": "plumb"}, ["vertical must be one of", "plumb"]),
@@ -162,8 +163,14 @@ def test_the_targets_values_of_any_kind_give_settings_or_one_line(values: dict[s
 def test_whole_numbers_are_numbers() -> None:
     settings = horizon_settings({**PARAMETERS, "planet_radius": 1737400, "slop": 0})
     assert settings.pipeline.sensor.planet.radius_m == 1737400.0
+    assert settings.pipeline.sensor.planet.has_air
     settings = horizon_settings({"cameras": ["a"], "a.rotation": [0, 0, 0, 1]})
     assert settings.pipeline.rotations == ((0.0, 0.0, 0.0, 1.0),)
+
+
+def test_a_planet_without_air() -> None:
+    moon = {"planet_radius": 1737400.0, "planet_air": False}
+    assert not horizon_settings({**PARAMETERS, **moon}).pipeline.sensor.planet.has_air
 
 
 def test_a_quaternion_slightly_off_unit_length_is_taken() -> None:

@@ -39,11 +39,14 @@ def hidden_air_sigma_m(
     """One sigma (m) of the limb's height that air causes which no frame shows, or which hides the
     ground; as if the air were the Earth's.
 
-    Zero where a camera that was used is near enough, or its pixels are small enough, in the size in
-    which its limb shows, to show the air: its effect is then in the errors of the limb's points.
+    Zero around a planet without air, and where a camera that was used is near enough, or its
+    pixels are small enough, in the size in which its limb shows, to show the air: its effect is
+    then in the errors of the limb's points.
     Where air, or blur that may be air, fades over too few pixels to tell whether it hides the
     ground, it may.
     """
+    if not sphere.has_air:
+        return 0.0
     used = [each for each in observations if each.view.name in fit.cameras]
     finest_px = max(
         (usual_length_px(each.view, fit.rho_rad, each.limb.factor) for each in used), default=0.0

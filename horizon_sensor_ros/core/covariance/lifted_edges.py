@@ -20,6 +20,7 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb.edge.looks import MOST_IN_FOCUS_PX
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError
+from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
 # Errors of such edges over the length over which air usually fades, as measured beside the truth of
@@ -43,13 +44,16 @@ _BLUR_STEP_PX = 0.01  # to which blur is known
 
 
 def with_lifted_edges(
-    observations: Sequence[LimbObservation], rho_rad: float
+    observations: Sequence[LimbObservation], planet: Planet, rho_rad: float
 ) -> tuple[LimbObservation, ...]:
-    """Return the limbs of simultaneous frames, with what air may be lifting their edges by: those
-    that no model fits, unless there are limbs of others and none shows air, and soft ones.
+    """Return the limbs of simultaneous frames, with what air, if the planet has any, may be lifting
+    their edges by: those that no model fits, unless there are limbs of others and none shows air,
+    and soft ones.
 
     rho_rad : angular radius of the limb.
     """
+    if not planet.has_air:
+        return tuple(observations)
     observations = _veiled(tuple(_softened(seen, rho_rad) for seen in observations), rho_rad)
     limbs = [seen.limb for seen in observations if seen.limb.status is Status.OK]
     if all(limb.modelled for limb in limbs):

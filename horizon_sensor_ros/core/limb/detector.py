@@ -94,7 +94,7 @@ def detect_limb(
         daylit = _under_daylit_air(views, images, planet, working, consensus.by_day)
         consensus = consensus if daylit is None else consensus.by_day
     if consensus.status is not Status.OK:
-        if near is None:
+        if near is None and planet.has_air:
             within = _from_within_air(views, images, planet, working, rho_min_rad)
             if within is not None:
                 return within

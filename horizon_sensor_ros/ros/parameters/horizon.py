@@ -80,6 +80,13 @@ HORIZON_PARAMETERS = (
         maximum=1e9,
     ),
     Parameter(
+        "planet_air",
+        "bool",
+        True,
+        "Whether the planet has air that may hide its ground, lift its limb or glow; false around "
+        "the Moon. What is not seen of it is claimed as if it were the Earth's.",
+    ),
+    Parameter(
         "limb_height",
         "double",
         0.0,

@@ -177,11 +177,15 @@ def cameras_of(values: Mapping[str, Any]) -> list[str]:
 
 def _sensor_config(values: Mapping[str, Any]) -> HorizonConfig:
     limb_height = values["limb_height"]
+    wgs84 = values["planet"] == "wgs84"
+    if wgs84 and not values["planet_air"]:
+        raise ParameterError("planet_air is false, but planet is wgs84: the Earth has air")
     try:
-        if values["planet"] == "wgs84":
+        if wgs84:
             planet = Planet.wgs84(limb_height)
         else:
-            planet = Planet(values["planet_radius"], limb_height)
+            radius = values["planet_radius"]
+            planet = Planet(radius, limb_height, has_air=values["planet_air"])
         return HorizonConfig(
             planet=planet,
             **{field: values[name] for name, field in _SENSOR_FIELDS.items()},

@@ -79,7 +79,7 @@ def look_through_haze(
     images : (H, W) uint8 or uint16, one a view. near : nadir (3,), base frame, and rho (rad).
     """
     thickest_px = max(air_length_px(view, near[1]) for view in views)
-    if thickest_px < THINNEST_PX:
+    if thickest_px < THINNEST_PX or not planet.has_air:
         return None
     factors = tuple(haze_factor(view, near[1]) for view in views)
     reduced = _reduced(images, factors)

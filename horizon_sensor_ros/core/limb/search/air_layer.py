@@ -86,7 +86,7 @@ def ground_under_airglow(
     Where the layer is seen but no ground behind it: status POOR_FIT, and the cone and layer_rad of
     what would be the ground's limb. Where it may be one: the same consensus, with `perhaps_layer`.
     """
-    if consensus.status is not Status.OK:
+    if consensus.status is not Status.OK or not planet.has_air:
         return consensus
     layer_rad = _layer_rad(consensus, planet)
     columns = columns_below(views, working, found, consensus, _depths_rad(layer_rad))
