@@ -384,6 +384,38 @@ def test_the_covariance_moves_to_another_point() -> None:
     assert np.allclose(far[:3, :3], found.covariance[:3, :3])
 
 
+@pytest.mark.parametrize("seed", [2, 5, 9])
+@pytest.mark.parametrize("name", ["n5", "winged_cylinder"])
+def test_what_a_bias_of_the_ranges_does_is_known(name: str, seed: int) -> None:
+    """What faces the sensor is moved along the sight before and after it turned; and the turn as
+    the same clouds with ranges 2 mm longer, and shorter, show."""
+    told_m = 0.002
+    config = RegistrationConfig(range_bias_sigma_m=told_m)
+    a, b, _ = pair(name, seed, 12.0)
+    found = {}
+    for bias_m in (-told_m, 0.0, told_m):
+        views = [
+            target_view(c * (1 + bias_m / np.linalg.norm(c, axis=-1, keepdims=True)), config)
+            for c in (a, b)
+        ]
+        found[bias_m] = register(*views, config)
+        assert found[bias_m].status is Status.OK
+    still = found[0.0]
+    rotation, centre = still.pose_b_from_a[:3, :3], still.centre_m
+    before = rotation.T @ (centre - still.pose_b_from_a[:3, 3])
+    sight = rotation @ before / np.linalg.norm(before) - centre / np.linalg.norm(centre)
+    shift = told_m * sight
+    longer, shorter = (found[bias_m].pose_b_from_a for bias_m in (told_m, -told_m))
+    turn = vector_from_rotation(shorter[:3, :3] @ longer[:3, :3].T) / 2
+    claimed = still.by_bias
+    assert np.linalg.norm(claimed[3:] - shift) < 0.2 * np.linalg.norm(shift) + 1e-4
+    assert np.linalg.norm(claimed[:3] - turn) < np.radians(0.01)
+    # It is a part of the covariance, and the rest is the noise's.
+    rest = still.covariance - np.outer(claimed, claimed)
+    untold = register(target_view(a), target_view(b)).covariance
+    assert np.allclose(rest, untold, rtol=1e-6, atol=1e-14)
+
+
 def test_consistency_knows_the_truth_from_a_turn() -> None:
     a, b, truth = pair("n5", 7, 10.0)
     one, two = target_view(a).surface, target_view(b).surface
@@ -409,7 +441,14 @@ def test_rotation_starts_cover_the_ball() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"focal_px": 0.0}, {"range_noise_m": -1.0}, {"min_score": 1.5}, {"min_points": 0}]
+    "wrong",
+    [
+        {"focal_px": 0.0},
+        {"range_noise_m": -1.0},
+        {"range_bias_sigma_m": -1.0},
+        {"min_score": 1.5},
+        {"min_points": 0},
+    ],
 )
 def test_parameters_that_make_no_sense_are_refused(wrong: dict) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):

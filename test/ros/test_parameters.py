@@ -119,8 +119,10 @@ def test_the_targets_defaults_are_the_contracts() -> None:
 
 def test_what_is_known_of_the_range_sensor_reaches_the_core() -> None:
     values = {"range_noise": 0.004, "pixel_angle": 0.003125, "max_gap": 5, "min_points": 7}
+    values["range_bias_sigma"] = 0.002
     tracker = target_settings(values).pipeline.tracker
     assert tracker.registration.range_noise_m == 0.004
+    assert tracker.registration.range_bias_sigma_m == 0.002
     assert tracker.registration.focal_px == pytest.approx(320.0)
     assert tracker.registration.min_points == 7
     assert tracker.max_gap_s == 5.0

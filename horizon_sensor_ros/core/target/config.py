@@ -17,7 +17,8 @@ class RegistrationConfig:
     """Parameters of the registration; ValueError where one makes no sense.
 
     focal_px : the sensor's focal length in pixels; None: from the cloud.  range_noise_m : None:
-        from the cloud.
+        from the cloud.  range_bias_sigma_m : one sigma of what all ranges of all clouds are too
+        long or too short by, for the covariance.
     min_points : fewest points of a cloud.  min_score, min_overlap : least view consistency (see
         Consistency); the score may be lower by what odd returns in the clouds take from it.
     max_rotation_std_rad, max_shift_std_m : a motion known worse than this in any direction is
@@ -27,6 +28,7 @@ class RegistrationConfig:
 
     focal_px: float | None = None
     range_noise_m: float | None = None
+    range_bias_sigma_m: float = 0.0
     min_points: int = 100
     min_score: float = 0.85
     min_overlap: float = 0.3
@@ -39,6 +41,10 @@ class RegistrationConfig:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be positive or None; got {value}")
+        if not 0 <= self.range_bias_sigma_m < np.inf:
+            raise ValueError(
+                f"range_bias_sigma_m must be 0 or positive; got {self.range_bias_sigma_m}"
+            )
         if not self.min_points >= LEAST_POINTS:
             raise ValueError(f"min_points must be at least {LEAST_POINTS}; got {self.min_points}")
         for name in ("max_rotation_std_rad", "max_shift_std_m", "search_rad"):

@@ -29,10 +29,12 @@ class Uncertainty:
 
     covariance : (6, 6) of (rotation vector, shift at ``centre_m``) in b's frame, rad and m: the
         true motion is the found one followed by that small motion about ``centre_m``.
+    by_range : (6,) that small motion for each metre by which all ranges are too long.
     rms_residual_m : of the pairs used.
     """
 
     covariance: np.ndarray
+    by_range: np.ndarray
     centre_m: np.ndarray
     rms_residual_m: float
 
@@ -79,7 +81,16 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     covariance = _MEASURED * (inverse + inverse @ (sums @ sums.T) @ inverse)
     drawn = inverse @ _drawn_back(pairs, weight, a, b)
     covariance += np.outer(drawn, drawn)
-    return Uncertainty((covariance + covariance.T) / 2, centre, rms)
+    by_range = inverse @ (j * weight) @ _apart_by_range(pairs)
+    return Uncertainty((covariance + covariance.T) / 2, by_range, centre, rms)
+
+
+def _apart_by_range(pairs: Pairs) -> np.ndarray:
+    """(N,) how much farther pairs lie apart along their normals for each metre by which all ranges
+    are too long: a's points were seen along other rays, and turned since."""
+    seen_a, seen_b = pairs.point_a - pairs.translation_m[:, None], pairs.point_b
+    rays_a, rays_b = (seen / np.sqrt((seen * seen).sum(axis=0)) for seen in (seen_a, seen_b))
+    return np.einsum("ij,ij->j", rays_a - rays_b, pairs.normal)
 
 
 def _drawn_back(pairs: Pairs, weight: np.ndarray, a: SurfaceView, b: SurfaceView) -> np.ndarray:

@@ -60,7 +60,8 @@ class Registration:
 
     covariance : (6, 6) of (rotation vector, shift of the target's point at ``centre_m``), rad and
         m, about the sensor's fixed axes: the true motion is the found one followed by that small
-        one.
+        one.  by_bias : (6,) the part of it, one sigma, that comes from `range_bias_sigma_m`: of all
+        motions by one sensor at once.
     score, overlap : view consistency.  weak : (K, 6) directions worse known than allowed, in the
         order of ``covariance``.
     num_points : pairs used.  searched : whether the search was needed.
@@ -74,6 +75,7 @@ class Registration:
     reason: str
     pose_b_from_a: np.ndarray = field(default_factory=lambda: _nan(4, 4))
     covariance: np.ndarray = field(default_factory=lambda: _nan(6, 6))
+    by_bias: np.ndarray = field(default_factory=lambda: _nan(6))
     centre_m: np.ndarray = field(default_factory=lambda: _nan(3))
     score: float = float("nan")
     overlap: float = float("nan")
@@ -93,9 +95,17 @@ class Registration:
 
     def covariance_at(self, point_m: np.ndarray) -> np.ndarray:
         """(6, 6) covariance with the shift taken at another point of the sensor's frame."""
+        move = self._to(point_m)
+        return move @ self.covariance @ move.T
+
+    def by_bias_at(self, point_m: np.ndarray) -> np.ndarray:
+        """(6,) ``by_bias`` with the shift taken at another point of the sensor's frame."""
+        return self._to(point_m) @ self.by_bias
+
+    def _to(self, point_m: np.ndarray) -> np.ndarray:
         move = np.eye(6)
         move[3:, :3] = -skew(np.asarray(point_m, float) - self.centre_m)
-        return move @ self.covariance @ move.T
+        return move
 
 
 def target_view(points: np.ndarray, config: RegistrationConfig | None = None) -> TargetView:
@@ -211,7 +221,8 @@ def _judge(
     both = np.zeros((6, 6))
     both[:3, :3] = both[3:, 3:] = turn_b
     judged = found.uncertainty
-    covariance = both @ judged.covariance @ both.T
+    by_bias = config.range_bias_sigma_m * both @ judged.by_range
+    covariance = both @ judged.covariance @ both.T + np.outer(by_bias, by_bias)
     known = replace(known, rms_residual_m=judged.rms_residual_m)
     weak = weak_directions(covariance, config.max_rotation_std_rad, config.max_shift_std_m)
     if len(weak):
@@ -230,7 +241,11 @@ def _judge(
         return replace(known, status=Status.POOR_FIT, reason=doubt, doubted=True)
     pose = pose_matrix(turn_b @ refined.rotation @ turn_a.T, turn_b @ refined.translation_m)
     return replace(
-        known, pose_b_from_a=pose, covariance=covariance, centre_m=turn_b @ judged.centre_m
+        known,
+        pose_b_from_a=pose,
+        covariance=covariance,
+        by_bias=by_bias,
+        centre_m=turn_b @ judged.centre_m,
     )
 
 

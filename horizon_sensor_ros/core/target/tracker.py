@@ -79,6 +79,8 @@ class TargetFix:
 class _Known:
     """A view whose pose is known: how it was found, and its covariance in parts.
 
+    covariance : of its pose, by noise; by_bias : (6,) its error by what is wrong with all ranges,
+        one sigma, which is the same in all poses.
     keyframe_ns : stamp of the view it was registered to; None for the first one. No more than the
         stamp, as a reference would keep every view since the first one alive.
     """
@@ -87,6 +89,7 @@ class _Known:
     stamp_ns: int
     pose: np.ndarray
     covariance: np.ndarray
+    by_bias: np.ndarray
     keyframe_ns: int | None
     step_covariance: np.ndarray
 
@@ -196,7 +199,7 @@ class TargetTracker:
         centroid = view.image.rot_sensor_from_view @ view.image.centroid_m
         pose = pose_matrix(np.eye(3), centroid)
         covariance = np.eye(6) * _DEFINITION_VARIANCE
-        self._last = _Known(view, stamp_ns, pose, covariance, None, np.zeros((6, 6)))
+        self._last = _Known(view, stamp_ns, pose, covariance, np.zeros(6), None, np.zeros((6, 6)))
         self._keyframes = [self._last]
         return TargetFix(
             Status.OK, why, stamp_ns, pose, covariance, new_frame=True,
@@ -314,10 +317,12 @@ class TargetTracker:
         if not any(k is keyframe for k in self._keyframes):
             self._keep(keyframe)
         pose = found.pose_b_from_a @ keyframe.pose
-        step = found.covariance_at(pose[:3, 3])
+        by_bias = found.by_bias_at(pose[:3, 3])
+        step = found.covariance_at(pose[:3, 3]) - np.outer(by_bias, by_bias)
         turn = np.kron(np.eye(2), found.pose_b_from_a[:3, :3])
         covariance = step + turn @ keyframe.covariance @ turn.T
-        now = _Known(view, stamp_ns, pose, covariance, keyframe.stamp_ns, step)
+        by_bias = by_bias + turn @ keyframe.by_bias
+        now = _Known(view, stamp_ns, pose, covariance, by_bias, keyframe.stamp_ns, step)
         delta = inverse_pose(last.pose) @ pose
         delta_covariance = _delta_covariance(last, now)
         # The next cloud is not likely to overlap this keyframe any better.
@@ -327,7 +332,8 @@ class TargetTracker:
         self._last, self._odd = now, None
         self._refused, self._doubted, self._strayed = 0, 0, False
         return TargetFix(
-            Status.OK, "", stamp_ns, pose, covariance, delta, delta_covariance,
+            Status.OK, "", stamp_ns, pose, covariance + np.outer(by_bias, by_bias), delta,
+            delta_covariance,
             (stamp_ns - last.stamp_ns) * 1e-9, False, found,
             len(self._keyframes), view.image.num_points,
         )  # fmt: skip
@@ -349,7 +355,8 @@ def _delta_covariance(last: _Known, now: _Known) -> np.ndarray:
     Both poses' errors enter as far as they are not the same: against one keyframe its noise, half
     of each registration's variance, is shared; against the last view itself there is but one
     registration; otherwise both count in full. What is the same, the error of the target frame that
-    has grown since it was set, turns the axes in which the step is told.
+    has grown since it was set, turns the axes in which the step is told. What is wrong with all
+    ranges is in both poses, each in its own way.
     """
     apart = now.pose[:3, 3] - last.pose[:3, 3]
     move = np.eye(6)
@@ -368,4 +375,6 @@ def _delta_covariance(last: _Known, now: _Known) -> np.ndarray:
         turned[3:, :3] = skew(delta[:3, 3])
         turned = turned @ back
         covariance += turned @ last.covariance @ turned.T
+    by_bias = back @ (now.by_bias - move @ last.by_bias)
+    covariance += np.outer(by_bias, by_bias)
     return (covariance + covariance.T) / 2

@@ -44,6 +44,15 @@ TARGET_PARAMETERS = (
         maximum=10.0,
     ),
     Parameter(
+        "range_bias_sigma",
+        "double",
+        RegistrationConfig.range_bias_sigma_m,
+        "One sigma of what all ranges are too long or too short by, for the covariance.",
+        unit="m",
+        minimum=0.0,
+        maximum=10.0,
+    ),
+    Parameter(
         "pixel_angle",
         "double",
         0.0,

@@ -16,6 +16,7 @@ from horizon_sensor_ros.ros.parameters.parameter import (
 from horizon_sensor_ros.ros.parameters.target import TARGET_PARAMETERS
 
 _REGISTRATION_FIELDS = {
+    "range_bias_sigma": "range_bias_sigma_m",
     "min_points": "min_points",
     "min_score": "min_score",
     "min_overlap": "min_overlap",
