@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
+from horizon_sensor_ros.core.craft_fixed import CraftFixed
 from horizon_sensor_ros.core.doubts import Doubts
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
@@ -54,6 +55,7 @@ class HorizonSensor:
         self._track: Track | None = None
         self._nadir_rate = NadirRate()
         self._doubts = Doubts()
+        self._craft_fixed = CraftFixed()
         self._images = RepeatedImages()
         self._timed_by, self._time_s = "", 0.0  # the last fix's, its time after that of its set
 
@@ -62,6 +64,7 @@ class HorizonSensor:
         self._track = None
         self._nadir_rate.reset()
         self._doubts.reset()
+        self._craft_fixed.reset()
         self._images.reset()
         self._timed_by, self._time_s = "", 0.0
 
@@ -78,7 +81,8 @@ class HorizonSensor:
         known where the rate is, and else measured.
         A camera whose frame shows no trustworthy limb, or that is frozen (`RepeatedImages`), is
         left out and the others decide; its entry in `limbs` says why. One that contradicted the
-        others before is not believed alone (`Doubts`). Raises ValueError for no frames at all, or
+        others before is not believed alone (`Doubts`), nor one whose limb does not move when the
+        craft turns (`CraftFixed`). Raises ValueError for no frames at all, or
         an image that is not (H, W) uint8 or uint16; a frame of another size than its camera's is
         refused with status BAD_IMAGE.
         """
@@ -92,9 +96,13 @@ class HorizonSensor:
             fix = self._processed(frames, frames, aiding)
         doubt = self._doubts.against(fix, followed=fix.predicted is not None)
         if doubt:
-            views, self._track = fix.views, None
-            fix = self._estimator.refused(Status.CAMERAS_DISAGREE, doubt, fix.fit, fix.limbs)
-            fix = replace(fix, views=views)
+            fix = self._not_believed(fix, Status.CAMERAS_DISAGREE, doubt)
+        still = self._craft_fixed.against(fix, aiding)
+        if still and len(fix.cameras_used) + len(fix.cameras_spared) > 1:
+            # No part of the craft looks like one horizon to several cameras.
+            fix = _told_besides(fix, still)
+        elif still:
+            fix = self._not_believed(fix, Status.POOR_FIT, still)
         since_last_s = aiding.since_last_s
         if since_last_s is not None:
             # From fix to fix, each at the time of its own first camera.
@@ -102,6 +110,14 @@ class HorizonSensor:
         known = since_last_s is not None and since_last_s > 0.0
         self._nadir_rate.add(fix.fit, since_last_s if known else None)
         return fix
+
+    def _not_believed(self, fix: HorizonFix, status: Status, reason: str) -> HorizonFix:
+        """No fix, where there is one that frames before speak against; what it is of is not
+        followed.
+        """
+        self._track = None
+        refused = self._estimator.refused(status, reason, fix.fit, fix.limbs)
+        return replace(refused, views=fix.views)
 
     def _brought_together(self, frames: Sequence[Frame], aiding: Aiding) -> HorizonFix:
         """Fix of frames that are not of one moment, at that of the first camera that is in it."""
