@@ -19,7 +19,7 @@ from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 _FARTHEST, _LEAST_STEP_RAD = 3.0, 1e-9
 
 
-class Step(NamedTuple):
+class ConeStep(NamedTuple):
     """How the limb's cone came to where it is.
 
     nadir_base (3,), rho_rad : in the set before. since_s : from that set on; None: not known.
@@ -52,7 +52,7 @@ class Track:
     layer_rad: float
     airglow: bool
     outside: Mapping[str, int]
-    step: Step | None = None
+    step: ConeStep | None = None
     age: int = 0
 
     @classmethod
@@ -89,7 +89,7 @@ class Track:
         """
         if before is None or before.cameras != self.cameras:
             return self
-        return replace(self, step=Step(before.nadir_base, before.rho_rad, since_s))
+        return replace(self, step=ConeStep(before.nadir_base, before.rho_rad, since_s))
 
     def continued(
         self,
@@ -106,7 +106,7 @@ class Track:
             self,
             nadir_base=fit.disc.nadir,
             rho_rad=fit.disc.rho_rad,
-            step=Step(self.nadir_base, self.rho_rad, since_s),
+            step=ConeStep(self.nadir_base, self.rho_rad, since_s),
             state=self.state.with_looks(frames, detection),
             age=self.age + 1,
         )
