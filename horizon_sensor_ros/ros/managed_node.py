@@ -17,7 +17,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter as RosParameter
 
 from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
-from horizon_sensor_ros.ros.parameters.unknown import unknown_parameters
+from horizon_sensor_ros.ros.parameters.unknown import ignored_parameters
 from horizon_sensor_ros.ros.qos import check_overrides
 from horizon_sensor_ros.ros.yaml_file import shown
 
@@ -201,8 +201,8 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
         }
         for name in given:
             self.undeclare_parameter(name)
-        for name in unknown_parameters(given, self.parameters_of(given)):
-            self.get_logger().warning(f"unknown parameter {name} is ignored")
+        for ignored in ignored_parameters(given, self.parameters_of(given)):
+            self.get_logger().warning(ignored)
         self.qos_overrides = {n: v for n, v in given.items() if n.startswith("qos_overrides.")}
         check_overrides(self.qos_overrides)
         settings = self.settings_of(given)

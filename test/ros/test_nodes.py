@@ -425,8 +425,9 @@ def test_whole_numbers_and_unknown_parameters(
     assert code == 0, errors
     lines = errors.splitlines()
     assert len(lines) == 2, errors
-    for name in ("planet_raduis", "camera1.gamma"):
-        assert any(f"unknown parameter {name} is ignored" in line for line in lines), errors
+    for name, meant in (("planet_raduis", "planet_radius"), ("camera1.gamma", "camera_1.gamma")):
+        told = f"unknown parameter {name} is ignored; did you mean {meant}?"
+        assert any(told in line for line in lines), errors
 
 
 def test_the_nodes_of_a_process_are_a_parameter_that_all_know(

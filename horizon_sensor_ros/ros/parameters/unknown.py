@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -30,11 +31,30 @@ def unknown_parameters(values: Mapping[str, Any], own: Sequence[Parameter]) -> l
     own : all parameters of the node that is given the values. Where it uses cameras, what is for
     none of them is unknown: a camera's name was misspelt.
     """
-    parameters = (*own, *horizon_parameters(values), *TARGET_PARAMETERS, NODES_PARAMETER)
-    known = {p.name for p in parameters} | _OF_DEFAULT_CAMERAS
+    known = _known(values, own) | _OF_DEFAULT_CAMERAS
     others = () if CAMERAS in own else _OF_SOME_CAMERA
     return [
         name
         for name in values
         if name not in known and not name.endswith(others) and not _OF_RCLPY.fullmatch(name)
     ]
+
+
+def ignored_parameters(values: Mapping[str, Any], own: Sequence[Parameter]) -> list[str]:
+    """What is to be said of each of `unknown_parameters`: that it is ignored, and what may have
+    been meant.
+    """
+    known = _known(values, own)
+    told = []
+    for name in unknown_parameters(values, own):
+        near = difflib.get_close_matches(name, known, n=1, cutoff=0.8)
+        told.append(
+            f"unknown parameter {name} is ignored" + (f"; did you mean {near[0]}?" if near else "")
+        )
+    return told
+
+
+def _known(values: Mapping[str, Any], own: Sequence[Parameter]) -> set[str]:
+    """Names of all nodes' parameters, of cameras those that are used."""
+    parameters = (*own, *horizon_parameters(values), *TARGET_PARAMETERS, NODES_PARAMETER)
+    return {p.name for p in parameters}

@@ -34,7 +34,7 @@ from horizon_sensor_ros.ros.parameters.horizon_settings import (
 from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
 from horizon_sensor_ros.ros.parameters.target import target_parameters
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings, target_settings
-from horizon_sensor_ros.ros.parameters.unknown import unknown_parameters
+from horizon_sensor_ros.ros.parameters.unknown import ignored_parameters
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TargetPipeline
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.input_bag import (
@@ -223,13 +223,13 @@ def _read_values(params: Path | None, namespace: str) -> dict[str, dict[str, Any
     except ValueError as error:
         raise ParameterError(f"{params}: {error}") from None
     values = {node: read_parameter_file(params, node, namespace) for node in nodes}
-    unknown = [
-        name
+    ignored = [
+        each
         for node, given in values.items()
-        for name in unknown_parameters(given, _parameters_of(node, given))
+        for each in ignored_parameters(given, _parameters_of(node, given))
     ]
-    for name in dict.fromkeys(unknown):
-        print(f"unknown parameter {name} is ignored ({params})", file=sys.stderr)
+    for each in dict.fromkeys(ignored):
+        print(f"{each} ({params})", file=sys.stderr)
     for section, node in misspelt_sections(params, NODES):
         print(f"section {section} is for no node: {node}? ({params})", file=sys.stderr)
     return values
