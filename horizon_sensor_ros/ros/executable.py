@@ -12,6 +12,8 @@ import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from itertools import pairwise
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -121,6 +123,9 @@ def run(names: Sequence[str] = ()) -> int:
         if type(error).__name__ == "UnknownROSArgsError":
             # rclpy, whose class has no public name, says no more than what it was given.
             words = f"unknown ROS argument {words.strip('[]')}"
+        elif "params file" in words or "was given an empty list" in words:
+            # Neither rcl nor rclpy says which value it is.
+            words = _why_refused(sys.argv) or words
         print(f"{program}: {words}", file=sys.stderr)
         return 1
     finally:
@@ -173,6 +178,14 @@ def _refuse_empty_lists(arguments: Sequence[str]) -> None:
         if found and value.replace(" ", "") == "[]":
             own = name.rpartition(":")[2]
             raise ValueError(f"{own} was given an empty list: name its values or leave it out")
+
+
+def _why_refused(arguments: Sequence[str]) -> str:
+    """What is wrong with the parameter files of a command line; empty where that is not seen."""
+    why_refused = _load("horizon_sensor_ros.ros.parameters.file:why_refused")
+    given = pairwise(arguments)
+    files = [Path(value) for option, value in given if option == "--params-file"]
+    return next(filter(None, map(why_refused, files)), "")
 
 
 def _renames_all() -> bool:

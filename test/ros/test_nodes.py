@@ -364,6 +364,31 @@ def test_an_empty_list_does_not_leave_what_the_file_has(
     assert errors.startswith("attitude_node: cameras was given an empty list: name its values")
 
 
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (None, "cannot be read: No such file"),
+        ("camera_1: {rotation: [0, 0.5, 0, 1]}", "camera_1.rotation (of /**) mixes whole numbers"),
+        ("cameras: [camera_1, 2]", "cameras (of /**) mixes values of several kinds"),
+        ("cameras: []", "cameras (of /**) is an empty list: name its values"),
+        ("cameras: [camera_1", "is not valid YAML"),
+    ],
+)
+def test_what_is_wrong_with_a_parameter_file_is_said(
+    start: Callable[..., Program], tmp_path: Path, content: str | None, words: str
+) -> None:
+    path = tmp_path / "mine.yaml"
+    if content is not None:
+        path.write_text(f"/**:\n  ros__parameters:\n    {content}\n")
+    code, errors = start("attitude_node", "--params-file", str(path)).wait()
+    assert code == 1
+    # Before it rcl may say in a line of its own that something is wrong.
+    *before, last = errors.splitlines()
+    assert last.startswith(f"attitude_node: {path}")
+    assert words in last
+    assert all("[rcl]" in line for line in before), errors
+
+
 def test_an_argument_that_ros_does_not_know_is_said(start: Callable[..., Program]) -> None:
     code, errors = start("attitude_node", "--bad").wait()
     assert code == 1

@@ -35,6 +35,31 @@ def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str
     return values
 
 
+def why_refused(path: Path) -> str:
+    """Why ROS does not take a parameter file, for a person; empty where nothing is seen to be wrong
+    with it.
+    """
+    try:
+        content = read_yaml(path, aliases=False)
+    except YamlFileError as error:
+        return f"{path} {error}"
+    for pattern, parameters in _node_entries(content, ""):
+        for name, value in _flat(parameters, ""):
+            if not isinstance(value, list):
+                continue
+            kinds = {type(each) for each in value}
+            if kinds == {int, float}:
+                what = "mixes whole numbers and decimals: write 0.0 for 0"
+            elif len(kinds) > 1:
+                what = "mixes values of several kinds"
+            elif not value:
+                what = "is an empty list: name its values or leave it out"
+            else:
+                continue
+            return f"{path}: {name} (of {pattern}) {what}"
+    return ""
+
+
 def misspelt_sections(path: Path, nodes: Sequence[str]) -> list[tuple[str, str]]:
     """Sections of a ROS parameter file, a valid one, whose node's name is nearly one of these
     nodes', and that name: other nodes' sections are none of our business.
