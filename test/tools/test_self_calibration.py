@@ -338,6 +338,60 @@ def test_too_few_frames_are_no_calibration(
     assert not out.exists()
 
 
+def test_what_is_told_of_mountings_is_what_is_to_be_found(
+    tmp_path: Path, flight: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Until they are calibrated `mounting_sigma` is set: the calibration is the same with it."""
+    content = yaml.safe_load(params.read_text())
+    content["/**"]["ros__parameters"] |= {"mounting_sigma": 0.005, "limb_height_sigma": 3e3}
+    uncertain = tmp_path / "uncertain.yaml"
+    uncertain.write_text(yaml.safe_dump(content))
+    told = []
+    for path in (params, uncertain):
+        assert run(flight, "--params", path) == 0
+        told.append([x for x in capsys.readouterr().out.splitlines() if x.startswith("camera_")])
+    assert told[0] == told[1]
+
+
+def test_a_topic_that_tells_nothing_is_named(
+    tmp_path: Path, flight: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # It is in the bag, and even read, but as something else.
+    told = refused(capsys, flight, "--params", params, "--reference", "camera_1/image_raw")
+    assert "lacks:\n  /camera_1/image_raw (" in told
+    late = stamped(Vector3Stamped(), START_NS + 10**13, "base_link")
+    late.vector.z = 1.0
+    bag = write_bag(tmp_path / "bag", [*flight_messages()[:12], ("/other", START_NS, late)])
+    told = refused(capsys, bag, "--params", params, "--reference", "other")
+    assert "/other tells nothing within 2 s of any frame" in told
+    told = refused(capsys, flight, "--params", params, "--altitude", "500")
+    assert "is it in metres above the surface" in told
+
+
+def test_stamps_that_are_apart_are_said(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    messages = []
+    for topic, stamp, msg in flight_messages():
+        late = 50_000_000 if "camera_2" in topic else 0
+        if late:
+            stamped(msg, stamp + late, msg.header.frame_id)
+        messages.append((topic, stamp + late, msg))
+    bag = write_bag(tmp_path / "apart", messages)
+    told = refused(capsys, bag, "--params", params)
+    assert "stamps lie farther apart than slop" in told
+    assert "images without a partner within slop: " in told
+
+
+def test_what_the_sigmas_do_not_hold_is_said(
+    flight: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(flight, "--params", params) == 0
+    told = capsys.readouterr().out
+    assert "The planet was a sphere. The Earth is flattened" in told
+    assert "have no say, between" not in told
+
+
 def test_one_camera_needs_a_reference(
     tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,7 +8,7 @@ of the unknowns that the sets do not tell are left as they are and named (`obser
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -33,7 +33,11 @@ _AT_REST = 1e-2
 _TUKEY = 4.685
 # Sets that scatter more than this many times what their limbs claim have no mounting in common.
 _MAX_SCALE = 10.0
-# An unknown is observed, or not at all, when this share of it is.
+# A limb so many radii from where it is told to be is no limb of that planet.
+_HIGHEST = 0.05
+# Of a direction that is not observed, one sigma in its natural unit: what it may hold.
+_MAY_HOLD = 1.0
+# An unknown is not observed at all where no more than this share of it is.
 _NEARLY = 0.02
 
 
@@ -71,7 +75,7 @@ class Calibration:
     not_observed : sentences. rot_base_from_cam : corrected, by camera.
     sets, used : the frame sets that could tell something, and (T,) which of them had a say.
     nadir_base (T, 3), rho_rad (T,) : of those sets, fitted. scatter : of the sets' residuals, over
-    what their limbs claim. half_time_s : half the recording's length.
+    what their limbs claim. half_time_s : half the recording's length. max_sigma : as configured.
     When status is not OK there is no result, and `reason` says why.
     """
 
@@ -89,6 +93,7 @@ class Calibration:
     rho_rad: np.ndarray = field(default_factory=lambda: np.empty(0))
     scatter: float = np.nan
     half_time_s: float = 0.0
+    max_sigma: float = np.nan
 
     @property
     def ok(self) -> bool:
@@ -97,14 +102,28 @@ class Calibration:
 
     @property
     def sigmas(self) -> np.ndarray:
-        """(P,) one sigma of each unknown's observed part; NaN where nothing of it is observed."""
-        out = np.sqrt(np.maximum(np.diag(self.cov), 0.0))
+        """(P,) one sigma of each unknown: of one that is observed with what its little rest may
+        hold, of one that partly is of that part; NaN where nothing of it is observed.
+        """
+        variance = np.maximum(np.diag(self.cov), 0.0)
+        whole = [self.observed(i) == "yes" for i in range(len(self.unknowns))]
+        out = np.sqrt(variance + np.where(whole, self._hidden_sigmas**2, 0.0))
         return np.where(self.observed_share > _NEARLY, out, np.nan)
 
     def observed(self, index: int) -> str:
-        """Return "yes", "partly" or "no" for one unknown."""
-        share = self.observed_share[index]
-        return "yes" if share > 1.0 - _NEARLY else "no" if share < _NEARLY else "partly"
+        """Return "yes", "partly" or "no" for one unknown: yes where what is not observed of it may
+        hold no more than `CalibrationConfig.max_sigma`.
+        """
+        if self.observed_share[index] < _NEARLY:
+            return "no"
+        most = self.max_sigma * self.unknowns.scales[index]
+        return "yes" if self._hidden_sigmas[index] < most else "partly"
+
+    @property
+    def _hidden_sigmas(self) -> np.ndarray:
+        """(P,) what directions that are not observed may hold of each unknown."""
+        rest = np.maximum(1.0 - self.observed_share, 0.0)
+        return _MAY_HOLD * self.unknowns.scales * np.sqrt(rest)
 
 
 def calibrate(
@@ -133,10 +152,21 @@ def calibrate(
             f"with a reference), {MIN_SETS} needed"
         )
         return _none(Status.TOO_FEW_POINTS, reason, unknowns, nominal, telling)
-    adjustment = _Adjustment(Model(telling, planet, unknowns), nominal, config)
+    model = Model(telling, planet, unknowns)
+    adjustment = _Adjustment(model, nominal, config)
+    # With fewer directions that move, other sets may have no say, and what is left be less sure.
+    while (known := adjustment.known) is not None:
+        adjustment = _Adjustment(model, nominal, config, known)
+    if abs(adjustment.limb_height_m) > _HIGHEST * planet.mean_radius_m:
+        reason = (
+            f"the altitude that was given puts the limb {adjustment.limb_height_m / 1e3:+.0f} km "
+            "from where it is told to be: is it in metres above the surface, and of this recording?"
+        )
+        return _none(Status.ALTITUDE_OUT_OF_RANGE, reason, unknowns, nominal, telling)
     if adjustment.scale > _MAX_SCALE:
         reason = f"the frame sets scatter {adjustment.scale:.0f} times as much as their limbs claim"
-        return _none(Status.POOR_FIT, reason, unknowns, nominal, telling)
+        none = _none(Status.POOR_FIT, reason, unknowns, nominal, telling)
+        return replace(none, scatter=adjustment.scale)
     opposite = adjustment.opposite()
     if opposite:
         reason = (
@@ -178,13 +208,20 @@ def _none(
 class _Adjustment:
     """The iteration to its end.
 
+    within : (F, K) orthonormal directions, of the free unknowns in natural units, outside of which
+    nothing moves; by default all that the limbs' noise would tell.
     scale : of the sets' residuals, over the claimed. last_step2 : squared length of the last step,
     in sigmas.
     """
 
     def __init__(
-        self, model: Model, nominal: Mapping[str, np.ndarray], config: CalibrationConfig
+        self,
+        model: Model,
+        nominal: Mapping[str, np.ndarray],
+        config: CalibrationConfig,
+        within: np.ndarray | None = None,
     ) -> None:
+        self._within = within
         self._model = model
         self._config = config
         self._units = model.unknowns.scales
@@ -203,6 +240,24 @@ class _Adjustment:
         self._state = state
         self._equations, self._weight = equations, weight
 
+    @property
+    def limb_height_m(self) -> float:
+        """To be added to what is told."""
+        return float(self._state.common[self._model.unknowns.where("limb_height")[0]])
+
+    @property
+    def known(self) -> np.ndarray | None:
+        """Those of its directions (F, K) that are known well enough with all that their sigmas
+        hold; None where these are all of them.
+        """
+        information, _ = self._information(self._equations, self._weight)
+        values, seen, _ = self._directions(information[np.ix_(self._free, self._free)])
+        if len(values) == 0:
+            return None
+        variances, vectors = np.linalg.eigh(self._covariance_within(values, seen))
+        known = variances <= self._config.max_sigma**2
+        return None if known.all() else seen @ vectors[:, known]
+
     def opposite(self) -> list[str]:
         """Cameras in whose frames nadir comes out opposite to where they measured it: in residuals
         across it that is the same.
@@ -216,10 +271,16 @@ class _Adjustment:
                     found.add(horizon.camera)
         return sorted(found)
 
+    @property
+    def held(self) -> str:
+        """The first camera that saw a horizon: without a reference it holds still."""
+        seen = {h.camera for s in self._model.sets for h in s.horizons}
+        return next(c for c in self._model.unknowns.cameras if c in seen)
+
     def _free_unknowns(self) -> np.ndarray:
-        """Indices of what may move: without a reference the first camera holds still."""
+        """Indices of what may move."""
         unknowns, sets = self._model.unknowns, self._model.sets
-        held = unknowns.cameras[:1] if all(s.reference is None for s in sets) else ()
+        held = (self.held,) if all(s.reference is None for s in sets) else ()
         return np.array(
             [
                 i
@@ -227,6 +288,13 @@ class _Adjustment:
                 if not (unknown.camera in held and unknown.kind in ("rotation", "drift"))
             ]
         )
+
+    def _open_directions(self, information: np.ndarray) -> np.ndarray:
+        """(P, P - K) of all unknowns, in natural units, that are not observed."""
+        if self._within is None:
+            return self._directions(information)[2]
+        # As many as may move are observed, and these are the surest ones.
+        return np.linalg.eigh(information)[1][:, : len(information) - self._within.shape[1]]
 
     def _information(
         self, equations: Sequence[SetEquations], weight: np.ndarray
@@ -252,8 +320,12 @@ class _Adjustment:
         return step, float(along @ (values * along))
 
     def _directions(self, information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        # Sets that share their errors count as one.
-        return split_directions(information, self._config.max_sigma / np.sqrt(self._alike))
+        """Eigenvalues and directions of the free unknowns that are observed, and the others."""
+        if self._within is None:
+            # Sets that share their errors count as one.
+            return split_directions(information, self._config.max_sigma / np.sqrt(self._alike))
+        values, vectors = np.linalg.eigh(self._within.T @ information @ self._within)
+        return values, self._within @ vectors, _complement(self._within)
 
     def result(self, sets: tuple[FrameSet, ...], nominal: Mapping[str, np.ndarray]) -> Calibration:
         """Return what was found."""
@@ -263,7 +335,7 @@ class _Adjustment:
         if len(values) == 0:
             reason = "the frame sets tell nothing of how the cameras are mounted"
             return _none(Status.ILL_CONDITIONED, reason, unknowns, nominal, sets)
-        open_directions = self._directions(information)[2]
+        open_directions = self._open_directions(information)
         found = state.common.copy()
         for camera, rot in state.rot_base_from_cam.items():
             turned = vector_from_rotation(rot @ nominal[camera].T)
@@ -281,7 +353,9 @@ class _Adjustment:
                 unknowns,
                 open_directions,
                 state.nadir_base,
+                held=self.held,
                 has_altitude=any(s.altitude is not None for s in sets),
+                has_reference=any(s.reference is not None for s in sets),
             ),
             rot_base_from_cam=dict(state.rot_base_from_cam),
             sets=sets,
@@ -290,19 +364,27 @@ class _Adjustment:
             rho_rad=state.rho_rad,
             scatter=self.scale,
             half_time_s=self._model.half_time_s,
+            max_sigma=self._config.max_sigma,
         )
 
     def _covariance(self, values: np.ndarray, seen: np.ndarray) -> np.ndarray:
-        """(P, P) of the observed part, in the unknowns' own units.
+        """(P, P) of the observed part, in the unknowns' own units."""
+        whole = self._covariance_within(values, seen)
+        out = np.zeros((len(self._units),) * 2)
+        out[np.ix_(self._free, self._free)] = seen @ whole @ seen.T
+        return out * np.outer(self._units, self._units)
+
+    def _covariance_within(self, values: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        """(K, K) along what is observed, in natural units.
 
         The errors that limbs claim, propagated: those new in each frame; those that sets close
-        in time share; and the part of these that never changes. Enlarged where the sets' residuals
-        say so: by their scatter and its correlation from set to set (Newey & West 1987), pooled
-        over what is observed.
+        in time share; and all that never changes, of these and of what is told. Enlarged where the
+        sets' residuals say so: by their scatter and its correlation from set to set (Newey & West
+        1987), pooled over what is observed.
         """
         size = len(self._free)
         claimed = np.zeros((size, size))
-        steady = np.zeros((size, 3 * len(self._model.unknowns.cameras)))
+        steady = np.zeros((size, self._equations[0].steady.shape[1]))
         scores = []
         for each, w in zip(self._equations, self._weight, strict=True):
             design = w * (each.design * self._units)[:, self._free]
@@ -315,10 +397,12 @@ class _Adjustment:
         always = gain @ steady
         shown = gain @ _long_run(np.array(scores)) @ gain.T
         factor = max(1.0, float(np.trace(np.linalg.solve(cov, shown))) / len(values))
-        out = np.zeros((len(self._units),) * 2)
-        whole = factor * cov + always @ always.T
-        out[np.ix_(self._free, self._free)] = seen @ whole @ seen.T
-        return out * np.outer(self._units, self._units)
+        return np.asarray(factor * cov + always @ always.T)
+
+
+def _complement(directions: np.ndarray) -> np.ndarray:
+    """(F, F - K) orthonormal, across (F, K) orthonormal directions."""
+    return np.linalg.svd(directions)[0][:, directions.shape[1] :]
 
 
 def _weights(equations: Sequence[SetEquations]) -> tuple[np.ndarray, float]:

@@ -9,11 +9,13 @@ import numpy as np
 from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.covariance.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_fix import HorizonFix
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.planet_figure import MeanSphere
 
 _FOCAL_STEP = 1e-3
 # Errors of a few hundredths of a pixel are the ground's texture, which changes as it passes; larger
@@ -30,7 +32,9 @@ class CameraHorizon:
     cov_noise, cov_shared : (3, 3) covariance of nadir's two components along
     ``tangent_basis(nadir_cam)`` and of rho, rad^2: of the errors that are new in each frame, and of
     those that frames shortly after each other have in common (air, clouds at the limb).
-    steady_share : share of one sigma of the shared errors that stays the same all along.
+    steady_share : share of one sigma of the shared errors that stays the same all along. cov_steady
+    : of errors that do so whole: of the lens, as it is told, and of an ellipsoid of which nobody
+    knows how it lies.
     focal_slope : (3,) derivative of the same three by the relative error of the focal length.
     Raises ValueError where nadir or rho are not finite, or the covariance is none.
     """
@@ -41,6 +45,7 @@ class CameraHorizon:
     cov_noise: np.ndarray
     cov_shared: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
     steady_share: float = 0.0
+    cov_steady: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
     focal_slope: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
@@ -55,7 +60,9 @@ class CameraHorizon:
 
 @dataclass(frozen=True, eq=False)
 class NadirReference:
-    """Nadir (3,) in the base frame from another instrument, with its sigma in any direction."""
+    """Nadir (3,) in the base frame from another instrument, with its sigma in any direction: of an
+    error that may be the same all along.
+    """
 
     nadir_base: np.ndarray
     sigma_rad: float
@@ -63,7 +70,9 @@ class NadirReference:
 
 @dataclass(frozen=True, eq=False)
 class FrameSet:
-    """What is known of one moment: the cameras' horizons, altitude and attitude where given."""
+    """What is known of one moment: the cameras' horizons, altitude and attitude where given. The
+    error of an altitude, too, may be the same all along.
+    """
 
     time_s: float
     horizons: tuple[CameraHorizon, ...]
@@ -78,19 +87,26 @@ class FrameSet:
 
 
 def camera_horizon(
-    view: CameraView, fix: HorizonFix, sphere: Planet, *, focal: bool = False
+    view: CameraView,
+    fix: HorizonFix,
+    sphere: Planet,
+    *,
+    focal: bool = False,
+    lens_sigma_px: float = 0.0,
 ) -> CameraHorizon | None:
     """Horizon of one camera from a fix that was made of its frame alone; None without a fix.
 
     view : of that frame; sphere : the planet that was fitted. With `focal` the limb points are
-    fitted twice more, for the derivative by the focal length.
+    fitted twice more, for the derivative by the focal length. lens_sigma_px : as of
+    `with_calibration_error`; the fix is one without it.
     """
     if not fix.ok or fix.airglow_alone:
         return None
     limb = fix.limbs[0]
     optical = CameraView(view.name, view.camera, np.eye(3))
     initial = (view.rot_base_from_cam.T @ fix.fit.nadir_base, fix.fit.rho_rad)
-    alone = fit_maximum_likelihood([LimbObservation(optical, limb)], sphere, initial)
+    seen = [LimbObservation(optical, limb)]
+    alone = fit_maximum_likelihood(seen, sphere, initial)
     if not alone.ok:
         return None
     cov = _cov_nadir_rho(fix.fit, initial[0], view.rot_base_from_cam, sphere)
@@ -106,10 +122,23 @@ def camera_horizon(
                 return None
             change = np.append(moved.nadir_base @ basis, moved.rho_rad)
             slope += sign / (2.0 * _FOCAL_STEP) * change
+    exact = replace(alone, cov_nadir_altitude=np.zeros((4, 4)))
+    of_lens = with_calibration_error(exact, seen, sphere, lens_sigma_px=lens_sigma_px)
+    steady_cov = _cov_nadir_rho(of_lens, initial[0], np.eye(3), sphere)
+    figure = fix.fit.disc.figure if fix.fit.disc is not None else None
+    if isinstance(figure, MeanSphere):
+        # How the ellipsoid lies changes along the orbit, within many minutes.
+        unknown = figure.covariance(alone, seen)
+        of_figure = replace(alone, cov_nadir_altitude=unknown)
+        of_figure_cov = _cov_nadir_rho(of_figure, initial[0], np.eye(3), sphere)
+        steady_cov = steady_cov + of_figure_cov
+        cov = cov - of_figure_cov
     shared = _positive_part(cov - noise)
     coherent_px = limb.shared.coherent_px
     steady = _MOST_STEADY * coherent_px / (coherent_px + _STEADY_FROM_PX)
-    return CameraHorizon(view.name, initial[0], fix.fit.rho_rad, noise, shared, steady, slope)
+    return CameraHorizon(
+        view.name, initial[0], fix.fit.rho_rad, noise, shared, steady, steady_cov, slope
+    )
 
 
 def _cov_nadir_rho(

@@ -25,6 +25,10 @@ from horizon_sensor_ros.core.self_calibration.measurement import (
 )
 from horizon_sensor_ros.core.self_calibration.unknowns import Unknowns
 
+# Columns of `_Rows.steady` at its end, of what is not a camera's.
+_OF_OTHERS = 4
+_OF_ALTITUDE, _OF_REFERENCE = -4, slice(-3, None)
+
 
 @dataclass(frozen=True, eq=False)
 class State:
@@ -45,7 +49,7 @@ class _Rows(NamedTuple):
     """Whitened equations: residual (R,), its derivatives by nuisances (R, 3) and unknowns (R, P).
 
     shared (R, 3 C) : what one sigma of the errors that frames share makes of each camera; steady
-    (R, 3 C) : what of that never changes.
+    (R, S) : of all that never changes.
     """
 
     residual: np.ndarray
@@ -62,8 +66,9 @@ class SetEquations:
     design : (R, P), residual : (R,) to be matched by ``design @ step``; both are what is left of
     them outside the nuisances' columns. shared : (R, 3 C), a camera's three columns being the
     square root of the covariance of those of its errors that frames share, along axes fixed to it;
-    the rest of the unit covariance is new in each set. steady : (R, 3 C) the part of it that never
-    changes. freedom : R less three.
+    the rest of the unit covariance is new in each set. steady : (R, S) one sigma each of what never
+    changes: six a camera (a part of what frames share, and what is told of lens and figure), the
+    altitude's error, and three of the reference's. freedom : R less three.
     back : (3,) and back_design : (3, P) give the nuisances' step ``back - back_design @ step``.
     """
 
@@ -180,24 +185,33 @@ class Model:
         nuisance = np.zeros((3, 3))
         nuisance[:2, :2] = measured.T @ to_cam @ basis
         nuisance[2, 2] = 1.0
-        whiten, shared = self._whitened[index, camera]
-        steady = horizon.steady_share * shared
+        whiten, shared, steady = self._whitened[index, camera]
         return _Rows(whiten @ residual, whiten @ nuisance, whiten @ common, shared, steady)
 
-    def _whitening(self, horizon: CameraHorizon) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix (3, 3) that whitens a horizon's residual, and whitened `_Rows.shared` (3, 3 C)."""
-        whiten = np.linalg.inv(np.linalg.cholesky(horizon.cov_noise + horizon.cov_shared))
-        shared = np.zeros((3, 3 * len(self.unknowns.cameras)))
+    def _whitening(self, horizon: CameraHorizon) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Matrix (3, 3) that whitens a horizon's residual, and whitened `_Rows.shared` and `steady`
+        (3, 3 C) and (3, S).
+        """
+        cov = horizon.cov_noise + horizon.cov_shared + horizon.cov_steady
+        whiten = np.linalg.inv(np.linalg.cholesky(cov))
+        shared, steady = self._none_shared(3)
         at = 3 * self.unknowns.cameras.index(horizon.camera)
-        shared[:, at : at + 3] = whiten @ _square_root(horizon)
-        return whiten, shared
+        root = whiten @ _square_root(horizon.cov_shared, horizon.nadir_cam)
+        shared[:, at : at + 3] = root
+        steady[:, 2 * at : 2 * at + 3] = horizon.steady_share * root
+        told = whiten @ _square_root(horizon.cov_steady, horizon.nadir_cam)
+        steady[:, 2 * at + 3 : 2 * at + 6] = told
+        return whiten, shared, steady
 
     def _reference_rows(
         self, nadir: np.ndarray, basis: np.ndarray, reference: NadirReference
     ) -> _Rows:
         across = tangent_basis(reference.nadir_base).T / reference.sigma_rad
         nuisance = np.column_stack((across @ basis, np.zeros(2)))
-        return self._without_shared(-across @ nadir, nuisance, np.zeros((2, len(self.unknowns))))
+        shared, steady = self._none_shared(2)
+        steady[:, _OF_REFERENCE] = -reference.sigma_rad * across @ skew(nadir)
+        common = np.zeros((2, len(self.unknowns)))
+        return _Rows(-across @ nadir, nuisance, common, shared, steady)
 
     def _altitude_row(self, state: State, rho: float, altitude: AltitudeMeasurement) -> _Rows:
         planet = self._planet
@@ -206,30 +220,33 @@ class Model:
         slope = planet.altitude_slope(rho) * limb_radius / planet.limb_radius_m
         common = np.zeros((1, len(self.unknowns)))
         common[0, self._limb_height] = 1.0 / np.sin(rho) / altitude.sigma_m
-        return self._without_shared(
+        shared, steady = self._none_shared(1)
+        steady[0, _OF_ALTITUDE] = 1.0
+        return _Rows(
             np.array([(altitude.altitude_m - predicted) / altitude.sigma_m]),
             np.array([[0.0, 0.0, slope / altitude.sigma_m]]),
             common,
+            shared,
+            steady,
         )
 
-    def _without_shared(
-        self, residual: np.ndarray, nuisance: np.ndarray, common: np.ndarray
-    ) -> _Rows:
-        shared = np.zeros((len(residual), 3 * len(self.unknowns.cameras)))
-        return _Rows(residual, nuisance, common, shared, shared)
+    def _none_shared(self, rows: int) -> tuple[np.ndarray, np.ndarray]:
+        """`_Rows.shared` and `steady` of so many rows that nothing is known of."""
+        cameras = len(self.unknowns.cameras)
+        return np.zeros((rows, 3 * cameras)), np.zeros((rows, 6 * cameras + _OF_OTHERS))
 
 
-def _square_root(horizon: CameraHorizon) -> np.ndarray:
-    """Root (3, 3) of `cov_shared`; columns: sideways, towards the camera's axis, rho.
+def _square_root(cov: np.ndarray, nadir: np.ndarray) -> np.ndarray:
+    """Root (3, 3) of a covariance; columns: sideways, towards the camera's axis, rho.
 
-    Rows are along ``tangent_basis(nadir_cam)``, which is not fixed to the camera, and rho.
+    Rows are along ``tangent_basis(nadir)``, which is not fixed to the camera, and rho. nadir : (3,)
+    in the optical frame.
     """
-    nadir = horizon.nadir_cam
     forward = np.array([0.0, 0.0, 1.0]) - nadir[2] * nadir
     if np.linalg.norm(forward) < 1e-6:  # it looks straight down: any direction will do
         forward = np.array([0.0, 1.0, 0.0])
     forward /= np.linalg.norm(forward)
     turn = np.eye(3)
     turn[:2, :2] = tangent_basis(nadir).T @ np.column_stack((np.cross(nadir, forward), forward))
-    values, vectors = np.linalg.eigh(turn.T @ horizon.cov_shared @ turn)
+    values, vectors = np.linalg.eigh(turn.T @ cov @ turn)
     return turn @ (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T

@@ -28,16 +28,24 @@ def split_directions(
 
 
 def unobserved_in_words(
-    unknowns: Unknowns, unobserved: np.ndarray, nadirs_base: np.ndarray, *, has_altitude: bool
+    unknowns: Unknowns,
+    unobserved: np.ndarray,
+    nadirs_base: np.ndarray,
+    *,
+    held: str,
+    has_altitude: bool,
+    has_reference: bool,
 ) -> tuple[str, ...]:
     """Name what is not observed, a sentence each.
 
     unobserved : (P, K) orthonormal directions of all unknowns in natural units. nadirs_base :
-    (T, 3) of the frame sets. has_altitude : whether altitudes were given.
+    (T, 3) of the frame sets. held : the camera that is taken as it is where nothing tells of all
+    together. has_altitude, has_reference : whether these were given.
     """
     sentences: dict[str, None] = {}
     rest = unobserved
-    for sentence, motions in _motions(unknowns, nadirs_base, has_altitude=has_altitude):
+    given = {"has_altitude": has_altitude, "has_reference": has_reference}
+    for sentence, motions in _motions(unknowns, nadirs_base, held, **given):
         left = rest
         for motion in motions:
             shorter = _without(left, unobserved, motion / unknowns.scales)
@@ -68,7 +76,12 @@ def _without(rest: np.ndarray, unobserved: np.ndarray, motion: np.ndarray) -> np
 
 
 def _motions(
-    unknowns: Unknowns, nadirs_base: np.ndarray, *, has_altitude: bool
+    unknowns: Unknowns,
+    nadirs_base: np.ndarray,
+    held: str,
+    *,
+    has_altitude: bool,
+    has_reference: bool,
 ) -> Iterator[tuple[str, list[np.ndarray]]]:
     """Sentences, and what all must be unobserved for each to hold, the most common first."""
     cameras = unknowns.cameras
@@ -78,24 +91,26 @@ def _motions(
     # Adding zero makes of -0.00 a 0.00.
     about = "({:.2f}, {:.2f}, {:.2f})".format(*(np.round(middle, 2) + 0.0))
     why = f"nadir stayed within {spread:.1f} deg of it"
+    together = "how all cameras together sit in the base frame:"
     yield (
-        "how all cameras together sit in the base frame: the limb shows how they sit to each "
-        f"other; {cameras[0]} is taken as it is",
+        f"{together} the reference is not sure enough"
+        if has_reference
+        else f"{together} the limb shows how they sit to each other; {held} is taken as it is",
         [unknowns.vector("rotation", cameras, axis) for axis in np.eye(3)],
     )
     if unknowns.drift:
         yield (
-            f"a drift that all cameras share: {cameras[0]} is taken as steady",
+            f"a drift that all cameras share: {held} is taken as steady",
             [unknowns.vector("drift", cameras, axis) for axis in np.eye(3)],
         )
     height = unknowns.where("limb_height")
     yield (
-        "limb height: the angle between limb and nadir does not single it out"
+        "limb height: the altitude, or the angle between limb and nadir, is not sure enough"
         if has_altitude
         else "limb height: it needs the altitude from elsewhere",
         [_unit(len(unknowns), height[0])],
     )
-    for camera in (*cameras[1:], cameras[0]):
+    for camera in (*(c for c in cameras if c != held), held):
         yield (
             f"{camera} about base axis {about}, the vertical: {why}",
             [unknowns.vector("rotation", [camera], middle)],

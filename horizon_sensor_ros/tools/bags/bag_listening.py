@@ -38,8 +38,12 @@ def listen(path: Path, listeners: Sequence[Listener], stopped: Callable[[], bool
     try:
         takers = {c.id: _takers(c.topic, c.msgtype, listeners) for c in bag.connections}
         wanted = [c for c in bag.connections if takers[c.id]]
-        there = {connection.topic for connection in wanted}
-        missing = [each for each in listeners if each.needed and each.topic not in there]
+        there = {(connection.topic, connection.msgtype) for connection in wanted}
+        missing = [
+            each
+            for each in listeners
+            if each.needed and there.isdisjoint((each.topic, kind) for kind in each.types)
+        ]
         if missing:
             raise BagError(
                 _complaint(path, missing, [(c.topic, c.msgtype) for c in bag.connections])

@@ -14,11 +14,17 @@ from horizon_sensor_ros.tools.calibration.recording import read_recording
 from horizon_sensor_ros.tools.calibration.text import calibration_text, corrected_parameters
 
 _MAX_INTERVAL_S = 1e6
+# Above so much scatter no planet's figure is to blame.
+_BLUNDER = 100.0
+_WRONG_ROTATIONS = (
+    "; do the rotations belong to these cameras: topics swapped, the inverse of a rotation, "
+    "w before x, a picture upside down?"
+)
 _HINTS = {
-    Status.TOO_FEW_POINTS: "; record longer, with the limb in both frames",
     Status.POOR_FIT: "; over a flattened planet set planet: wgs84 and have coarse_pose in the bag, "
-    "for a misalignment that grows give --drift",
-    Status.ILL_CONDITIONED: "; let the craft roll and pitch while recording",
+    "for a misalignment that grows give --drift, and see that lenses and stamps are right",
+    Status.ILL_CONDITIONED: "; let the craft roll and pitch while recording, and where planet is "
+    "wgs84 have coarse_pose in the bag",
 }
 
 
@@ -41,8 +47,17 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
     calibration = calibrate(recording.sets, recording.rot_base_from_cam, recording.sphere, config)
     if not calibration.ok:
         hint = _HINTS.get(calibration.status, "")
-        raise BagError(f"no calibration: {calibration.reason}{hint}. {recording.summary}")
-    print(calibration_text(calibration, recording.rot_base_from_cam, recording.summary))
+        if calibration.status is Status.TOO_FEW_POINTS:
+            hint = f"; {recording.hint}"
+        elif calibration.scatter > _BLUNDER:
+            hint = _WRONG_ROTATIONS
+        told = f"no calibration: {calibration.reason}{hint}"
+        raise BagError(f"{told}{'' if told.endswith('?') else '.'} {recording.summary}")
+    print(
+        calibration_text(
+            calibration, recording.rot_base_from_cam, recording.planet, recording.summary
+        )
+    )
     written = []
     if arguments.out is not None:
         text = corrected_parameters(arguments.params, calibration, recording.sphere)

@@ -7,7 +7,8 @@ cameras do not sit as the parameters say.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -17,6 +18,7 @@ import numpy as np
 from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.planet_figure import mean_sphere
 from horizon_sensor_ros.core.self_calibration.measurement import (
     CameraHorizon,
     FrameSet,
@@ -48,12 +50,16 @@ _MAX_GAP_NS = 2_000_000_000
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a bag holds for self-calibration; summary says what was read, for a person."""
+    """What a bag holds for self-calibration; summary says what was read, for a person, and hint
+    what to do where that is too little.
+    """
 
     sets: tuple[FrameSet, ...]
     rot_base_from_cam: Mapping[str, np.ndarray]
+    planet: Planet
     sphere: Planet
     summary: str
+    hint: str
 
 
 class Horizons:
@@ -63,17 +69,24 @@ class Horizons:
         self._focal = focal
         self._interval = interval_ns
         self._next: int | None = None
-        planet = settings.sensor.planet
-        self.sphere = Planet(planet.mean_radius_m, planet.limb_height_m)
+        self.sphere = mean_sphere(settings.sensor.planet)
+        self._lens_sigma_px = settings.sensor.lens_sigma_px
+        # What is told of mountings is to be found, and what of lenses is the same in all frames.
+        sensor = replace(
+            settings.sensor, mounting_sigma_rad=0.0, lens_sigma_px=0.0, limb_height_sigma_m=0.0
+        )
         # An altitude that is known goes into the calibration, not into each camera's fit.
         unaided = replace(settings.aiding, pose_altitude_sigma_m=0.0, altitude_sigma_m=0.0)
         self._pairing: Pairing[Any] = Pairing(
             settings.cameras, settings.slop_ns, settings.queue_size
         )
         self._alone = {
-            camera.name: HorizonPipeline(replace(settings, each=(camera,), aiding=unaided))
+            camera.name: HorizonPipeline(
+                replace(settings, each=(camera,), aiding=unaided, sensor=sensor)
+            )
             for camera in settings.each
         }
+        self.unpaired = 0
         self.sets: list[tuple[int, tuple[CameraHorizon, ...]]] = []
 
     def on_coarse_pose(self, msg: Any) -> None:
@@ -95,7 +108,9 @@ class Horizons:
         stamp = stamp_ns(msg)
         if isinstance(stamp, Refusal):
             return
-        for members in self._pairing.push(camera, stamp, msg).sets:
+        paired = self._pairing.push(camera, stamp, msg)
+        self.unpaired += paired.unpaired
+        for members in paired.sets:
             first = members[0][0]
             if self._next is not None and 0 <= self._next - first < self._interval:
                 continue
@@ -107,7 +122,13 @@ class Horizons:
     def _horizon(self, camera: str, alone: HorizonPipeline, msg: Any) -> CameraHorizon | None:
         for result in alone.on_image(camera, msg).results:
             view = result.frames[0].view
-            return camera_horizon(view, result.fix, self.sphere, focal=self._focal)
+            return camera_horizon(
+                view,
+                result.fix,
+                self.sphere,
+                focal=self._focal,
+                lens_sigma_px=self._lens_sigma_px,
+            )
         return None
 
     def summary(self) -> str:
@@ -116,7 +137,23 @@ class Horizons:
         for camera, alone in self._alone.items():
             causes = "".join(f", {cause}: {n}" for cause, n in sorted(alone.rejected.items()))
             lines.append(f"{camera}: {alone.counts['fixes']} horizons{causes}")
+        if self.unpaired:
+            lines.append(f"images without a partner within slop: {self.unpaired}")
         return "; ".join(lines)
+
+    @property
+    def hint(self) -> str:
+        """What to do where too few sets tell something."""
+        causes = sum((alone.rejected for alone in self._alone.values()), Counter[str]())
+        common, times = causes.most_common(1)[0] if causes else ("", 0)
+        fixes = sum(alone.counts["fixes"] for alone in self._alone.values())
+        if self.unpaired > max(2 * len(self.sets), times):
+            return (
+                "the cameras' stamps lie farther apart than slop: raise it, or trigger them at once"
+            )
+        if times > fixes:
+            return f"most images were refused ({common}): doc/tuning.md says what each reason means"
+        return "record longer, with the limb in both frames"
 
 
 class _OtherInstruments:
@@ -129,7 +166,7 @@ class _OtherInstruments:
         sphere: Planet,
         names: TopicNames,
     ) -> None:
-        self.listeners: list[Listener] = []
+        self._topics: list[tuple[Listener, Series]] = []
         self._altitudes, self._nadirs = Series(_MAX_GAP_NS), Series(_MAX_GAP_NS)
         self._altitude_m = _number(arguments.altitude)
         self._altitude_sigma_m = arguments.altitude_sigma
@@ -141,13 +178,23 @@ class _OtherInstruments:
             topic = names(arguments.altitude)
             find = partial(altitude_of, planet=sphere)
             take = _into(self._altitudes, topic, lambda msg, _: find(msg))
-            self.listeners.append(Listener(topic, POSE_TYPES, take))
+            self._topics.append((Listener(topic, POSE_TYPES, take), self._altitudes))
         if arguments.reference is not None:
             topic = names(arguments.reference)
             base_frame = settings.pipeline.base_frame
             find_nadir = partial(nadir_of, level_z=settings.level_z, base_frame=base_frame)
             take = _into(self._nadirs, topic, find_nadir)
-            self.listeners.append(Listener(topic, NADIR_TYPES, take))
+            self._topics.append((Listener(topic, NADIR_TYPES, take), self._nadirs))
+        self.listeners = [listener for listener, _ in self._topics]
+
+    def require(self, stamps: Sequence[int]) -> None:
+        """BagError where a topic that was named tells nothing at any of the frames' stamps."""
+        for listener, series in self._topics:
+            if stamps and all(series.at(stamp) is None for stamp in stamps):
+                raise BagError(
+                    f"{listener.topic} tells nothing within {_MAX_GAP_NS * 1e-9:.0f} s of any "
+                    "frame: are its stamps by another clock?"
+                )
 
     def altitude_at(self, stamp: int) -> AltitudeMeasurement | None:
         """Altitude at a stamp (ns)."""
@@ -186,6 +233,7 @@ def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -
         ]
     listen(arguments.in_bag, listeners, stopped)
     found = sorted(horizons.sets, key=lambda each: each[0])
+    others.require([stamp for stamp, _ in found])
     start = found[0][0] if found else 0
     return Recording(
         tuple(
@@ -198,8 +246,10 @@ def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -
             camera: rotation_from_quaternion(np.array(quaternion))
             for camera, quaternion in zip(pipeline.cameras, pipeline.rotations, strict=True)
         },
+        pipeline.sensor.planet,
         horizons.sphere,
         horizons.summary(),
+        horizons.hint,
     )
 
 

@@ -17,12 +17,18 @@ from horizon_sensor_ros.core.self_calibration.differences import nadir_differenc
 
 _PARAMETERS = "ros__parameters"
 _BLUNDER_RAD = np.radians(5.0)
+# Residuals of sets, over what is claimed, and the share of sets that have no say, that are said.
+_MUCH_SCATTER, _MANY_OUT = 1.5, 0.1
+_EARTH_M, _FLATTENED = 6371e3, 1 / 298
 
 
 def calibration_text(
-    calibration: Calibration, nominal: Mapping[str, np.ndarray], summary: str
+    calibration: Calibration, nominal: Mapping[str, np.ndarray], planet: Planet, summary: str
 ) -> str:
-    """Return the table of what was found, and what was not, for a person."""
+    """Return the table of what was found, and what was not, for a person.
+
+    planet : as it is told.
+    """
     used, sets = int(calibration.used.sum()), len(calibration.sets)
     length_s = 2.0 * calibration.half_time_s
     lines = [
@@ -41,8 +47,35 @@ def calibration_text(
     for one, other in zip(before, after, strict=True):
         was, remains = np.degrees(one.rms_rad), np.degrees(other.rms_rad)
         lines.append(f"  {one.name}: {was:.4f}, {remains:.4f}")
+    lines += _cautions(calibration, planet)
     lines += _blunders(calibration, nominal)
     return "\n".join(lines)
+
+
+def _cautions(calibration: Calibration, planet: Planet) -> list[str]:
+    """What the sigmas do not hold."""
+    found = []
+    if calibration.scatter > _MUCH_SCATTER:
+        found.append(
+            f"The sets scatter {calibration.scatter:.1f} times as much as their limbs claim: the "
+            "planet's figure, a lens, or\nstamps are not as told, and may have moved the values by "
+            "more than their sigmas."
+        )
+    times = np.array([each.time_s for each in calibration.sets])
+    out = times[~calibration.used]
+    if len(out) > _MANY_OUT * len(times):
+        found.append(
+            f"{len(out)} sets have no say, between {out.min() - times.min():.0f} and "
+            f"{out.max() - times.min():.0f} s from the first: did something move then? The\nvalues "
+            "are those of the others."
+        )
+    if planet.flattening == 0.0 and abs(planet.radius_m - _EARTH_M) < _EARTH_M * _FLATTENED:
+        found.append(
+            "The planet was a sphere. The Earth is flattened, which turns cameras against each "
+            "other by up to\n0.1 deg, and no sigma here holds that: for it planet: wgs84, with "
+            "coarse_pose in the bag."
+        )
+    return [f"\n{caution}" for caution in found]
 
 
 def _blunders(calibration: Calibration, nominal: Mapping[str, np.ndarray]) -> list[str]:
