@@ -43,7 +43,7 @@ def seen(scatter_px: float, modelled: bool, cameras: int = 1) -> list[LimbObserv
     [
         (0.4, False, 1, True),
         (0.2, False, 1, True),
-        (0.4, True, 1, False),
+        (0.3, True, 1, False),
         (0.1, False, 1, False),
         (0.4, False, 2, False),
     ],
@@ -63,6 +63,25 @@ def test_one_cameras_edges_that_follow_neither_a_model_nor_a_limb(
         assert "camera_1" in reason
     else:
         assert found is None
+
+
+def test_one_cameras_edge_is_as_even_as_it_is_sharp() -> None:
+    """As cloud decks, ice and round parts of the craft are not; mountains may be told."""
+    observations = seen(0.5, True)
+    fit = fit_horizon(observations, PLANET)
+    found = refusal(fit, observations, HorizonConfig())
+    assert found is not None
+    assert found[0] is Status.POOR_FIT
+    assert "times as uneven as it is sharp" in found[1]
+    assert refusal(fit, observations, HorizonConfig(limb_unevenness_m=1e3)) is None
+    # What neighbours share is no less even than it claims.
+    shared = [
+        LimbObservation(each.view, replace(each.limb, shared=SharedError(0.4)))
+        for each in observations
+    ]
+    assert refusal(fit, shared, HorizonConfig()) is None
+    pair = seen(0.5, True, 2)
+    assert refusal(fit_horizon(pair, PLANET), pair, HorizonConfig()) is None
 
 
 def test_what_lies_under_a_layer_of_airglow_all_along_is_a_limb() -> None:
