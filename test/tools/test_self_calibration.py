@@ -389,7 +389,10 @@ def test_what_the_sigmas_do_not_hold_is_said(
     assert run(flight, "--params", params) == 0
     told = capsys.readouterr().out
     assert "The planet was a sphere. The Earth is flattened" in told
+    assert "Lenses are taken as exact" in told
     assert "have no say, between" not in told
+    assert run(flight, "--params", params, "--focal") == 0
+    assert "belongs into camera_info" in capsys.readouterr().out
 
 
 def test_one_camera_needs_a_reference(

@@ -55,7 +55,7 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
         raise BagError(f"{told}{'' if told.endswith('?') else '.'} {recording.summary}")
     print(
         calibration_text(
-            calibration, recording.rot_base_from_cam, recording.planet, recording.summary
+            calibration, recording.rot_base_from_cam, recording.told, recording.summary
         )
     )
     written = []

@@ -17,6 +17,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import rotation_from_quaternion
+from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.planet_figure import mean_sphere
 from horizon_sensor_ros.core.self_calibration.measurement import (
@@ -56,7 +57,7 @@ class Recording:
 
     sets: tuple[FrameSet, ...]
     rot_base_from_cam: Mapping[str, np.ndarray]
-    planet: Planet
+    told: HorizonConfig
     sphere: Planet
     summary: str
     hint: str
@@ -246,7 +247,7 @@ def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -
             camera: rotation_from_quaternion(np.array(quaternion))
             for camera, quaternion in zip(pipeline.cameras, pipeline.rotations, strict=True)
         },
-        pipeline.sensor.planet,
+        pipeline.sensor,
         horizons.sphere,
         horizons.summary(),
         horizons.hint,

@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation
+from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.rigid import vector_from_rotation
 from horizon_sensor_ros.core.self_calibration.adjustment import Calibration
@@ -23,11 +24,11 @@ _EARTH_M, _FLATTENED = 6371e3, 1 / 298
 
 
 def calibration_text(
-    calibration: Calibration, nominal: Mapping[str, np.ndarray], planet: Planet, summary: str
+    calibration: Calibration, nominal: Mapping[str, np.ndarray], told: HorizonConfig, summary: str
 ) -> str:
     """Return the table of what was found, and what was not, for a person.
 
-    planet : as it is told.
+    told : planet and lenses, as they are told.
     """
     used, sets = int(calibration.used.sum()), len(calibration.sets)
     length_s = 2.0 * calibration.half_time_s
@@ -47,14 +48,21 @@ def calibration_text(
     for one, other in zip(before, after, strict=True):
         was, remains = np.degrees(one.rms_rad), np.degrees(other.rms_rad)
         lines.append(f"  {one.name}: {was:.4f}, {remains:.4f}")
-    lines += _cautions(calibration, planet)
+    lines += _cautions(calibration, told)
     lines += _blunders(calibration, nominal)
     return "\n".join(lines)
 
 
-def _cautions(calibration: Calibration, planet: Planet) -> list[str]:
+def _cautions(calibration: Calibration, told: HorizonConfig) -> list[str]:
     """What the sigmas do not hold."""
     found = []
+    if calibration.unknowns.focal:
+        found.append("Focal lengths are not written: an error of theirs belongs into camera_info.")
+    elif told.lens_sigma_px == 0.0:
+        found.append(
+            "Lenses are taken as exact: 0.3 % of focal length, the same in all cameras, moves the "
+            "values by some\n0.04 deg and shows nowhere. lens_sigma puts it into the sigmas."
+        )
     if calibration.scatter > _MUCH_SCATTER:
         found.append(
             f"The sets scatter {calibration.scatter:.1f} times as much as their limbs claim: the "
@@ -69,6 +77,7 @@ def _cautions(calibration: Calibration, planet: Planet) -> list[str]:
             f"{out.max() - times.min():.0f} s from the first: did something move then? The\nvalues "
             "are those of the others."
         )
+    planet = told.planet
     if planet.flattening == 0.0 and abs(planet.radius_m - _EARTH_M) < _EARTH_M * _FLATTENED:
         found.append(
             "The planet was a sphere. The Earth is flattened, which turns cameras against each "
