@@ -22,6 +22,7 @@ from horizon_sensor_ros.core.judgement import nadir_sigma_rad
 from horizon_sensor_ros.core.limb.detector import follow_limb
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.lost_rows import lost_rows
 from horizon_sensor_ros.core.nadir_rate import NadirRate, contradicted
 from horizon_sensor_ros.core.planet_figure import Disc
 from horizon_sensor_ros.core.readout import view_at_stamp
@@ -317,4 +318,5 @@ def _unusable(frame: Frame) -> LimbPoints | None:
     if min(gray.shape) < max(16, max(gray.shape) / _MOST_LENGTHY):
         size = f"{gray.shape[1]} x {gray.shape[0]}"
         return LimbPoints.none(Status.BAD_IMAGE, f"image of {size} is too small or too narrow")
-    return None
+    lost = lost_rows(gray, frame.view.mask)
+    return LimbPoints.none(Status.BAD_IMAGE, lost) if lost else None
