@@ -16,12 +16,13 @@ import numpy as np
 from tables import Options, Text, verdict
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.applicability.error_map import angle_rad, fit_error
+from horizon_sensor_ros.core.applicability.error_map import fit_error
 from horizon_sensor_ros.core.applicability.visibility import (
     horizon_in_view,
     horizon_rays,
     rot_base_from_down,
 )
+from horizon_sensor_ros.core.attitude import angle_rad
 from horizon_sensor_ros.core.fits import METHODS, fit_horizon
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.horizon_config import HorizonConfig

@@ -168,6 +168,11 @@ def tangent_basis(direction: np.ndarray) -> np.ndarray:
     return np.array([[1.0 + sign * x * x * a, b], [sign * b, sign + y * y * a], [-sign * x, -y]])
 
 
+def angle_rad(a: np.ndarray, b: np.ndarray) -> float:
+    """Angle (rad) between two unit vectors (3,), accurate for small ones."""
+    return float(2 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b)))
+
+
 def nadir_sign(level_z: str) -> float:
     """Nadir's component along the level frame's z: +1 for "down", -1 for "up"; else ValueError."""
     if level_z == "down":

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import Aiding
+from horizon_sensor_ros.core.attitude import angle_rad
 from horizon_sensor_ros.core.horizon_fix import HorizonFix
 from horizon_sensor_ros.core.judgement import nadir_sigma_rad
 from horizon_sensor_ros.core.turn_rate import GYRO_SIGMA_RAD_S
@@ -58,7 +59,7 @@ class _Since:
     @property
     def expected_rad(self) -> float:
         """How far from where it was the gyro says nadir is."""
-        return _apart(self.rot_now_from_then @ self.nadir_base, self.nadir_base)
+        return angle_rad(self.rot_now_from_then @ self.nadir_base, self.nadir_base)
 
     @property
     def tells(self) -> bool:
@@ -89,7 +90,7 @@ class CraftFixed:
         if since is None:
             self._since = _Since.of(fix)
             return ""
-        moved_rad = _apart(fix.fit.nadir_base, since.nadir_base)
+        moved_rad = angle_rad(fix.fit.nadir_base, since.nadir_base)
         if since.stood_rad > 0.0:
             stands = moved_rad < _ELSEWHERE_RAD
         elif since.tells:
@@ -105,7 +106,3 @@ class CraftFixed:
             f"{math.degrees(since.stood_rad):.0f} deg: is it a part of the craft, which a mask "
             "would leave out, or is the rate wrong?"
         )
-
-
-def _apart(a: np.ndarray, b: np.ndarray) -> float:
-    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from horizon_sensor_ros.core.attitude import angle_rad
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.detection import Detection, LimbState
@@ -138,10 +139,7 @@ class Track:
         steps = 1.0 if since_s is None or took_s is None else min(since_s / took_s, _FARTHEST)
         # The errors of nadir and rho hang together so that the limb in the frame is known far
         # better than either: moved on together they stay so.
-        angle = math.atan2(
-            float(np.linalg.norm(np.cross(before, self.nadir_base))),
-            float(before @ self.nadir_base),
-        )
+        angle = angle_rad(before, self.nadir_base)
         ahead = self.nadir_base
         if angle > _LEAST_STEP_RAD:
             on, back = math.sin((1.0 + steps) * angle), math.sin(steps * angle)

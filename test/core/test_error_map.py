@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizon_sensor_ros.core.applicability.error_map import angle_rad, bound_error, fit_error
+from horizon_sensor_ros.core.applicability.error_map import bound_error, fit_error
 from horizon_sensor_ros.core.applicability.visibility import horizon_rays, rot_base_from_down
+from horizon_sensor_ros.core.attitude import angle_rad
 from horizon_sensor_ros.tools.applicability.figure6 import paper_rig
 
 RIG = paper_rig()

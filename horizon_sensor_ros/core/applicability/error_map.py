@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.applicability.visibility import limb_in_view
+from horizon_sensor_ros.core.attitude import angle_rad
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.bound import horizon_bound
@@ -96,8 +97,3 @@ def bound_error(
     nadir = np.asarray(attitude, dtype=float)[:, 2]
     cov = horizon_bound(views, planet, nadir, altitude_m, sigma_px)
     return float(np.sqrt(np.trace(cov[:3, :3])))
-
-
-def angle_rad(a: np.ndarray, b: np.ndarray) -> float:
-    """Angle (rad) between two unit vectors (3,), accurate for small ones."""
-    return float(2 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b)))
