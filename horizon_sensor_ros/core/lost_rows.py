@@ -12,6 +12,7 @@ _LEAST, _LEAST_SHARE = 4, 0.01
 # Space that is clipped at zero holds one value too. But the planet rises from it row by row: in the
 # row before most pixels still hold it.
 _STILL_THE_SAME = 0.5
+_SAMPLES, _STRIDE = 16, 16  # pixels of a line; lines
 _BORDERS = ("last rows", "first rows", "last columns", "first columns")
 
 
@@ -38,12 +39,21 @@ def _filled(lines: np.ndarray) -> int:
     value = lines[0, 0]
     if (lines[0] != value).any():
         return 0
-    count = 1
-    while count < len(lines) and (lines[count] == value).all():
-        count += 1
-    if count == len(lines) or count < max(_LEAST, _LEAST_SHARE * len(lines)):
+    # Where fill ends nearly all pixels of a line change: a few of them, of a few lines, tell where
+    # that is.
+    some = lines[:, :: max(1, lines.shape[1] // _SAMPLES)]
+    after = _STRIDE * _first_other(some[::_STRIDE], value)
+    count = max(after - _STRIDE, 0) + _first_other(some[max(after - _STRIDE, 0) : after + 1], value)
+    if count < max(_LEAST, _LEAST_SHARE * len(lines)):
         return 0
-    return count if np.mean(lines[count] == value) < _STILL_THE_SAME else 0
+    if np.mean(lines[count] == value) > _STILL_THE_SAME or (lines[:count] != value).any():
+        return 0
+    return count
+
+
+def _first_other(lines: np.ndarray, value: np.generic) -> int:
+    """The first line that does not hold one value; 0 where all do."""
+    return int(np.argmax((lines != value).any(axis=1)))
 
 
 def _masked(mask: Mask, border: str, count: int) -> bool:
