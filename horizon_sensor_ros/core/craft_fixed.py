@@ -16,6 +16,9 @@ from horizon_sensor_ros.core.turn_rate import GYRO_SIGMA_RAD_S
 # By the gyro nadir has to have moved by so much, and so many sigmas of what a gyro may be off by,
 # before its standing still means anything; in more than one glitch of it; and within a time.
 _MOVES_RAD, _SURE, _SETS, _LONGEST_S = math.radians(2.0), 3.0, 3, 60.0
+# What was found to stand still is forgotten after so long without having been found so again: a
+# gyro may have been wrong for a while; where several cameras agree on a horizon it was.
+_FORGOTTEN_S, _REFUTED_S = 600.0, 5.0
 # It stands still if it has moved by less than this share of that.
 _SHARE = 0.1
 # A part of the craft is found in one place, to so much: farther away is something else.
@@ -24,9 +27,9 @@ _ELSEWHERE_RAD = math.radians(1.0)
 
 @dataclass(frozen=True, eq=False)
 class _Since:
-    """A fix, and what happened since: the gyro's turn, over which time, and in how many sets it was
-    one. stood_rad : by how much nadir should have moved when it was found to stand still; 0: it was
-    not.
+    """A fix, and what happened since, or since it was last found to stand still: the gyro's turn,
+    over which time, and in how many sets it was one. stood_rad : by how much nadir should have
+    moved when it was; 0: it was not.
     """
 
     nadir_base: np.ndarray
@@ -42,12 +45,13 @@ class _Since:
         return cls(fix.fit.nadir_base, nadir_sigma_rad(fix.fit))
 
     def later(self, aiding: Aiding) -> _Since | None:
-        """The same one set later; None where the turn until then is not known."""
+        """The same one set later; None where it is too long ago, or the turn is not known."""
         turn, since_s, rate = aiding.rot_now_from_last, aiding.since_last_s, aiding.rate_base_rad_s
-        if turn is None or since_s is None or rate is None:
-            return self if self.stood_rad > 0.0 else None
-        if self.time_s > _LONGEST_S and self.stood_rad == 0.0:
+        stood = self.stood_rad > 0.0
+        if self.time_s > (_FORGOTTEN_S if stood else _LONGEST_S):
             return None
+        if turn is None or since_s is None or rate is None:
+            return replace(self, time_s=self.time_s + (since_s or 0.0)) if stood else None
         turns = float(np.linalg.norm(rate)) > _SURE * GYRO_SIGMA_RAD_S
         return replace(
             self,
@@ -91,12 +95,14 @@ class CraftFixed:
             self._since = _Since.of(fix)
             return ""
         moved_rad = angle_rad(fix.fit.nadir_base, since.nadir_base)
-        if since.stood_rad > 0.0:
-            stands = moved_rad < _ELSEWHERE_RAD
-        elif since.tells:
-            stands = moved_rad < _SHARE * since.expected_rad
-            since = self._since = replace(since, stood_rad=since.expected_rad)
-        else:
+        stands = since.tells and moved_rad < _SHARE * since.expected_rad
+        if stands:
+            kept = _Since(since.nadir_base, since.sigma_rad, stood_rad=since.expected_rad)
+            since = self._since = kept
+        elif since.stood_rad > 0.0:
+            several = len(fix.cameras_used) + len(fix.cameras_spared) > 1
+            stands = moved_rad < _ELSEWHERE_RAD and not (several and since.time_s > _REFUTED_S)
+        elif not since.tells:
             return ""
         if not stands:
             self._since = _Since.of(fix)

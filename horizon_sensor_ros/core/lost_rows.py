@@ -12,6 +12,7 @@ _LEAST, _LEAST_SHARE = 4, 0.01
 # Space that is clipped at zero holds one value too. But the planet rises from it row by row: in the
 # row before most pixels still hold it.
 _STILL_THE_SAME = 0.5
+_SHARE_OF_STEP = 0.3  # that is left for the second line on
 _SAMPLES, _STRIDE = 16, 16  # pixels of a line; lines
 _BORDERS = ("last rows", "first rows", "last columns", "first columns")
 
@@ -42,18 +43,24 @@ def _filled(lines: np.ndarray) -> int:
     # Where fill ends nearly all pixels of a line change: a few of them, of a few lines, tell where
     # that is.
     some = lines[:, :: max(1, lines.shape[1] // _SAMPLES)]
-    after = _STRIDE * _first_other(some[::_STRIDE], value)
-    count = max(after - _STRIDE, 0) + _first_other(some[max(after - _STRIDE, 0) : after + 1], value)
+    others = np.flatnonzero((some[::_STRIDE] != value).any(axis=1))
+    after = others[0] if len(others) else (len(some) - 1) // _STRIDE + 1
+    start = _STRIDE * max(int(after) - 1, 0)
+    others = np.flatnonzero((some[start : start + _STRIDE + 1] != value).any(axis=1))
+    count = start + int(others[0]) if len(others) else 0
     if count < max(_LEAST, _LEAST_SHARE * len(lines)):
         return 0
     if np.mean(lines[count] == value) > _STILL_THE_SAME or (lines[:count] != value).any():
         return 0
-    return count
+    return 0 if _rises(lines[count : count + 3], float(value)) else count
 
 
-def _first_other(lines: np.ndarray, value: np.generic) -> int:
-    """The first line that does not hold one value; 0 where all do."""
-    return int(np.argmax((lines != value).any(axis=1)))
+def _rises(lines: np.ndarray, value: float) -> bool:
+    """Whether lines come away from a value over more than one of them, as those of a limb that lies
+    along them do.
+    """
+    first, last = float(lines[0].mean()), float(lines[-1].mean())
+    return abs(last - first) > _SHARE_OF_STEP * abs(last - value) + 1.0
 
 
 def _masked(mask: Mask, border: str, count: int) -> bool:

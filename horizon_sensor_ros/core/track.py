@@ -38,7 +38,7 @@ class Track:
     views : of the frames that were searched. cameras : names of those whose limbs lie on one cone.
     nadir_base, rho_rad : its disc's cone. outside : of the other cameras, by name, how many edges
     agreed on one disc, a limb or not, when they were searched. step : from the set before; None
-    where there was no fix of the same cameras.
+    right after a search that follows none of the same cameras.
     state : what the limb looked like. working : the search's images of the frames, one per frame.
     layer_rad : height of airglow above the limb. airglow : whether it shows. age : sets since the
     search.

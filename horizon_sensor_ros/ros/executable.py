@@ -123,7 +123,7 @@ def run(names: Sequence[str] = ()) -> int:
         if type(error).__name__ == "UnknownROSArgsError":
             # rclpy, whose class has no public name, says no more than what it was given.
             words = f"unknown ROS argument {words.strip('[]')}"
-        elif "params file" in words or "was given an empty list" in words:
+        elif "params file" in words or words.startswith("a parameter was given an empty list"):
             # Neither rcl nor rclpy says which value it is.
             words = _why_refused(sys.argv) or words
         print(f"{program}: {words}", file=sys.stderr)

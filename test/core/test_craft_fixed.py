@@ -38,6 +38,7 @@ def dish(seed: int) -> Frame:
     return Frame(view, gray.clip(0, 255).astype(np.uint8))
 
 
+DARK = [Frame(CameraView("camera_1", CAMERA, np.eye(3)), np.zeros((480, 640), np.uint8))]
 DISHES = [dish(seed) for seed in range(4)]
 
 
@@ -119,6 +120,23 @@ def test_a_glitch_of_the_gyro_is_no_turn() -> None:
     for k in range(20):
         aiding = glitch if k == 7 else by_gyro(np.zeros(3))
         assert sensor.process(horizon(AT_REST, 1, k % 2), aiding).ok
+
+
+@pytest.mark.parametrize("cameras", [1, 2])
+def test_a_gyro_that_was_wrong_for_a_while_is_forgiven(cameras: int) -> None:
+    """Sooner where two cameras agree on the horizon: they refute it."""
+    sensor = HorizonSensor()
+    quiet, wrong = by_gyro(np.zeros(3)), by_gyro(np.array([0.3, 0.0, 0.0]))
+    told = []
+    for k in range(40 if cameras == 2 else 2500):
+        fix = sensor.process(
+            horizon(AT_REST, cameras, k % 2) if cameras == 2 or k < 20 or k % 100 == 99 else DARK,
+            wrong if 5 <= k < 10 else quiet,
+        )
+        told.append(STILL in fix.reason)
+    assert any(told[5:20])
+    assert not told[-1]
+    assert fix.ok
 
 
 def test_cameras_that_agree_on_a_horizon_are_believed_against_a_gyro() -> None:

@@ -15,6 +15,7 @@ from horizon_sensor_ros.core.lost_rows import lost_rows
 from horizon_sensor_ros.core.mask import Mask
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import Imaging
+from horizon_sensor_ros.sim.poses import camera_from_fov, rot_from_axis
 
 ALTITUDE_M = 500e3
 VIEWS = limb_views(ALTITUDE_M, azimuths_rad=(0.0, 1.5))
@@ -44,6 +45,15 @@ def test_a_frame_that_lost_rows_is_refused(count: int, fill: int) -> None:
     assert fix.limbs[0].status is Status.BAD_IMAGE
 
 
+@pytest.mark.parametrize("height", [16, 20, 300, 480])
+def test_however_many_lines_were_lost(height: int) -> None:
+    rng = np.random.default_rng(height)
+    gray = rng.integers(5, 200, (height, 400)).astype(np.uint8)
+    for count in range(max(4, -(-height // 100)), height):
+        fill = np.zeros((count, 400), np.uint8)
+        assert f"its {count} last rows" in lost_rows(np.vstack([gray[count:], fill]), None)
+
+
 @pytest.mark.parametrize("turns", range(4))
 def test_it_may_be_any_border(turns: int) -> None:
     gray = np.rot90(without(FRAMES[0].gray, 100, 20, 16), turns)
@@ -70,6 +80,25 @@ def test_space_that_is_clipped_and_ground_that_is_even_are_no_loss(
 ) -> None:
     """Without a noise, and however the limb lies in the frame."""
     views = limb_views(altitude_m, CAMERA, roll_rad=roll_rad)
+    _not_lost(views, altitude_m)
+
+
+@pytest.mark.parametrize("tilt_rad", [0.0, 0.002, 0.005])
+@pytest.mark.parametrize(("fov_deg", "altitude_m"), [(25, 20e3), (15, 20e3), (8, 35e3), (8, 100e3)])
+def test_nor_is_a_limb_that_is_all_but_straight(
+    fov_deg: float, altitude_m: float, tilt_rad: float
+) -> None:
+    camera = camera_from_fov(640, 480, np.radians(fov_deg))
+    # Level in the frame: the camera's y towards nadir.
+    for view in limb_views(altitude_m, camera, roll_rad=0.0):
+        z = view.rot_base_from_cam[:, 2]
+        x = np.cross([0.0, 0.0, 1.0], z)
+        x /= np.linalg.norm(x)
+        level = np.column_stack((x, np.cross(z, x), z)) @ rot_from_axis([0.0, 0.0, 1.0], tilt_rad)
+        _not_lost((replace(view, rot_base_from_cam=level),), altitude_m)
+
+
+def _not_lost(views: tuple[CameraView, ...], altitude_m: float) -> None:
     (drawn,) = draw(views, altitude_m, None, Imaging(noise_dn=0.0))
     for gray in (drawn.image, np.where(drawn.image < 12, 0, drawn.image).astype(np.uint8)):
         assert lost_rows(gray, None) == ""
