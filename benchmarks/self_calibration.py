@@ -18,11 +18,8 @@ from tables import Options, Table, number, verdict
 
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation
 from horizon_sensor_ros.core.rigid import rotation_from_vector
-from horizon_sensor_ros.core.self_calibration.adjustment import (
-    Calibration,
-    CalibrationConfig,
-    calibrate,
-)
+from horizon_sensor_ros.core.self_calibration.adjustment import calibrate
+from horizon_sensor_ros.core.self_calibration.result import Calibration, CalibrationConfig
 from horizon_sensor_ros.ros.sensor_messages import camera_info_message, encoded_image
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.flight import Flight, Swing

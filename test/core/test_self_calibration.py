@@ -14,12 +14,9 @@ from hypothesis import strategies as st
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.rigid import rotation_from_vector
 from horizon_sensor_ros.core.self_calibration import adjustment
-from horizon_sensor_ros.core.self_calibration.adjustment import (
-    Calibration,
-    CalibrationConfig,
-    calibrate,
-)
+from horizon_sensor_ros.core.self_calibration.adjustment import calibrate
 from horizon_sensor_ros.core.self_calibration.differences import nadir_differences
+from horizon_sensor_ros.core.self_calibration.result import Calibration, CalibrationConfig
 from horizon_sensor_ros.core.status import Status
 
 MISALIGNMENT_RAD = np.radians(0.3)

@@ -12,12 +12,9 @@ from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import nadir_from_roll_pitch
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.rigid import rotation_from_vector, vector_from_rotation
-from horizon_sensor_ros.core.self_calibration.adjustment import (
-    Calibration,
-    CalibrationConfig,
-    calibrate,
-)
+from horizon_sensor_ros.core.self_calibration.adjustment import calibrate
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet, NadirReference
+from horizon_sensor_ros.core.self_calibration.result import Calibration, CalibrationConfig
 from horizon_sensor_ros.core.status import Status
 
 PLANET = Planet()
@@ -148,9 +145,43 @@ def test_a_first_camera_that_sees_nothing_holds_nothing_still() -> None:
     assert any(sentence.startswith("camera_0") for sentence in found.not_observed)
 
 
-def test_an_altitude_that_is_none_is_said() -> None:
+@pytest.mark.parametrize(("count", "sigma_m"), [(60, 1200.0), (60, 2000.0), (300, 1200.0)])
+def test_an_altitude_that_is_not_sure_enough_turns_no_camera(count: int, sigma_m: float) -> None:
+    """Limb height, 12 km off, is then left as it is; what it explains went into the rotations."""
+    squares = []
+    for seed in range(4):
+        sets = frame_sets(swinging(count), ROTATIONS, rng(seed), planet=Planet(limb_height_m=12e3))
+        known = AltitudeMeasurement(500e3, sigma_m)
+        found = calibrate([replace(each, altitude=known) for each in sets], ROTATIONS, PLANET)
+        where = found.unknowns.where("rotation", "camera_2")
+        squares.append(squared_error(found, np.zeros(3), where))
+        assert found.values[found.unknowns.where("limb_height")[0]] == 0.0
+        assert "limb height: the altitude" in found.not_observed[-1]
+    assert np.mean(squares) / 3 < 2.5
+
+
+def test_a_reference_that_is_not_sure_enough_turns_no_camera_against_the_other() -> None:
+    together = rotation_from_vector([0.0175, 0.0, 0.0])
+    truth = {name: together @ rot for name, rot in ROTATIONS.items()}
+    sigma = np.radians(0.15)
+    sets = [
+        replace(each, reference=NadirReference(nadir, sigma))
+        for each, nadir in zip(frame_sets(swinging(60), truth, rng(3)), swinging(60), strict=True)
+    ]
+    found = calibrate(sets, ROTATIONS, PLANET)
+    relative = found.rot_base_from_cam["camera_1"].T @ found.rot_base_from_cam["camera_2"]
+    true = ROTATIONS["camera_1"].T @ ROTATIONS["camera_2"]
+    off = np.linalg.norm(vector_from_rotation(relative @ true.T))
+    assert off < 4.0 * np.max(found.sigmas[found.unknowns.where("rotation", "camera_2")])
+    assert np.degrees(off) < 0.02
+    assert found.not_observed[0].endswith("the reference is not sure enough")
+    assert not any("camera_2 about" in sentence for sentence in found.not_observed)
+
+
+@pytest.mark.parametrize("sigma_m", [10.0, 2e3, 20e3])
+def test_an_altitude_that_is_none_is_said(sigma_m: float) -> None:
     sets = frame_sets(swinging(30), ROTATIONS, rng(5))
-    in_km = AltitudeMeasurement(500.0, 10.0)
+    in_km = AltitudeMeasurement(500.0, sigma_m)
     found = calibrate([replace(each, altitude=in_km) for each in sets], ROTATIONS, PLANET)
     assert found.status is Status.ALTITUDE_OUT_OF_RANGE
     assert "metres" in found.reason

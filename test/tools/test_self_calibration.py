@@ -33,7 +33,7 @@ from horizon_messages import (
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation, rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.rigid import rotation_from_vector, vector_from_rotation
-from horizon_sensor_ros.core.self_calibration.adjustment import Calibration
+from horizon_sensor_ros.core.self_calibration.result import Calibration
 from horizon_sensor_ros.core.self_calibration.unknowns import Unknowns
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.parameters.file import read_parameter_file

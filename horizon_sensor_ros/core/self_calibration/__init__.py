@@ -1,6 +1,6 @@
 """Self-calibration: the cameras' mounting from the horizons that they saw at many moments.
 
 ``measurement`` (what each camera saw), ``unknowns`` (what is to be found), ``normal_equations``
-(the model), ``adjustment`` (the estimate), ``observability`` (what it cannot tell, in words),
-``differences`` (how far the cameras' nadirs lie apart).
+(the model), ``adjustment`` (the estimate), ``result``, ``observability`` (what it cannot tell, in
+words), ``differences`` (how far the cameras' nadirs lie apart).
 """

@@ -8,19 +8,20 @@ of the unknowns that the sets do not tell are left as they are and named (`obser
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import require_rotation
+from horizon_sensor_ros.core.attitude import require_rotation, tangent_basis
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.rigid import vector_from_rotation
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet
 from horizon_sensor_ros.core.self_calibration.normal_equations import Model, SetEquations
 from horizon_sensor_ros.core.self_calibration.observability import (
-    split_directions,
+    observed_directions,
     unobserved_in_words,
 )
+from horizon_sensor_ros.core.self_calibration.result import Calibration, CalibrationConfig
 from horizon_sensor_ros.core.self_calibration.unknowns import Unknowns
 from horizon_sensor_ros.core.status import Status
 
@@ -33,97 +34,10 @@ _AT_REST = 1e-2
 _TUKEY = 4.685
 # Sets that scatter more than this many times what their limbs claim have no mounting in common.
 _MAX_SCALE = 10.0
-# A limb so many radii from where it is told to be is no limb of that planet.
+# An altitude so many radii from what the limbs show is none.
 _HIGHEST = 0.05
-# Of a direction that is not observed, one sigma in its natural unit: what it may hold.
-_MAY_HOLD = 1.0
-# An unknown is not observed at all where no more than this share of it is.
-_NEARLY = 0.02
-
-
-@dataclass(frozen=True)
-class CalibrationConfig:
-    """What is asked for. Raises ValueError for what makes no sense.
-
-    drift : a misalignment that grows linearly in time. focal : an error of each focal length.
-    max_sigma : a direction less certain than this share of a natural unit (1 deg of misalignment,
-    1 deg of drift over half the recording, 1 % of focal length, 10 km of limb height) is not
-    observed and stays as it is.
-    correlation_s : time over which errors of the limb itself (air, clouds) stay alike.
-    """
-
-    drift: bool = False
-    focal: bool = False
-    max_sigma: float = 0.1
-    correlation_s: float = 20.0
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.max_sigma < np.inf:
-            raise ValueError(f"max_sigma must be positive, got {self.max_sigma}")
-        if not 0.0 <= self.correlation_s < np.inf:
-            raise ValueError(f"correlation_s must not be negative, got {self.correlation_s}")
-
-
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """What self-calibration found.
-
-    values : (P,) as in `unknowns`; misalignments are rotation vectors in the base frame, rad:
-    ``R = exp(misalignment) R_nominal``, in the middle of the recording; drifts, rad over half of
-    it; focal lengths' relative errors; limb height to be added, m. Zero in directions not observed.
-    cov : (P, P) of the observed part. observed_share : (P,) how much of each unknown that is.
-    not_observed : sentences. rot_base_from_cam : corrected, by camera.
-    sets, used : the frame sets that could tell something, and (T,) which of them had a say.
-    nadir_base (T, 3), rho_rad (T,) : of those sets, fitted. scatter : of the sets' residuals, over
-    what their limbs claim. half_time_s : half the recording's length. max_sigma : as configured.
-    When status is not OK there is no result, and `reason` says why.
-    """
-
-    status: Status
-    reason: str
-    unknowns: Unknowns
-    values: np.ndarray
-    cov: np.ndarray
-    observed_share: np.ndarray
-    not_observed: tuple[str, ...]
-    rot_base_from_cam: Mapping[str, np.ndarray]
-    sets: tuple[FrameSet, ...]
-    used: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=bool))
-    nadir_base: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
-    rho_rad: np.ndarray = field(default_factory=lambda: np.empty(0))
-    scatter: float = np.nan
-    half_time_s: float = 0.0
-    max_sigma: float = np.nan
-
-    @property
-    def ok(self) -> bool:
-        """True when there is a result."""
-        return self.status is Status.OK
-
-    @property
-    def sigmas(self) -> np.ndarray:
-        """(P,) one sigma of each unknown: of one that is observed with what its little rest may
-        hold, of one that partly is of that part; NaN where nothing of it is observed.
-        """
-        variance = np.maximum(np.diag(self.cov), 0.0)
-        whole = [self.observed(i) == "yes" for i in range(len(self.unknowns))]
-        out = np.sqrt(variance + np.where(whole, self._hidden_sigmas**2, 0.0))
-        return np.where(self.observed_share > _NEARLY, out, np.nan)
-
-    def observed(self, index: int) -> str:
-        """Return "yes", "partly" or "no" for one unknown: yes where what is not observed of it may
-        hold no more than `CalibrationConfig.max_sigma`.
-        """
-        if self.observed_share[index] < _NEARLY:
-            return "no"
-        most = self.max_sigma * self.unknowns.scales[index]
-        return "yes" if self._hidden_sigmas[index] < most else "partly"
-
-    @property
-    def _hidden_sigmas(self) -> np.ndarray:
-        """(P,) what directions that are not observed may hold of each unknown."""
-        rest = np.maximum(1.0 - self.observed_share, 0.0)
-        return _MAY_HOLD * self.unknowns.scales * np.sqrt(rest)
+# Share of a motion that is held still from which on what is measured of it goes elsewhere.
+_OPEN = 0.3
 
 
 def calibrate(
@@ -152,17 +66,21 @@ def calibrate(
             f"with a reference), {MIN_SETS} needed"
         )
         return _none(Status.TOO_FEW_POINTS, reason, unknowns, nominal, telling)
-    model = Model(telling, planet, unknowns)
-    adjustment = _Adjustment(model, nominal, config)
-    # With fewer directions that move, other sets may have no say, and what is left be less sure.
-    while (known := adjustment.known) is not None:
-        adjustment = _Adjustment(model, nominal, config, known)
-    if abs(adjustment.limb_height_m) > _HIGHEST * planet.mean_radius_m:
+    off_m = _altitude_off_m(telling, planet)
+    if abs(off_m) > _HIGHEST * planet.mean_radius_m:
         reason = (
-            f"the altitude that was given puts the limb {adjustment.limb_height_m / 1e3:+.0f} km "
-            "from where it is told to be: is it in metres above the surface, and of this recording?"
+            f"the altitude that was given is {off_m / 1e3:+.0f} km from what the limbs show: is it "
+            "in metres above the surface, and of this recording?"
         )
         return _none(Status.ALTITUDE_OUT_OF_RANGE, reason, unknowns, nominal, telling)
+    adjustment = _adjusted(telling, nominal, planet, unknowns, config)
+    # What is held still although measurements of it are used would go into the rotations.
+    without = _without_unsure(telling, adjustment)
+    if without is not None:
+        if not without:
+            reason = "the reference is not sure enough, and one camera alone tells nothing"
+            return _none(Status.ILL_CONDITIONED, reason, unknowns, nominal, telling)
+        adjustment = _adjusted(without, nominal, planet, unknowns, config)
     if adjustment.scale > _MAX_SCALE:
         reason = f"the frame sets scatter {adjustment.scale:.0f} times as much as their limbs claim"
         none = _none(Status.POOR_FIT, reason, unknowns, nominal, telling)
@@ -181,6 +99,53 @@ def calibrate(
         )
         return _none(Status.NOT_CONVERGED, reason, unknowns, nominal, telling)
     return adjustment.result(telling, nominal)
+
+
+def _adjusted(
+    sets: Sequence[FrameSet],
+    nominal: Mapping[str, np.ndarray],
+    planet: Planet,
+    unknowns: Unknowns,
+    config: CalibrationConfig,
+) -> _Adjustment:
+    """The adjustment of what is known well enough with all that its sigmas hold."""
+    model = Model(sets, planet, unknowns)
+    adjustment = _Adjustment(model, nominal, config)
+    # With fewer directions that move, other sets may have no say, and what is left be less sure.
+    while (known := adjustment.known) is not None:
+        adjustment = _Adjustment(model, nominal, config, known)
+    return adjustment
+
+
+def _without_unsure(
+    sets: Sequence[FrameSet], adjustment: _Adjustment
+) -> tuple[FrameSet, ...] | None:
+    """The sets without altitudes that leave limb height open, and without references that leave it
+    open how all cameras sit together; None where there are no such.
+    """
+    no_altitude = adjustment.leaves_limb_height_open and any(s.altitude for s in sets)
+    no_reference = adjustment.leaves_all_open and any(s.reference for s in sets)
+    if not (no_altitude or no_reference):
+        return None
+    kept = (
+        replace(
+            each,
+            altitude=None if no_altitude else each.altitude,
+            reference=None if no_reference else each.reference,
+        )
+        for each in sets
+    )
+    return tuple(each for each in kept if each.num_residuals > 3)
+
+
+def _altitude_off_m(sets: Sequence[FrameSet], planet: Planet) -> float:
+    """Altitudes that are known less those by the limbs, in the median; 0 without any."""
+    off_m = [
+        each.altitude.altitude_m - planet.altitude_from_rho(each.horizons[0].rho_rad)
+        for each in sets
+        if each.altitude is not None
+    ]
+    return float(np.median(off_m)) if off_m else 0.0
 
 
 def _none(
@@ -241,9 +206,28 @@ class _Adjustment:
         self._equations, self._weight = equations, weight
 
     @property
-    def limb_height_m(self) -> float:
-        """To be added to what is told."""
-        return float(self._state.common[self._model.unknowns.where("limb_height")[0]])
+    def leaves_limb_height_open(self) -> bool:
+        """Whether limb height is held still."""
+        height = self._model.unknowns.where("limb_height")[0]
+        return self._held_share(np.eye(len(self._units))[height]) > _OPEN
+
+    @property
+    def leaves_all_open(self) -> bool:
+        """Whether all cameras together are held still about an axis across nadir."""
+        unknowns = self._model.unknowns
+        middle = self._state.nadir_base.mean(axis=0)
+        across = tangent_basis(middle / np.linalg.norm(middle)).T
+        return any(
+            self._held_share(unknowns.vector("rotation", unknowns.cameras, axis)) > _OPEN
+            for axis in across
+        )
+
+    def _held_share(self, motion: np.ndarray) -> float:
+        """Share (0 to 1) of a motion (P,), in the unknowns' natural units, that is held still."""
+        direction = motion[self._free] / np.linalg.norm(motion[self._free])
+        information, _ = self._information(self._equations, self._weight)
+        seen = self._directions(information[np.ix_(self._free, self._free)])[1]
+        return 1.0 - float(np.sum((seen.T @ direction) ** 2))
 
     @property
     def known(self) -> np.ndarray | None:
@@ -251,7 +235,7 @@ class _Adjustment:
         hold; None where these are all of them.
         """
         information, _ = self._information(self._equations, self._weight)
-        values, seen, _ = self._directions(information[np.ix_(self._free, self._free)])
+        values, seen = self._directions(information[np.ix_(self._free, self._free)])
         if len(values) == 0:
             return None
         variances, vectors = np.linalg.eigh(self._covariance_within(values, seen))
@@ -289,12 +273,21 @@ class _Adjustment:
             ]
         )
 
-    def _open_directions(self, information: np.ndarray) -> np.ndarray:
-        """(P, P - K) of all unknowns, in natural units, that are not observed."""
-        if self._within is None:
-            return self._directions(information)[2]
-        # As many as may move are observed, and these are the surest ones.
-        return np.linalg.eigh(information)[1][:, : len(information) - self._within.shape[1]]
+    def _open_directions(self, seen: np.ndarray) -> np.ndarray:
+        """(P, P - K) of all unknowns, in natural units, that are not observed: the free ones'
+        beside `seen` (F, K), and what all cameras share where one is held.
+        """
+        left = np.zeros((len(self._units), seen.shape[0] - seen.shape[1]))
+        left[self._free] = _complement(seen)
+        unknowns = self._model.unknowns
+        shared = [
+            unknowns.vector(kind, unknowns.cameras, axis)
+            for kind in ("rotation", "drift")
+            if len(where := unknowns.where(kind, self.held)) and where[0] not in self._free
+            for axis in np.eye(3)
+        ]
+        open_ = np.column_stack((*shared, left))
+        return np.linalg.qr(open_)[0] if open_.shape[1] else open_
 
     def _information(
         self, equations: Sequence[SetEquations], weight: np.ndarray
@@ -313,29 +306,30 @@ class _Adjustment:
     ) -> tuple[np.ndarray, float]:
         """Step (P,) along what is observed, and its squared length in sigmas."""
         information, right = self._information(equations, weight)
-        values, seen, _ = self._directions(information[np.ix_(self._free, self._free)])
+        values, seen = self._directions(information[np.ix_(self._free, self._free)])
         along = seen.T @ right[self._free] / values
         step = np.zeros(len(self._units))
         step[self._free] = (seen @ along) * self._units[self._free]
         return step, float(along @ (values * along))
 
-    def _directions(self, information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues and directions of the free unknowns that are observed, and the others."""
+    def _directions(self, information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Eigenvalues (K,) and directions (F, K) of the free unknowns that are observed."""
         if self._within is None:
             # Sets that share their errors count as one.
-            return split_directions(information, self._config.max_sigma / np.sqrt(self._alike))
+            return observed_directions(information, self._config.max_sigma / np.sqrt(self._alike))
         values, vectors = np.linalg.eigh(self._within.T @ information @ self._within)
-        return values, self._within @ vectors, _complement(self._within)
+        return values, self._within @ vectors
 
-    def result(self, sets: tuple[FrameSet, ...], nominal: Mapping[str, np.ndarray]) -> Calibration:
-        """Return what was found."""
+    def result(self, given: Sequence[FrameSet], nominal: Mapping[str, np.ndarray]) -> Calibration:
+        """Return what was found. given : the sets with all that was measured."""
+        sets = tuple(self._model.sets)
         unknowns, state = self._model.unknowns, self._state
         information, _ = self._information(self._equations, self._weight)
-        values, seen, _ = self._directions(information[np.ix_(self._free, self._free)])
+        values, seen = self._directions(information[np.ix_(self._free, self._free)])
         if len(values) == 0:
             reason = "the frame sets tell nothing of how the cameras are mounted"
             return _none(Status.ILL_CONDITIONED, reason, unknowns, nominal, sets)
-        open_directions = self._open_directions(information)
+        open_directions = self._open_directions(seen)
         found = state.common.copy()
         for camera, rot in state.rot_base_from_cam.items():
             turned = vector_from_rotation(rot @ nominal[camera].T)
@@ -354,8 +348,8 @@ class _Adjustment:
                 open_directions,
                 state.nadir_base,
                 held=self.held,
-                has_altitude=any(s.altitude is not None for s in sets),
-                has_reference=any(s.reference is not None for s in sets),
+                has_altitude=any(s.altitude is not None for s in given),
+                has_reference=any(s.reference is not None for s in given),
             ),
             rot_base_from_cam=dict(state.rot_base_from_cam),
             sets=sets,

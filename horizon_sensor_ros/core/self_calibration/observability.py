@@ -15,16 +15,14 @@ _LEAST_NEW = 0.3
 _LEAST_PART = 0.3
 
 
-def split_directions(
-    information: np.ndarray, max_sigma: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Eigenvalues (K,) and directions (P, K) that are observed, and those (P, P - K) that are not.
+def observed_directions(information: np.ndarray, max_sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues (K,) and directions (P, K) that are observed.
 
     information : (P, P) on unknowns in natural units. Observed is what has at most max_sigma.
     """
     values, vectors = np.linalg.eigh(information)
     seen = values > max_sigma**-2
-    return values[seen], vectors[:, seen], vectors[:, ~seen]
+    return values[seen], vectors[:, seen]
 
 
 def unobserved_in_words(

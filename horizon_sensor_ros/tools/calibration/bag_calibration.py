@@ -7,7 +7,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from horizon_sensor_ros.core.self_calibration.adjustment import CalibrationConfig, calibrate
+from horizon_sensor_ros.core.self_calibration.adjustment import calibrate
+from horizon_sensor_ros.core.self_calibration.result import CalibrationConfig
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.calibration.recording import read_recording

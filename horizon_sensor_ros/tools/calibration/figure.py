@@ -14,11 +14,11 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase
 
-from horizon_sensor_ros.core.self_calibration.adjustment import Calibration
 from horizon_sensor_ros.core.self_calibration.differences import (
     NadirDifference,
     nadir_differences,
 )
+from horizon_sensor_ros.core.self_calibration.result import Calibration
 from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
 
 # Okabe & Ito's colours, which colour-blind readers tell apart; the markers differ as well.

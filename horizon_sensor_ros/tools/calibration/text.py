@@ -13,8 +13,8 @@ from horizon_sensor_ros.core.attitude import quaternion_from_rotation
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.rigid import vector_from_rotation
-from horizon_sensor_ros.core.self_calibration.adjustment import Calibration
 from horizon_sensor_ros.core.self_calibration.differences import nadir_differences
+from horizon_sensor_ros.core.self_calibration.result import Calibration
 
 _PARAMETERS = "ros__parameters"
 _BLUNDER_RAD = np.radians(5.0)
