@@ -31,7 +31,7 @@ def squared_error(found: Calibration, truth: np.ndarray, where: np.ndarray) -> f
 
 def test_an_altitude_that_is_off_all_along_moves_the_limb_by_as_much() -> None:
     squares = []
-    for seed in range(40):
+    for seed in range(24):
         sets = frame_sets(swinging(60), ROTATIONS, rng(seed), altitude_sigma_m=1e-3)
         known = AltitudeMeasurement(500e3 + 300.0 * rng(seed + 1000).standard_normal(), 300.0)
         found = calibrate([replace(each, altitude=known) for each in sets], ROTATIONS, PLANET)
@@ -45,7 +45,7 @@ def test_an_altitude_that_is_off_all_along_moves_the_limb_by_as_much() -> None:
 def test_a_reference_that_is_mounted_otherwise_turns_all_cameras() -> None:
     sigma = np.radians(0.05)
     squares = []
-    for seed in range(40):
+    for seed in range(24):
         turn = rotation_from_vector(sigma * rng(seed + 1000).standard_normal(3))
         sets = [
             replace(each, reference=NadirReference(turn @ nadir, sigma))
@@ -63,7 +63,7 @@ def test_what_is_told_of_a_lens_stays() -> None:
     """Of both cameras' horizons nadir is off towards the axis, each by its own amount."""
     sigma = np.radians(0.03)
     squares = []
-    for seed in range(40):
+    for seed in range(24):
         amounts = sigma * rng(seed + 1000).standard_normal(2)
         found = calibrate(
             [_off(each, amounts, sigma) for each in frame_sets(swinging(60), ROTATIONS, rng(seed))],
@@ -145,7 +145,7 @@ def test_a_first_camera_that_sees_nothing_holds_nothing_still() -> None:
     assert any(sentence.startswith("camera_0") for sentence in found.not_observed)
 
 
-@pytest.mark.parametrize(("count", "sigma_m"), [(60, 1200.0), (60, 2000.0), (300, 1200.0)])
+@pytest.mark.parametrize(("count", "sigma_m"), [(60, 1200.0), (60, 2000.0)])
 def test_an_altitude_that_is_not_sure_enough_turns_no_camera(count: int, sigma_m: float) -> None:
     """Limb height, 12 km off, is then left as it is; what it explains went into the rotations."""
     squares = []
