@@ -100,8 +100,8 @@ class CraftFixed:
             kept = _Since(since.nadir_base, since.sigma_rad, stood_rad=since.expected_rad)
             since = self._since = kept
         elif since.stood_rad > 0.0:
-            several = len(fix.cameras_used) + len(fix.cameras_spared) > 1
-            stands = moved_rad < _ELSEWHERE_RAD and not (several and since.time_s > _REFUTED_S)
+            refuted = fix.of_several and since.time_s > _REFUTED_S
+            stands = moved_rad < _ELSEWHERE_RAD and not refuted
         elif not since.tells:
             return ""
         if not stands:

@@ -73,6 +73,11 @@ class HorizonFix:
         """True when there is an estimate."""
         return self.status is Status.OK
 
+    @property
+    def of_several(self) -> bool:
+        """Whether the limbs of several cameras lie on its cone."""
+        return len(self.cameras_used) + len(self.cameras_spared) > 1
+
     def residual_px(self, view: CameraView, limb: LimbPoints) -> float:
         """Root mean square distance of one camera's limb points from the fitted limb.
 

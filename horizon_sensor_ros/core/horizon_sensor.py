@@ -99,7 +99,7 @@ class HorizonSensor:
         if doubt:
             fix = self._not_believed(fix, Status.CAMERAS_DISAGREE, doubt)
         still = self._craft_fixed.against(fix, aiding)
-        if still and len(fix.cameras_used) + len(fix.cameras_spared) > 1:
+        if still and fix.of_several:
             # No part of the craft looks like one horizon to several cameras.
             fix = _told_besides(fix, still)
         elif still:

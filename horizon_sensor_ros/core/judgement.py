@@ -30,9 +30,9 @@ _MAX_BEND, _LEAST_BEND_PX = 4.5, 0.75
 _MOST_SCATTER = 1.5
 # Residual of one camera's modelled edges over their claimed sigma, and over that with what they
 # share: cloud decks, ice, round parts of the craft have edges that are less even than they are
-# sharp. Of 2000 simulated single limbs none is near both (3.1 and 2.7 at most), nor are those of
-# real frames (2.8 and 1.5, uncalibrated); of another renderer's 49 decks of cloud that were taken
-# for a limb 29 are beyond.
+# sharp. Of 2000 simulated single limbs none is beyond both (5.1 and 1.6, and 3.1 and 2.7, come
+# nearest), nor are those of real frames (2.8 and 1.5, uncalibrated); of another renderer's 49
+# decks of cloud that were taken for a limb 29 are beyond.
 _UNEVEN, _UNEVEN_BESIDE_SHARED = 4.0, 2.0
 # Heights of the airglow's edge above a limb: 76 to 99 km in photographs in which that was the
 # ground's, 91 to 110 in simulated frames, whose layer is at 95.

@@ -178,6 +178,14 @@ def test_a_reference_that_is_not_sure_enough_turns_no_camera_against_the_other()
     assert not any("camera_2 about" in sentence for sentence in found.not_observed)
 
 
+def test_one_camera_whose_reference_is_not_sure_enough_is_not_calibrated() -> None:
+    alone = {"camera_1": ROTATIONS["camera_1"]}
+    sets = frame_sets(swinging(40), alone, rng(6), reference_sigma_rad=np.radians(0.3))
+    found = calibrate(sets, alone, PLANET)
+    assert found.status is Status.ILL_CONDITIONED
+    assert "is not sure enough, and without it 0 of 40 frame sets" in found.reason
+
+
 @pytest.mark.parametrize("sigma_m", [10.0, 2e3, 20e3])
 def test_an_altitude_that_is_none_is_said(sigma_m: float) -> None:
     sets = frame_sets(swinging(30), ROTATIONS, rng(5))

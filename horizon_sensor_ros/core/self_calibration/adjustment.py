@@ -77,8 +77,11 @@ def calibrate(
     # What is held still although measurements of it are used would go into the rotations.
     without = _without_unsure(telling, adjustment)
     if without is not None:
-        if not without:
-            reason = "the reference is not sure enough, and one camera alone tells nothing"
+        if len(without) < MIN_SETS:
+            reason = (
+                "the reference, or the altitude, is not sure enough, and without it "
+                f"{len(without)} of {len(sets)} frame sets tell something, {MIN_SETS} needed"
+            )
             return _none(Status.ILL_CONDITIONED, reason, unknowns, nominal, telling)
         adjustment = _adjusted(without, nominal, planet, unknowns, config)
     if adjustment.scale > _MAX_SCALE:
@@ -204,6 +207,10 @@ class _Adjustment:
         self.scale = scale
         self._state = state
         self._equations, self._weight = equations, weight
+        information, _ = self._information(equations, weight)
+        free = information[np.ix_(self._free, self._free)]
+        # What is observed at the end: eigenvalues (K,) and directions (F, K).
+        self._values, self._seen = self._directions(free)
 
     @property
     def leaves_limb_height_open(self) -> bool:
@@ -225,22 +232,18 @@ class _Adjustment:
     def _held_share(self, motion: np.ndarray) -> float:
         """Share (0 to 1) of a motion (P,), in the unknowns' natural units, that is held still."""
         direction = motion[self._free] / np.linalg.norm(motion[self._free])
-        information, _ = self._information(self._equations, self._weight)
-        seen = self._directions(information[np.ix_(self._free, self._free)])[1]
-        return 1.0 - float(np.sum((seen.T @ direction) ** 2))
+        return 1.0 - float(np.sum((self._seen.T @ direction) ** 2))
 
     @property
     def known(self) -> np.ndarray | None:
         """Those of its directions (F, K) that are known well enough with all that their sigmas
         hold; None where these are all of them.
         """
-        information, _ = self._information(self._equations, self._weight)
-        values, seen = self._directions(information[np.ix_(self._free, self._free)])
-        if len(values) == 0:
+        if len(self._values) == 0:
             return None
-        variances, vectors = np.linalg.eigh(self._covariance_within(values, seen))
+        variances, vectors = np.linalg.eigh(self._covariance_within())
         known = variances <= self._config.max_sigma**2
-        return None if known.all() else seen @ vectors[:, known]
+        return None if known.all() else self._seen @ vectors[:, known]
 
     def opposite(self) -> list[str]:
         """Cameras in whose frames nadir comes out opposite to where they measured it: in residuals
@@ -273,12 +276,13 @@ class _Adjustment:
             ]
         )
 
-    def _open_directions(self, seen: np.ndarray) -> np.ndarray:
+    def _open_directions(self) -> np.ndarray:
         """(P, P - K) of all unknowns, in natural units, that are not observed: the free ones'
-        beside `seen` (F, K), and what all cameras share where one is held.
+        beside those that are, and what all cameras share where one is held.
         """
-        left = np.zeros((len(self._units), seen.shape[0] - seen.shape[1]))
-        left[self._free] = _complement(seen)
+        count, seen = self._seen.shape
+        left = np.zeros((len(self._units), count - seen))
+        left[self._free] = np.linalg.svd(self._seen)[0][:, seen:]
         unknowns = self._model.unknowns
         shared = [
             unknowns.vector(kind, unknowns.cameras, axis)
@@ -324,28 +328,25 @@ class _Adjustment:
         """Return what was found. given : the sets with all that was measured."""
         sets = tuple(self._model.sets)
         unknowns, state = self._model.unknowns, self._state
-        information, _ = self._information(self._equations, self._weight)
-        values, seen = self._directions(information[np.ix_(self._free, self._free)])
-        if len(values) == 0:
+        if len(self._values) == 0:
             reason = "the frame sets tell nothing of how the cameras are mounted"
             return _none(Status.ILL_CONDITIONED, reason, unknowns, nominal, sets)
-        open_directions = self._open_directions(seen)
         found = state.common.copy()
         for camera, rot in state.rot_base_from_cam.items():
             turned = vector_from_rotation(rot @ nominal[camera].T)
             found[unknowns.where("rotation", camera)] = turned
         share = np.zeros(len(unknowns))
-        share[self._free] = np.einsum("ij,ij->i", seen, seen)
+        share[self._free] = np.einsum("ij,ij->i", self._seen, self._seen)
         return Calibration(
             Status.OK,
             "",
             unknowns,
             values=found,
-            cov=self._covariance(values, seen),
+            cov=self._covariance(),
             observed_share=share,
             not_observed=unobserved_in_words(
                 unknowns,
-                open_directions,
+                self._open_directions(),
                 state.nadir_base,
                 held=self.held,
                 has_altitude=any(s.altitude is not None for s in given),
@@ -361,14 +362,14 @@ class _Adjustment:
             max_sigma=self._config.max_sigma,
         )
 
-    def _covariance(self, values: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    def _covariance(self) -> np.ndarray:
         """(P, P) of the observed part, in the unknowns' own units."""
-        whole = self._covariance_within(values, seen)
         out = np.zeros((len(self._units),) * 2)
-        out[np.ix_(self._free, self._free)] = seen @ whole @ seen.T
+        whole = self._seen @ self._covariance_within() @ self._seen.T
+        out[np.ix_(self._free, self._free)] = whole
         return out * np.outer(self._units, self._units)
 
-    def _covariance_within(self, values: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    def _covariance_within(self) -> np.ndarray:
         """(K, K) along what is observed, in natural units.
 
         The errors that limbs claim, propagated: those new in each frame; those that sets close
@@ -386,17 +387,12 @@ class _Adjustment:
             claimed += design.T @ design + (self._alike - 1.0) * shared @ shared.T
             steady += design.T @ each.steady
             scores.append(design.T @ each.residual)
-        gain = (seen / values).T
+        gain = (self._seen / self._values).T
         cov = gain @ claimed @ gain.T
         always = gain @ steady
         shown = gain @ _long_run(np.array(scores)) @ gain.T
-        factor = max(1.0, float(np.trace(np.linalg.solve(cov, shown))) / len(values))
+        factor = max(1.0, float(np.trace(np.linalg.solve(cov, shown))) / len(self._values))
         return np.asarray(factor * cov + always @ always.T)
-
-
-def _complement(directions: np.ndarray) -> np.ndarray:
-    """(F, F - K) orthonormal, across (F, K) orthonormal directions."""
-    return np.linalg.svd(directions)[0][:, directions.shape[1] :]
 
 
 def _weights(equations: Sequence[SetEquations]) -> tuple[np.ndarray, float]:

@@ -20,7 +20,6 @@ _PARAMETERS = "ros__parameters"
 _BLUNDER_RAD = np.radians(5.0)
 # Residuals of sets, over what is claimed, and the share of sets that have no say, that are said.
 _MUCH_SCATTER, _MANY_OUT = 1.5, 0.1
-_EARTH_M, _FLATTENED = 6371e3, 1 / 298
 
 
 def calibration_text(
@@ -78,7 +77,9 @@ def _cautions(calibration: Calibration, told: HorizonConfig) -> list[str]:
             "are those of the others."
         )
     planet = told.planet
-    if planet.flattening == 0.0 and abs(planet.radius_m - _EARTH_M) < _EARTH_M * _FLATTENED:
+    earth = Planet.wgs84()
+    off_m = abs(planet.radius_m - earth.mean_radius_m)
+    if planet.flattening == 0.0 and off_m < earth.radius_m * earth.flattening:
         found.append(
             "The planet was a sphere. The Earth is flattened, which turns cameras against each "
             "other by up to\n0.1 deg, and no sigma here holds that: for it planet: wgs84, with "
