@@ -113,7 +113,7 @@ def cloud_noise(points: FloatArray, seed: int) -> tuple[NDArray[np.float32], NDA
     Returns two (N,) fields of zero mean and about unit variance: the fractal, and an independent
     smooth one (continents, sharp and soft regions).
     """
-    turned = points @ _orientation(seed).T
+    turned = (_orientation(seed) @ points.T).T
     weights = _plane_weights(turned)
     tiles = _tiles(seed)
     fractal = np.zeros(len(points), np.float32)
@@ -150,7 +150,7 @@ def city_brightness(points: FloatArray, seed: int) -> NDArray[np.float32]:
 
     points : (N, 3) unit vectors fixed to the planet.
     """
-    turned = points @ _orientation(seed + 1).T
+    turned = (_orientation(seed + 1) @ points.T).T
     weights = _plane_weights(turned)
     tiles = _tiles(seed + 1)
     region = _triplanar(tiles[0], turned / _BANDS[0].period, weights, 0.0)

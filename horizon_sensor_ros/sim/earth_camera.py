@@ -6,7 +6,7 @@ the share of its own little square that lies on the planet. All other pixels are
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -43,6 +43,7 @@ _UNEVEN_WAVES, _UNEVEN_SIGMAS = (0.03, 1.0), 5.0
 _FAINTEST_AIR = 12.0  # scale heights up to which the air's glow is drawn
 _CLEAR_AIR = 0.1  # optical depth of air that hides nothing
 _STEP_INSIDE_PX, _STEP_OUTSIDE_PX = 2.5, 4.0  # where the brightness step at the limb is measured
+_PIECE = 16384  # lines of sight that are drawn at a time: what is made of them stays in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +58,8 @@ class SimFrame:
 class _Sight:
     """Lines of sight in the space where the planet is the unit sphere.
 
-    rays (N, 3) : unit, scaled space; cos_nadir (N,) : of their angle to its centre; excess (N,) :
-    cos_nadir minus that of the limb, positive on the planet.
+    rays (N, 3) : unit, scaled space, each coordinate in one piece; cos_nadir (N,) : of their angle
+    to its centre; excess (N,) : cos_nadir minus that of the limb, positive on the planet.
     """
 
     rays: FloatArray
@@ -66,7 +67,11 @@ class _Sight:
     excess: FloatArray
 
     def take(self, which: BoolArray) -> _Sight:
-        return _Sight(self.rays[which], self.cos_nadir[which], self.excess[which])
+        if which.all():
+            return self
+        index = np.flatnonzero(which)
+        rays = self.rays.T.take(index, axis=1).T
+        return _Sight(rays, self.cos_nadir[index], self.excess[index])
 
 
 class _World:
@@ -89,8 +94,7 @@ class _World:
         self.lamp = None if scene.even_light else self.sun
 
     def sight(self, rays_world: FloatArray) -> _Sight:
-        rays = rays_world / self.axes
-        rays /= np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]
+        rays = _unit(rays_world / self.axes)
         cos_nadir = rays @ self.nadir
         sight = _Sight(rays, cos_nadir, cos_nadir - self.cos_rho)
         if self.scene.limb_uneven_m > 0.0:
@@ -108,6 +112,11 @@ class _World:
         cos_limb = np.sqrt(np.maximum(1.0 - limb * limb, 0.0))
         sight.excess[near] = sight.cos_nadir[near] - cos_limb
 
+    @property
+    def has_air(self) -> bool:
+        """Whether there is anything to be seen beside the planet."""
+        return self.scene.air_dn > 0.0 or self.scene.airglow_dn > 0.0
+
     def hits(self, rays_world: FloatArray) -> BoolArray:
         return self.sight(rays_world).excess > 0.0
 
@@ -116,8 +125,7 @@ class _World:
         scene = self.scene
         along = sight.cos_nadir * self.distance
         root = np.sqrt(np.maximum(along * along - (self.distance**2 - 1.0), 0.0))
-        points = self.origin + (along - root)[:, None] * sight.rays
-        points /= np.sqrt(np.einsum("ij,ij->i", points, points))[:, None]
+        points = _unit(self.origin + (along - root)[:, None] * sight.rays)
         if scene.texture == "clouds":
             light = cloud_brightness(
                 points, scene.texture_seed, scene.cloud_cover, scene.ground_dn, scene.cloud_dn
@@ -162,8 +170,6 @@ class _World:
         """Brightness (N,) of the air along rays beside the planet (rays on it count as grazing)."""
         scene = self.scene
         out = np.zeros(len(sight.rays), np.float32)
-        if scene.air_dn <= 0.0 and scene.airglow_dn <= 0.0:
-            return out
         sin_nadir = np.sqrt(np.maximum(1.0 - sight.cos_nadir**2, 0.0))
         height = np.maximum(self.distance * sin_nadir - 1.0, 0.0) * self.radius_m
         ahead = self.distance * sight.cos_nadir * self.radius_m
@@ -197,11 +203,10 @@ class _World:
     def _lowest(self, sight: _Sight) -> FloatArray:
         """Directions (N, 3) of the rays' points nearest to the planet's centre."""
         points = self.origin + (sight.cos_nadir * self.distance)[:, None] * sight.rays
-        return points / np.sqrt(np.einsum("ij,ij->i", points, points))[:, None]
+        return _unit(points)
 
     def _normals(self, points: FloatArray) -> FloatArray:
-        normals = points / self.axes
-        return normals / np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None]
+        return _unit(points / self.axes)
 
     def _air_light(self, points: FloatArray, rays: FloatArray) -> FloatArray | float:
         """Share of sunlight that the air over surface points gets, twilight included, and scatters
@@ -218,6 +223,21 @@ class _World:
         light = np.maximum(day, self.scene.night_light)
         scattered = 0.75 * (1.0 + np.square(rays @ self.lamp)) - 1.0
         return np.asarray(light * (1.0 + self.scene.air_rayleigh * scattered))
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    """The vectors (N, 3), made unit vectors in place."""
+    vectors /= np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None]
+    return vectors
+
+
+def _turned(rays: FloatArray, rot: FloatArray) -> FloatArray:
+    """Rays (N, 3), turned; each coordinate in one piece."""
+    return (rot @ rays.T).T
+
+
+def _pieces(count: int) -> Iterator[slice]:
+    return (slice(first, min(first + _PIECE, count)) for first in range(0, count, _PIECE))
 
 
 def _sine(cos_sun: FloatArray, width: float) -> FloatArray:
@@ -239,7 +259,7 @@ def _through_air(column: FloatArray, depth: float) -> tuple[FloatArray, FloatArr
 def _frame_rays(camera: Camera) -> FloatArray:
     """Optical-frame rays (H * W, 3) of all pixels' centres, row by row."""
     x, y = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
-    rays = camera.rays(np.stack([x.ravel(), y.ravel()], axis=1))
+    rays = np.asfortranarray(camera.rays(np.stack([x.ravel(), y.ravel()], axis=1)))
     rays.setflags(write=False)
     return rays
 
@@ -270,16 +290,31 @@ def _draw_limb(
     offset = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
     dx, dy = (grid.ravel() for grid in np.meshgrid(offset, offset))
     y, x = np.divmod(edge, camera.width)
-    px = np.stack([(x[:, None] + dx).ravel(), (y[:, None] + dy).ravel()], axis=1)
-    rays = camera.rays(px)
-    valid = np.isfinite(rays).all(axis=1)
-    sight = world.sight(np.where(valid[:, None], rays, [0.0, 0.0, 1.0]) @ rot.T)
-    share = np.clip(0.5 + sight.excess / np.repeat(ramp, _SUBPIXELS**2), 0.0, 1.0)
+    samples = np.empty((len(edge), _SUBPIXELS**2), np.float32)
+    size = _PIECE // _SUBPIXELS**2
+    for first in range(0, len(edge), size):
+        piece = slice(first, first + size)
+        px = np.stack([(x[piece, None] + dx).ravel(), (y[piece, None] + dy).ravel()], axis=1)
+        steep = np.repeat(ramp[piece], _SUBPIXELS**2)
+        samples[piece] = _shared_out(world, camera.rays(px), rot, steep).reshape(-1, len(dx))
+    light.flat[edge] = samples.mean(axis=1)
+
+
+def _shared_out(world: _World, rays: FloatArray, rot: FloatArray, ramp: FloatArray) -> Image:
+    """Brightness (N,) of little squares about rays (N, 3), optical frame, each by the share of it
+    that lies on the planet.
+
+    ramp (N,) : change of the excess across a square.
+    """
+    valid = np.asarray(np.isfinite(rays).all(axis=1))
+    sight = world.sight(_turned(np.where(valid[:, None], rays, [0.0, 0.0, 1.0]), rot))
+    share = np.clip(0.5 + sight.excess / ramp, 0.0, 1.0)
     on, off = valid & (share > 0.0), valid & (share < 1.0)
-    samples = np.zeros(len(rays), np.float32)
-    samples[on] += share[on] * world.surface(sight.take(on))
-    samples[off] += (1.0 - share[off]) * world.sky(sight.take(off))
-    light.flat[edge] = samples.reshape(-1, _SUBPIXELS**2).mean(axis=1)
+    out = np.zeros(len(rays), np.float32)
+    out[on] += share[on] * world.surface(sight.take(on))
+    if world.has_air:
+        out[off] += (1.0 - share[off]) * world.sky(sight.take(off))
+    return out
 
 
 def _limb_pixels(excess: FloatArray) -> BoolArray:
@@ -350,16 +385,19 @@ def _light(world: _World, camera: Camera, rot: FloatArray) -> Image:
     """Brightness (H, W) at a moment, before the optics; without the Sun."""
     shape = (camera.height, camera.width)
     rays = _frame_rays(camera)
-    seen = np.isfinite(rays[:, 2])
-    sight = world.sight(rays @ rot.T)
     light: Image = np.zeros(shape, np.float32)
-    with np.errstate(invalid="ignore"):
-        on_planet = sight.excess > 0.0
-    pixels = light.reshape(-1)
-    pixels[on_planet] = world.surface(sight.take(on_planet))
-    off_planet = seen & ~on_planet
-    pixels[off_planet] = world.sky(sight.take(off_planet))
-    _draw_limb(light, world, camera, rot, sight.excess.reshape(shape))
+    excess = np.empty(shape)
+    for piece in _pieces(len(rays)):
+        sight = world.sight(_turned(rays[piece], rot))
+        excess.reshape(-1)[piece] = sight.excess
+        pixels = light.reshape(-1)[piece]
+        with np.errstate(invalid="ignore"):  # where the lens has no ray
+            on_planet, off_planet = sight.excess > 0.0, sight.excess <= 0.0
+        if on_planet.any():
+            pixels[on_planet] = world.surface(sight.take(on_planet))
+        if world.has_air:
+            pixels[off_planet] = world.sky(sight.take(off_planet))
+    _draw_limb(light, world, camera, rot, excess)
     _draw_sky_objects(light, world, camera, rot)
     return light
 

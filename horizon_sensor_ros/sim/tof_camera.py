@@ -8,7 +8,8 @@ import numpy as np
 
 from horizon_sensor_ros.sim.shapes import TriangleMesh
 
-_PAIRS_AT_ONCE = 2_000_000
+_PAIRS_AT_ONCE = 32_768  # of a triangle and a pixel: what is made of them stays in the cache
+_LARGE = 400  # pixels from which a triangle's box is worth a turn of its own
 
 
 @dataclass(frozen=True)
@@ -82,12 +83,16 @@ class ToFCamera:
 
     def rays(self, oversampling: int = 1) -> np.ndarray:
         """(H k, W k, 3) unit rays of the pixel centres, or of k x k places inside each pixel."""
+        u, v = self._tangents(oversampling)
+        scale = 1.0 / np.sqrt(u * u + (v * v)[:, None] + 1.0)
+        return np.stack([u * scale, v[:, None] * scale, scale], axis=-1)
+
+    def _tangents(self, oversampling: int) -> tuple[np.ndarray, np.ndarray]:
+        """x / z (W k,) of the columns of rays, and y / z (H k,) of the rows."""
         k = oversampling
         u = ((np.arange(self.width * k) + 0.5) / k - self.width / 2) / self.focal_px
         v = ((np.arange(self.height * k) + 0.5) / k - self.height / 2) / self.focal_px
-        rays = np.ones((self.height * k, self.width * k, 3))
-        rays[..., 0], rays[..., 1] = u, v[:, None]
-        return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+        return u, v
 
     def ranges(
         self, mesh: TriangleMesh, pose_cam_from_target: np.ndarray, oversampling: int = 1
@@ -96,9 +101,10 @@ class ToFCamera:
         none."""
         pose = _checked_pose(pose_cam_from_target)
         corners = (mesh.vertices @ pose[:3, :3].T + pose[:3, 3])[mesh.faces]
-        rays = self.rays(oversampling)
-        depth = _cast(corners, rays[..., :2] / rays[..., 2:], self.focal_px * oversampling)
-        return depth / rays[..., 2]
+        u, v = self._tangents(oversampling)
+        depth = _cast(corners, u, v, self.focal_px * oversampling)
+        depth *= np.sqrt(u * u + (v * v)[:, None] + 1.0)
+        return depth
 
     def scan(
         self,
@@ -139,48 +145,64 @@ def _checked_pose(pose: np.ndarray) -> np.ndarray:
     return pose
 
 
-def _cast(corners: np.ndarray, tangents: np.ndarray, focal_px: float) -> np.ndarray:
-    """Depth z (H, W) of the nearest triangle along each ray (x/z, y/z, 1); NaN where there is none.
+def _cast(corners: np.ndarray, u: np.ndarray, v: np.ndarray, focal_px: float) -> np.ndarray:
+    """Depth z (H, W) of the nearest triangle along each ray (u, v, 1), u (W,) and v (H,); NaN where
+    there is none.
 
     A ray d passes through triangle (a, b, c) where d.(a x b), d.(b x c) and d.(c x a) agree in
     sign, and meets it at z = a.(b x c) / their sum; this holds for triangles that reach behind the
     camera as well.
     """
-    height, width = tangents.shape[:2]
-    depth = np.full(height * width, np.inf)
+    depth = np.full((len(v), len(u)), np.inf)
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     sides = np.stack([np.cross(a, b), np.cross(b, c), np.cross(c, a)], axis=1)
     volume = np.einsum("ij,ij->i", a, sides[:, 1])
-    low, high = _pixel_boxes(corners, tangents, focal_px)
+    low, high = _pixel_boxes(corners, (len(u), len(v)), focal_px)
     wide = np.maximum(high - low, 0)
     area = wide[:, 0] * wide[:, 1]
     area[(corners[..., 2] <= 0).all(axis=1)] = 0
-    flat = tangents.reshape(-1, 2)
+    for triangle in np.flatnonzero(area >= _LARGE):
+        box = tuple(slice(low[triangle, i], high[triangle, i]) for i in (1, 0))
+        z = _crossings(sides[triangle], volume[triangle], u[box[1]], v[box[0], None])
+        np.minimum(depth[box], z, out=depth[box])
+    area[area >= _LARGE] = 0
     for chunk in _chunks(area):
-        triangle = np.repeat(chunk, area[chunk])
-        place = np.arange(len(triangle)) - np.repeat(
-            np.cumsum(area[chunk]) - area[chunk], area[chunk]
-        )
-        row = low[triangle, 1] + place // wide[triangle, 0]
-        pixel = row * width + low[triangle, 0] + place % wide[triangle, 0]
-        x, y = flat[pixel, 0], flat[pixel, 1]
-        edge = sides[triangle]
-        inside = edge[..., 0] * x[:, None] + edge[..., 1] * y[:, None] + edge[..., 2]
-        total = inside.sum(axis=1)
-        hit = ((inside >= 0).all(axis=1) | (inside <= 0).all(axis=1)) & (total != 0)
-        z = volume[triangle[hit]] / total[hit]
-        ahead = z > 0
-        np.minimum.at(depth, pixel[hit][ahead], z[ahead])
+        count = area[chunk]
+        place = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        down, across = np.divmod(place.astype(np.int32), np.repeat(wide[chunk, 0], count))
+        row = np.repeat(low[chunk, 1], count) + down
+        column = np.repeat(low[chunk, 0], count) + across
+        side = np.repeat(sides[chunk].reshape(-1, 9).T, count, axis=1).reshape(3, 3, -1)
+        z = _crossings(side, np.repeat(volume[chunk], count), u[column], v[row])
+        hit = np.flatnonzero(np.isfinite(z))
+        np.minimum.at(depth.reshape(-1), row[hit] * len(u) + column[hit], z[hit])
     depth[np.isinf(depth)] = np.nan
-    return depth.reshape(height, width)
+    return depth
+
+
+def _crossings(
+    sides: np.ndarray, volume: np.ndarray | float, x: np.ndarray, y: np.ndarray
+) -> np.ndarray:
+    """Depths (...) at which rays (x, y, 1) pass through triangles; infinite where they do not.
+
+    sides : (3, 3) or (3, 3, ...), one row the cross product of two corners.
+    """
+    first, second, third = (side[0] * x + side[1] * y + side[2] for side in sides)
+    total = first + second + third
+    least = np.minimum(np.minimum(first, second), third)
+    most = np.maximum(np.maximum(first, second), third)
+    hit = ((least >= 0.0) | (most <= 0.0)) & (total != 0.0)
+    z = np.divide(volume, total, out=np.full(total.shape, np.inf), where=hit)
+    z[z <= 0.0] = np.inf
+    return z
 
 
 def _pixel_boxes(
-    corners: np.ndarray, tangents: np.ndarray, focal_px: float
+    corners: np.ndarray, size_px: tuple[int, int], focal_px: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The pixels (low inclusive, high exclusive; (F, 2) column, row) that each triangle may
-    cover."""
-    size = np.array([tangents.shape[1], tangents.shape[0]])
+    cover, of a frame so wide and high."""
+    size = np.array(size_px)
     z = corners[..., 2:]
     ahead = (z > 1e-9).all(axis=(1, 2))
     spot = corners[..., :2] / np.where(z > 1e-9, z, 1.0) * focal_px + (size - 1) / 2
