@@ -42,8 +42,14 @@ _BAND_M = 33e3, 84e3  # depth of its end where it is thinnest, more than; and th
 _NARROWS = 0.95  # rank correlation of that depth with the place along the limb, more than
 _GROUND = 0.6  # brightness of dark ground over the crest's, at most
 _DARK_SHARE = 0.5  # of the columns, behind which ground must be dark
+_LEAST_CREST = 1e-3  # gray levels: space may be as bright as the brightest of a column
 _LEAST_COLUMNS = 7  # with dark ground, likewise
 _REAR = (_BEHIND_M[0] <= DEPTHS_M) & (_BEHIND_M[1] >= DEPTHS_M)
+
+
+def _over_crest(level: np.ndarray, crest: np.ndarray) -> np.ndarray:
+    """Brightness (N, D) over the columns' crests (N,); beside one without light all is bright."""
+    return np.asarray(level / np.maximum(crest, _LEAST_CREST)[:, None])
 
 
 def fades_alike(level: np.ndarray, crest: np.ndarray, at_trough: np.ndarray) -> bool:
@@ -51,7 +57,7 @@ def fades_alike(level: np.ndarray, crest: np.ndarray, at_trough: np.ndarray) -> 
     troughs: where pixels are coarse the light of the ground begins there.
     """
     last_m = max(_FADES_AT_LEAST_M, min(_FADES_M[1], median(DEPTHS_M[at_trough])))
-    band = (level / crest[:, None])[:, (_FADES_M[0] <= DEPTHS_M) & (last_m >= DEPTHS_M)]
+    band = _over_crest(level, crest)[:, (_FADES_M[0] <= DEPTHS_M) & (last_m >= DEPTHS_M)]
     usual = np.median(band, axis=0)
     alike = np.abs(band - usual).max(axis=1) < ALIKE
     return bool(usual[-1] < _FADED * usual[0] and alike.mean() > MOST)
@@ -64,7 +70,7 @@ def fades_as_a_shell(
     crests (N,) fade as a thin shell does, down to a depth; None where they do not.
     """
     front = (_SHELL_M[0] <= DEPTHS_M) & (last_m >= DEPTHS_M)
-    usual = np.median(level[:, front] / crest[:, None], axis=0) * np.sqrt(DEPTHS_M[front])
+    usual = np.median(_over_crest(level[:, front], crest), axis=0) * np.sqrt(DEPTHS_M[front])
     law = median(usual)
     return law if np.abs(usual - law).max() < _SHELL_LAW * law else None
 
@@ -77,7 +83,7 @@ def is_shell(level: np.ndarray, crest: np.ndarray) -> bool:
     if law is None:
         return False
     behind = _SHELL_M[2] <= DEPTHS_M
-    each = level[:, behind] / crest[:, None] * np.sqrt(DEPTHS_M[behind])
+    each = _over_crest(level[:, behind], crest) * np.sqrt(DEPTHS_M[behind])
     return quantile(np.median(each, axis=1), _DARK_COLUMNS) < _REAR_HIDDEN * law
 
 
@@ -85,7 +91,7 @@ def ends_above(level: np.ndarray, crest: np.ndarray) -> bool:
     """Whether columns (N, D) with these crests (N,) fade as a thin shell does, but are darker above
     their edges than the Earth's air could be.
     """
-    above = np.median(level[:, DEPTHS_M == _ABOVE_M] / crest[:, None])
+    above = np.median(_over_crest(level[:, DEPTHS_M == _ABOVE_M], crest))
     return bool(above < _ENDS) and fades_as_a_shell(level, crest) is not None
 
 
@@ -112,14 +118,14 @@ def is_air(level: np.ndarray, crest: np.ndarray) -> bool:
 
 def _ground_over_crest(level: np.ndarray, crest: np.ndarray) -> float:
     """Brightness of the ground deep below the edge in columns (N, D), over their crests' (N,)."""
-    return median(level[:, -3:].mean(axis=1) / crest)
+    return median(_over_crest(level[:, -3:], crest).mean(axis=1))
 
 
 def _over_the_law(level: np.ndarray, crest: np.ndarray) -> np.ndarray:
     """Brightness (D,) of columns (N, D) with these crests (N,), over that of a thin shell which is
     as bright above the ground.
     """
-    usual = np.median(level / crest[:, None], axis=0) * np.sqrt(np.maximum(DEPTHS_M, 0.0))
+    usual = np.median(_over_crest(level, crest), axis=0) * np.sqrt(np.maximum(DEPTHS_M, 0.0))
     front = (_SHELL_M[0] <= DEPTHS_M) & (ABOVE_GROUND_M >= DEPTHS_M)
     # Where next to nothing shows above, by a hundredth of the crest.
     return np.asarray(usual / max(float(np.median(usual[front])), 0.01 * np.sqrt(ABOVE_GROUND_M)))
