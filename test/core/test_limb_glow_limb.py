@@ -532,3 +532,25 @@ def test_sight_above_the_horizontal_is_no_glow() -> None:
         warnings.simplefilter("error")
         assert look_along(gray, turned, nadir, rho, 20.0, 1) is None
         assert not isinstance(fit_glow(gray, turned, nadir, rho, look), GlowLimb)
+
+
+@pytest.mark.parametrize("fading", [-60.0, -220.0, -1500.0])
+def test_steps_that_lead_to_no_air_end(fading: float) -> None:
+    """As beside a photograph's edges that are no limb, where a lens became so much brighter towards
+    its corners: then numbers overflow, and no matrix has axes.
+    """
+    view = limb_views(500e3)[0]
+    image = draw((view,), 500e3, _air(1), Imaging(noise_dn=1.5))[0].image
+    rho = Planet().rho_from_altitude(500e3)
+    look = EdgeLook(0.75, 2.0, air=replace(_TRUE_AIR, fading=fading))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert fit_glow(image, view, np.array([0.0, 0.0, 1.0]), rho, look) is None
+
+
+def test_air_as_bright_as_a_camera_shows_is_imaginable() -> None:
+    """16 bits, brighter by the factor of e towards one end and the corners; or none at all."""
+    log_glow = np.array([np.log(65535.0), 1.0, 0.0])
+    assert replace(_TRUE_AIR, log_glow=log_glow, fading=-1.0).imaginable
+    assert replace(_TRUE_AIR, log_glow=np.array([-700.0, 0.0, 0.0]), fading=100.0).imaginable
+    assert not replace(_TRUE_AIR, log_glow=np.array([np.nan, 0.0, 0.0])).imaginable

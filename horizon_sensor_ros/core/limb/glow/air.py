@@ -52,6 +52,7 @@ _FURTHER_SIGMA = np.array([0.2, 0.1, 0.05])
 BLURS_PX = 0.35, 1.7  # blurs that pixels can tell
 SHARES = 0.0, 1.2  # shares that air may have
 _MOST_CHANGE = 0.3  # of logarithms, in a step
+_MOST_LOG_GLOW = 30.0  # no camera shows a glow of more gray levels than 1e13
 # Largest changes of the last step.
 _NEAR = 0.15  # of logarithms and shares
 _NEAR_BLUR_PX = 0.02
@@ -105,6 +106,14 @@ class Air:
         if not self.twilit:
             return self
         return replace(self.lit_in(None), log_glow=np.array([self.log_glow[0], 0.0, 0.0]))
+
+    @property
+    def imaginable(self) -> bool:
+        """Whether it glows no brighter anywhere than a camera could show: steps beside what is no
+        limb may have no end.
+        """
+        unevenly = float(np.abs(self.log_glow[1:]).sum() + np.abs(self.further).sum())
+        return float(self.log_glow[0]) + unevenly + max(-self.fading, 0.0) < _MOST_LOG_GLOW
 
     def changed(self, change: np.ndarray) -> Air:
         """The same after a step (P,)."""

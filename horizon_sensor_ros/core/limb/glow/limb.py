@@ -234,7 +234,7 @@ def _fitted(
             air, keep = guess.air.lit_in(part), guess.keep
             if part is None and (_too_few(keep) or np.abs(air.log_glow[1:]).max() > _TWILIGHT):
                 return lit_part(guess.glow)
-        if _too_few(keep):
+        if _too_few(keep) or not air.imaginable:
             return None
         found = step_towards(sight, air, keep)
         if not _determined(found):
