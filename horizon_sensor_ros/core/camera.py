@@ -262,6 +262,8 @@ def _camera_matrix(k: np.ndarray | Sequence[float]) -> np.ndarray:
 def _region(roi: Sequence[int], width: int, height: int) -> tuple[int, int, int, int]:
     """x, y, width, height of a region of interest; ValueError where it is not in the frame."""
     x, y, roi_width, roi_height = (int(value) for value in roi)
+    if width <= 0 or height <= 0:
+        raise ValueError(f"width and height must be positive, got {width} x {height}")
     if roi_width == 0 and roi_height == 0:
         roi_width, roi_height = int(width), int(height)
     inside = (

@@ -15,6 +15,7 @@ from horizon_sensor_ros.core.planet_figure import Disc, disc_of
 from horizon_sensor_ros.core.status import Status
 
 _LESS_SURE = "the other camera is surer without it"
+_ON_ANOTHER_CONE = "its limb does not lie on one cone with the others'"
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,14 @@ class HorizonFix:
     def of_several(self) -> bool:
         """Whether the limbs of several cameras lie on its cone."""
         return len(self.cameras_used) + len(self.cameras_spared) > 1
+
+    def why_left_out(self, limb: LimbPoints) -> str:
+        """Why a camera that is not in `cameras_used` contributed nothing. limb : its own."""
+        if limb.status is not Status.OK:
+            return limb.reason or str(limb.status)
+        if not self.ok:
+            return self.reason
+        return _ON_ANOTHER_CONE
 
     def residual_px(self, view: CameraView, limb: LimbPoints) -> float:
         """Root mean square distance of one camera's limb points from the fitted limb.

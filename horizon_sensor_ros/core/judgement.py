@@ -229,7 +229,7 @@ def _of_sigma(estimate: HorizonFit, config: HorizonConfig) -> tuple[Status, str]
     """`refusal` by how well nadir is known."""
     sigma = nadir_sigma_rad(estimate)
     if not sigma <= config.max_nadir_sigma_rad:
-        return Status.UNCERTAIN, f"nadir is known to {np.degrees(sigma):.2f} deg only"
+        return Status.UNCERTAIN, f"nadir is known to {np.degrees(sigma):.2g} deg only"
     return None
 
 

@@ -11,6 +11,7 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_fix import HorizonFix
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC
 from horizon_sensor_ros.ros.diagnostics import (
     ERROR,
     OK,
@@ -133,20 +134,24 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         if fix.status is not Status.OK:
             return Health(WARN, "no_fix", f"{fix.status}: {fix.reason}")
         left_out = [
-            f"{name} left out: {limb.reason or limb.status}"
-            if limb.status is not Status.OK
-            else f"{name} left out"
+            f"{name} left out: {fix.why_left_out(limb)}"
             for name, limb in self._limbs().items()
             if name not in fix.cameras_used
         ]
         left_out += [f"{name} left out: {_SILENT}" for name in self._unseen()]
-        if fix.fit.disc is not None and fix.fit.disc.figure.shortfall:
-            left_out.append(fix.fit.disc.figure.shortfall)
+        shortfall = self._shortfall()
+        if shortfall:
+            left_out.append(shortfall)
         if fix.reason:
             left_out.append(fix.reason)
         if left_out:
             return Health(WARN, "degraded", "; ".join(left_out))
         return Health(OK, "ok", f"fix from {', '.join(fix.cameras_used)}")
+
+    def _shortfall(self) -> str:
+        """Why the last fix is of a sphere, where it was to be of an ellipsoid."""
+        disc = None if self._fix is None else self._fix.fit.disc
+        return "" if disc is None else disc.figure.shortfall
 
     def _limbs(self) -> dict[str, LimbPoints]:
         """Limbs of the last set, by camera."""
@@ -190,6 +195,9 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         if self.undrawn:
             values["undrawn"] = str(self.undrawn)
         values.update(pipeline.aiding.words)
+        shortfall = self._shortfall()
+        if shortfall and values.get(COARSE_POSE_TOPIC) == "used":
+            values[COARSE_POSE_TOPIC] = f"not used for the planet's figure: {shortfall}"
         ignored = sorted(pipeline.aiding.ignored.items())
         values.update({f"ignored_{cause}": str(count) for cause, count in ignored})
         return values
@@ -208,11 +216,8 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
                 state, reason = "used", ""
                 (view,) = (view for view in self._views if view.name == name)
                 residual_px = self._fix.residual_px(view, limb)
-            elif limb.status is Status.OK:
-                # What a fix says are doubts of it, not of a camera that has no part in it.
-                state, reason = "left_out", "" if self._fix.ok else self._fix.reason
             else:
-                state, reason = "left_out", limb.reason or str(limb.status)
+                state, reason = "left_out", self._fix.why_left_out(limb)
         if camera.last_ns is None:
             state, reason = "waiting", "no frames yet"
         elif now - camera.last_ns > self.stale_after_ns:

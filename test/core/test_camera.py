@@ -292,6 +292,11 @@ def test_a_bad_calibration_is_refused_in_words(
         Camera.from_calibration(WIDTH, HEIGHT, k, model, distortion, **options)
 
 
+def test_a_calibration_without_a_size_says_so() -> None:
+    with pytest.raises(ValueError, match="width and height must be positive, got 0 x 480"):
+        Camera.from_calibration(0, HEIGHT, K, "plumb_bob", [])
+
+
 def test_in_frame_is_the_image_area() -> None:
     px = np.array([[-0.5, -0.5], [-0.51, 0], [639.49, 479.49], [639.5, 0], [np.nan, 0]])
     assert make("pinhole").in_frame(px).tolist() == [True, False, True, False, False]

@@ -24,6 +24,8 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.planet_figure import Disc, MeanSphere
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
@@ -97,6 +99,15 @@ def test_one_camera_blind_is_named() -> None:
     health = monitor.health(S)
     assert (health.level, health.state) == (DiagnosticStatus.WARN, "degraded")
     assert health.reason == "camera_2 left out: all dark"
+
+
+def test_a_camera_whose_limb_lies_elsewhere_is_left_out_for_that() -> None:
+    monitor = monitor_of()
+    fix = fix_of(used=("camera_1",))
+    deliver(monitor, S, replace(fix, limbs=(LimbPoints(Status.OK),) * 2))
+    why = "its limb does not lie on one cone with the others'"
+    assert monitor.health(S).reason == f"camera_2 left out: {why}"
+    assert values_of(monitor, S)["camera_2.reason"] == why
 
 
 def test_no_fix_says_why() -> None:
@@ -327,3 +338,19 @@ def test_topics_that_help_are_spoken_of() -> None:
     assert values["coarse_pose"] == "refused: header frame is 'map', not 'earth'"
     assert values["imu"] == "none"
     assert values["ignored_coarse_pose_wrong_frame"] == "1"
+
+
+def test_a_coarse_pose_that_no_ellipsoid_came_of_is_not_called_used() -> None:
+    monitor = monitor_of()
+    settings = horizon_settings({**PARAMETERS, "planet": "wgs84"}).pipeline
+    pipeline = HorizonPipeline(settings)
+    pipeline.aiding.on_coarse_pose(coarse_pose_of(S, np.array([7e6, 0.0, 0.0]), np.eye(3)))
+    pipeline.aiding.of_set(S)
+    why = "the coarse pose is 174 deg off the limb's vertical"
+    sphere = MeanSphere(Planet.wgs84(), "geocentric", why)
+    fit = replace(fix_of().fit, disc=Disc(sphere, np.array([0.0, 0.0, -1.0]), 1.1))
+    for disc, told in ((None, "used"), (fit.disc, f"fitted as a sphere: {why}")):
+        deliver(monitor, S, replace(fix_of(), fit=replace(fit, disc=disc)))
+        values = {v.key: v.value for v in monitor.message(S, pipeline).status[0].values}
+        assert values["coarse_pose"].endswith(told)
+        assert values["coarse_pose"].startswith("not used" if disc else "used")
