@@ -54,7 +54,8 @@ class HorizonFix:
     airglow above the limb, as a fit of its own, where nadir is by that too. airglow_alone : all is
     by that edge, and limbs are points of it. views : one per frame, as they see the horizon at the
     set's time, where frames are not of that moment; else empty. contradicting : names of those that
-    were searched and see, each by itself, a limb where others do not.
+    were searched and see, each by itself, a limb where others do not. gyro_refused : frames not of
+    one moment were brought together without the gyro's rate, since no horizon bears it out.
     """
 
     status: Status
@@ -68,6 +69,7 @@ class HorizonFix:
     cameras_spared: tuple[str, ...] = ()
     views: tuple[CameraView, ...] = ()
     contradicting: tuple[str, ...] = ()
+    gyro_refused: bool = False
 
     @property
     def ok(self) -> bool:

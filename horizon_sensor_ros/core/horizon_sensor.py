@@ -42,6 +42,7 @@ _OF_SIGMA = 0.3  # of nadir: what an unknown rate makes that is told
 # How frames end that are brought together by a rate that is not theirs.
 _OF_A_WRONG_RATE = (Status.CAMERAS_DISAGREE, Status.POOR_FIT)
 _NOT_THE_GYROS = "with the rate on imu no horizon fits, without it one does: it is not used"
+_NOT_THE_FIXES = "the rate on imu is not the one by which the horizon moves: it is not used"
 _NO_TIME = "which cameras see a limb depends on the time at which they are asked"
 _NO_RATE = "frames are not of one moment, and how fast the craft turns is not known"
 
@@ -124,8 +125,10 @@ class HorizonSensor:
         """Fix of frames that are not of one moment, at that of the first camera that is in it."""
         by_fixes = self._nadir_rate.now(self.config.rate_sigma_rad_s)
         told = _by_gyro(aiding)
-        if told is None or (by_fixes is not None and contradicted(told, by_fixes)):
+        if told is None:
             return self._at_rate(frames, by_fixes, aiding)
+        if by_fixes is not None and contradicted(told, by_fixes):
+            return _without_gyro(self._at_rate(frames, by_fixes, aiding), _NOT_THE_FIXES)
         fix = self._at_rate(frames, told, aiding)
         # A rate by which frames of one moment are no more than smeared bends no horizon.
         late = any(frame.late_s > 0.0 for frame in frames)
@@ -135,7 +138,7 @@ class HorizonSensor:
         without = self._at_rate(frames, by_fixes, aiding)
         if not without.ok:
             return fix
-        return _told_besides(without, _NOT_THE_GYROS)
+        return _without_gyro(without, _NOT_THE_GYROS)
 
     def _at_rate(
         self, frames: Sequence[Frame], told: TurnRate | None, aiding: Aiding
@@ -290,6 +293,11 @@ def _by_gyro(aiding: Aiding) -> TurnRate | None:
     if aiding.rate_base_rad_s is None:
         return None
     return TurnRate(aiding.rate_base_rad_s, math.hypot(GYRO_SIGMA_RAD_S, aiding.rate_spread_rad_s))
+
+
+def _without_gyro(fix: HorizonFix, reason: str) -> HorizonFix:
+    """Fix of frames brought together without the gyro's rate, and why; of none, nothing is said."""
+    return replace(_told_besides(fix, reason), gyro_refused=True) if fix.ok else fix
 
 
 def _told_besides(fix: HorizonFix, reason: str) -> HorizonFix:

@@ -11,7 +11,7 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_fix import HorizonFix
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC
+from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.diagnostics import (
     ERROR,
     OK,
@@ -198,6 +198,8 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         shortfall = self._shortfall()
         if shortfall and values.get(COARSE_POSE_TOPIC) == "used":
             values[COARSE_POSE_TOPIC] = f"not used for the planet's figure: {shortfall}"
+        if self._fix is not None and self._fix.gyro_refused:
+            values[IMU_TOPIC] = "not used: no horizon bears it out"
         ignored = sorted(pipeline.aiding.ignored.items())
         values.update({f"ignored_{cause}": str(count) for cause, count in ignored})
         return values

@@ -282,6 +282,8 @@ def test_a_gyro_that_the_fixes_contradict_is_not_believed() -> None:
         wrong = sensor.process(shown, aiding)
     assert nadir_nees(wrong.fit, truth) < 11.8
     np.testing.assert_array_equal(wrong.fit.nadir_base, fix.fit.nadir_base)
+    assert wrong.gyro_refused
+    assert "not the one by which the horizon moves" in wrong.reason
 
 
 @pytest.mark.parametrize("rate_rad_s", [0.4, 0.8, -1.2])
@@ -294,6 +296,7 @@ def test_a_gyro_that_is_far_off_from_the_start_does_not_take_all_fixes(rate_rad_
     fix = HorizonSensor().process(shown, Aiding(rate_base_rad_s=rate))
     assert fix.cameras_used == ("camera_1", "camera_2")
     assert "with the rate on imu no horizon fits" in fix.reason
+    assert fix.gyro_refused
     assert nadir_nees(fix.fit, first.truth.nadir_base) < 11.8
 
 

@@ -354,3 +354,13 @@ def test_a_coarse_pose_that_no_ellipsoid_came_of_is_not_called_used() -> None:
         values = {v.key: v.value for v in monitor.message(S, pipeline).status[0].values}
         assert values["coarse_pose"].endswith(told)
         assert values["coarse_pose"].startswith("not used" if disc else "used")
+
+
+def test_a_gyro_that_no_horizon_bears_out_is_not_called_used() -> None:
+    monitor = monitor_of()
+    pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
+    pipeline.aiding.words["imu"] = "used"
+    for refused, told in ((False, "used"), (True, "not used: no horizon bears it out")):
+        deliver(monitor, S, replace(fix_of(), gyro_refused=refused))
+        values = {v.key: v.value for v in monitor.message(S, pipeline).status[0].values}
+        assert values["imu"] == told
