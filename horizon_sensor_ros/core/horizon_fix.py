@@ -15,7 +15,7 @@ from horizon_sensor_ros.core.planet_figure import Disc, disc_of
 from horizon_sensor_ros.core.status import Status
 
 _LESS_SURE = "the other camera is surer without it"
-_ON_ANOTHER_CONE = "its limb does not lie on one cone with the others'"
+_NO_PART = "its limb is off the others' cone, or too short for the fit"
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class HorizonFix:
             return limb.reason or str(limb.status)
         if not self.ok:
             return self.reason
-        return _ON_ANOTHER_CONE
+        return _NO_PART
 
     def residual_px(self, view: CameraView, limb: LimbPoints) -> float:
         """Root mean square distance of one camera's limb points from the fitted limb.

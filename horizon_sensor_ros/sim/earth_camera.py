@@ -236,8 +236,8 @@ def _turned(rays: FloatArray, rot: FloatArray) -> FloatArray:
     return (rot @ rays.T).T
 
 
-def _pieces(count: int) -> Iterator[slice]:
-    return (slice(first, min(first + _PIECE, count)) for first in range(0, count, _PIECE))
+def _pieces(count: int, size: int = _PIECE) -> Iterator[slice]:
+    return (slice(first, first + size) for first in range(0, count, size))
 
 
 def _sine(cos_sun: FloatArray, width: float) -> FloatArray:
@@ -291,9 +291,7 @@ def _draw_limb(
     dx, dy = (grid.ravel() for grid in np.meshgrid(offset, offset))
     y, x = np.divmod(edge, camera.width)
     samples = np.empty((len(edge), _SUBPIXELS**2), np.float32)
-    size = _PIECE // _SUBPIXELS**2
-    for first in range(0, len(edge), size):
-        piece = slice(first, first + size)
+    for piece in _pieces(len(edge), _PIECE // _SUBPIXELS**2):
         px = np.stack([(x[piece, None] + dx).ravel(), (y[piece, None] + dy).ravel()], axis=1)
         steep = np.repeat(ramp[piece], _SUBPIXELS**2)
         samples[piece] = _shared_out(world, camera.rays(px), rot, steep).reshape(-1, len(dx))

@@ -42,8 +42,8 @@ _BAND_M = 33e3, 84e3  # depth of its end where it is thinnest, more than; and th
 _NARROWS = 0.95  # rank correlation of that depth with the place along the limb, more than
 _GROUND = 0.6  # brightness of dark ground over the crest's, at most
 _DARK_SHARE = 0.5  # of the columns, behind which ground must be dark
-_LEAST_CREST = 1e-3  # gray levels: space may be as bright as the brightest of a column
 _LEAST_COLUMNS = 7  # with dark ground, likewise
+_LEAST_CREST = 1e-3  # gray levels: space may be as bright as the brightest of a column
 _REAR = (_BEHIND_M[0] <= DEPTHS_M) & (_BEHIND_M[1] >= DEPTHS_M)
 
 
