@@ -12,13 +12,14 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from horizon_sensor_ros.ros.node_names import NODES
+
 PACKAGE = "horizon_sensor_ros"
 # No default: without the cameras' rotations, or the word that TF has them, no node starts.
 PARAMS_FILE = (
     "ROS parameter file; it must hold camera_N.rotation of every camera that is used, "
     "or extrinsics_source: tf, which takes the rotations from TF"
 )
-NODES = ("local_vertical_node", "attitude_node", "target_pose_node")
 
 
 def _node(name: str) -> Node:

@@ -21,6 +21,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import (
+    LEAST_ANGLE_RAD,
     MIN_POINTS,
     cone_refusal,
     difference_from_circle,
@@ -40,7 +41,6 @@ from horizon_sensor_ros.core.status import Status
 _METHOD = "arc"
 # Image-plane points farther off the axis than this (84 deg) are left out.
 _LEAST_COSINE = 0.1
-_LEAST_ANGLE_RAD = np.radians(3.0)
 _BLOCKS = 12
 _ROBUST_ROUNDS = 3
 _NO_FIT = (np.full(3, np.nan), np.nan)
@@ -161,7 +161,7 @@ def _vertical(
     if len(singles) < 2:
         return nadir, rho
     _, strength, rows = np.linalg.svd(np.array(planes))
-    if strength[1] < np.sin(_LEAST_ANGLE_RAD):
+    if strength[1] < np.sin(LEAST_ANGLE_RAD):
         return nadir, rho
     common = rows[2] if rows[2] @ nadir > 0 else -rows[2]
     if rho_known is None:

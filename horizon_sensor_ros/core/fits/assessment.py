@@ -22,6 +22,8 @@ MAX_RMS_PX = 3.0
 # Beyond this the linearised covariance means nothing, nor does the nadir.
 MAX_NADIR_SIGMA_RAD = 0.05
 MIN_INLIER_FRACTION = 0.4
+# Chords, or planes of symmetry, closer to parallel than this leave the vertical open.
+LEAST_ANGLE_RAD = np.radians(3.0)
 # Smallest eigenvalue of the mean squared design; an arc of a quarter of a degree.
 _LEAST_EIGENVALUE = 1e-13
 _INLIER_SIGMAS = 4.0

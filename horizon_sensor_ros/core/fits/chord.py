@@ -8,6 +8,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import (
+    LEAST_ANGLE_RAD,
     MIN_POINTS,
     cone_refusal,
     difference_from_circle,
@@ -27,8 +28,6 @@ from horizon_sensor_ros.core.status import Status
 
 _DIRECTIONS = 90
 _OUTLIER_SIGMAS = 5.0
-# Chords closer to parallel than this leave the vertical open.
-_LEAST_ANGLE_RAD = np.radians(3.0)
 
 
 def fit_chord(observations: Sequence[LimbObservation], planet: Planet) -> HorizonFit:
@@ -78,7 +77,7 @@ def _fit(
         return refuse(Status.ILL_CONDITIONED, f"{len(chords)} chord, two cameras' needed")
     directions = np.array([chord / np.linalg.norm(chord) for chord in chords])
     _, strength, basis_rows = np.linalg.svd(directions)
-    if strength[1] < np.sin(_LEAST_ANGLE_RAD):
+    if strength[1] < np.sin(LEAST_ANGLE_RAD):
         return refuse(Status.ILL_CONDITIONED, "the cameras' chords are parallel")
     nadir = basis_rows[2]
     if np.sum(rays.outward_base @ nadir > 0) > 0.5 * len(rays):

@@ -24,13 +24,11 @@ from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.robust import robust_sigma
+from horizon_sensor_ros.core.robust import TUKEY_SIGMAS, robust_sigma
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.symmetric3 import inverse, solve
 
 METHOD = "ml"
-# Tukey's biweight: 95 % efficient for Gaussian residuals, blind to those beyond this many sigma.
-_TUKEY = 4.685
 # The residuals' scale, in units of their claimed sigmas, is measured but not believed below this.
 _LEAST_SCALE = 0.1
 _START_ROUNDS = 1  # of the circle to start from, which is weighted anew in every step anyway
@@ -152,7 +150,7 @@ def _scale(chi: np.ndarray) -> float:
 
 def _rest(chi: np.ndarray, scale: float) -> np.ndarray:
     """What Tukey's biweight leaves of each residual (N,): its square is the weight."""
-    ratio = chi * (1.0 / (_TUKEY * scale))
+    ratio = chi * (1.0 / (TUKEY_SIGMAS * scale))
     ratio *= ratio
     return np.maximum(1.0 - ratio, 0.0)
 
@@ -254,7 +252,7 @@ def _assess(
     if not converged:
         return refuse(Status.NOT_CONVERGED, f"no convergence in {len(history) - 1} steps")
     scale = _scale(chi)
-    inlying = np.abs(chi) < _TUKEY * scale
+    inlying = np.abs(chi) < TUKEY_SIGMAS * scale
     num_inliers = int(np.count_nonzero(inlying))
     rms = root_mean_square((chi * rays.sigma_px)[inlying])
     if not rms <= MAX_RMS_PX:
@@ -264,7 +262,7 @@ def _assess(
     order = rays.along_limb(nadir)
     order = order[inlying[order]]
     rows, along = (design / cone.growth[:, None])[order], chi[order]
-    ratio2 = np.square(along / (_TUKEY * scale))
+    ratio2 = np.square(along / (TUKEY_SIGMAS * scale))
     rest = 1.0 - ratio2
     psi = along * (rest * rest)
     slope = float(rest @ (1.0 - 5.0 * ratio2)) / num_inliers

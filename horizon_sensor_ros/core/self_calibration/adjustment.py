@@ -15,6 +15,7 @@ import numpy as np
 from horizon_sensor_ros.core.attitude import require_rotation, tangent_basis
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.rigid import vector_from_rotation
+from horizon_sensor_ros.core.robust import TUKEY_SIGMAS
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet
 from horizon_sensor_ros.core.self_calibration.normal_equations import Model, SetEquations
 from horizon_sensor_ros.core.self_calibration.observability import (
@@ -31,7 +32,6 @@ _MAX_ROUNDS = 50
 _CONVERGED = 1e-8
 # What moves by more than this at the end has not come to rest; less is Tukey's weights swinging.
 _AT_REST = 1e-2
-_TUKEY = 4.685
 # Sets that scatter more than this many times what their limbs claim have no mounting in common.
 _MAX_SCALE = 10.0
 # An altitude so many radii from what the limbs show is none.
@@ -405,7 +405,7 @@ def _weights(equations: Sequence[SetEquations]) -> tuple[np.ndarray, float]:
     # Median of chi-squared (Wilson & Hilferty 1931).
     middle = freedom * (1.0 - 2.0 / (9.0 * freedom)) ** 3
     scale = float(np.sqrt(np.median(chi2 / middle)))
-    limit = max(scale, 1.0) * (_TUKEY - 1.0 + np.sqrt(freedom))
+    limit = max(scale, 1.0) * (TUKEY_SIGMAS - 1.0 + np.sqrt(freedom))
     return np.maximum(1.0 - chi2 / limit**2, 0.0) ** 2, scale
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.model import normal_cdf
+from horizon_sensor_ros.core.limb.edge.model import BESIDE_PX, normal_cdf
 from horizon_sensor_ros.core.limb.glow.air import (
     BACKGROUND,
     BLUR,
@@ -35,7 +35,6 @@ from horizon_sensor_ros.core.robust import median, quantile
 
 # Up to where, beyond the edge, there may be texture: pixels, and blurs.
 _TEXTURE_PX, _TEXTURE_PSF = 3.0, 3.0
-_BESIDE_PX = (-2.0, -1.0)  # where the planet beside the edge is seen
 _GLOW_ERROR, _SHAPE_ERROR = 0.01, 0.003  # over the glow, over the step: no model is quite right
 _BRIGHT = 0.95  # share of the samples that are darker than the brightest level
 # Error of saturated samples, and of those beside them, over the brightest level.
@@ -89,7 +88,7 @@ class _Lit:
         sky = air.background + stray @ air.stray
         air_light = bright + air.share * glow * inside.bright
         self.rest = sight.profiles[keep] - sky - air_light
-        beside = (d_px >= _BESIDE_PX[0]) & (d_px <= _BESIDE_PX[1])
+        beside = (d_px >= BESIDE_PX[0]) & (d_px <= BESIDE_PX[1])
         self.level = self.rest[:, beside].mean(axis=1)
         self.level /= normal_cdf(-d_px[beside] / psf_px).mean()
         bright_level = quantile(sight.profiles[keep].ravel(), _BRIGHT) - air.background

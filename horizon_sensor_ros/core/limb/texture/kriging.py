@@ -21,7 +21,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.model import MAX_LEVEL, normal_cdf
+from horizon_sensor_ros.core.limb.edge.model import BESIDE_PX, MAX_LEVEL, normal_cdf
 from horizon_sensor_ros.core.limb.edge.raster import PLACE_SIGMA_PX, Raster
 from horizon_sensor_ros.core.limb.edge.smear import Causes, blur_along
 from horizon_sensor_ros.core.limb.profiles import nearness
@@ -34,7 +34,6 @@ from horizon_sensor_ros.core.robust import median
 # The part of a profile that is used, pixels from the predicted edge into the planet and into space.
 INNER_PX = 6.0
 OUTER_PX = 7.0
-_BESIDE_PX = (-2.0, -1.0)  # where the planet beside the edge is seen
 _SPACE_PX = 2.5  # from where on space is
 _WINDOW = 0.03  # over the planet's radius; along so much limb the texture is the same
 _LEAST_WINDOW = 0.7  # stretches
@@ -96,7 +95,7 @@ class _Tables:
     residual : (J, S J) takes one profile, less its edge, to what no level and background explain,
     whitened: its square is the cost. log_det : (S,) of the covariances that this is whitened by.
     slope, widening : (J,) derivatives of a unit step by e and w. rise : mean of a unit step at
-    `_BESIDE_PX`, where steps are measured.
+    `BESIDE_PX`, where steps are measured.
     """
 
     weights: np.ndarray
@@ -213,7 +212,7 @@ class _Brightness:
         """Of stretches; rise : as of `_Tables`."""
         d_px, profiles = limb.stretches.d_px, limb.stretches.profiles
         # Just inside the edge: brightness may be another a few pixels on.
-        beside = profiles[:, _samples(d_px, *_BESIDE_PX)]
+        beside = profiles[:, _samples(d_px, *BESIDE_PX)]
         step = np.add.reduce(beside, axis=1) / np.float32(beside.shape[1])
         step -= median(limb.sure(profiles)[:, _samples(d_px, _SPACE_PX)].ravel())
         step = np.maximum(step / rise, limb.stretches.noise)
@@ -471,7 +470,7 @@ def _tables(
         ),
         slope=slope,
         widening=widening,
-        rise=float(free[_samples(x_px, *_BESIDE_PX), 0].mean()),
+        rise=float(free[_samples(x_px, *BESIDE_PX), 0].mean()),
     )
 
 
