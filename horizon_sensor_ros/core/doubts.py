@@ -5,6 +5,7 @@ from __future__ import annotations
 from horizon_sensor_ros.core.horizon_fix import HorizonFix
 
 _NO_CHANCE = 3  # sets of a contradiction from which on it is not one hard sky's
+_AGREEMENTS = 3  # sets one after the other that settle a contradiction
 _LONGEST = 600  # sets that count: what it came from may have gone with the camera's view
 
 
@@ -12,27 +13,40 @@ class Doubts:
     """Remembers from set to set which cameras see a limb where others do not.
 
     Nothing tells which of two cameras that contradict each other is mounted as it should be; where
-    the other one is dazzled for a moment this one alone would be believed. It is not for about as
-    many sets as they contradicted each other, `_LONGEST` at most, unless they come to agree before.
+    the other one is dazzled for a moment this one alone would be believed. It is not for as many
+    fixes of its own as they contradicted each other, `_LONGEST` at most, unless they come to agree
+    before. Cameras of a wrong focal length agree by chance, now and then, on a limb in between:
+    they do agree where they do in `_AGREEMENTS` sets one after the other.
     """
 
     def __init__(self) -> None:
         self._sets: dict[str, int] = {}
+        self._agreed = 0
 
     def reset(self) -> None:
         """Forget all of them."""
         self._sets.clear()
+        self._agreed = 0
 
     def against(self, fix: HorizonFix, *, followed: bool) -> str:
-        """Why the fix of a set is not believed: it is a doubted camera's alone; empty where it is.
+        """Why the fix of a set is not believed: it is a doubted camera's alone, or one in which
+        doubted cameras agree for the first time; empty where it is.
 
         followed : the limb was not searched for, so that who was left out was not asked again.
         """
-        alone = len(fix.cameras_used) == 1 and not fix.cameras_spared
-        doubted = self._sets.get(fix.cameras_used[0], 0) if alone else 0
+        together = [*fix.cameras_used, *fix.cameras_spared] if fix.ok else []
+        alone = len(together) == 1
+        doubted = max((self._sets.get(name, 0) for name in together), default=0)
+        agree = doubted >= _NO_CHANCE and not alone and not fix.reason
+        self._agreed = self._agreed + 1 if agree else 0
         self._remember(fix, followed)
-        if doubted < _NO_CHANCE:
+        if doubted < _NO_CHANCE or self._agreed == _AGREEMENTS:
             return ""
+        if not alone:
+            return (
+                f"{' and '.join(together)} contradicted each other before: not believed until they "
+                f"agree in {_AGREEMENTS} sets one after the other"
+            )
         return (
             f"{fix.cameras_used[0]} alone sees a limb, and contradicted other cameras before: not "
             f"believed for another {doubted - _NO_CHANCE + 1} sets, unless they agree"
@@ -45,7 +59,8 @@ class Doubts:
         for name in [name for name in self._sets if name not in fix.contradicting]:
             if len(together) > 1 and name in together:
                 # What is less certain for a contradiction does not settle it.
-                self._sets[name] = self._sets[name] if fix.reason else 0
-            else:
+                settled = self._sets[name] < _NO_CHANCE or self._agreed == _AGREEMENTS
+                self._sets[name] = 0 if settled and not fix.reason else self._sets[name]
+            elif fix.ok:
                 self._sets[name] += 1 if followed else -1
         self._sets = {name: min(sets, _LONGEST) for name, sets in self._sets.items() if sets > 0}

@@ -22,6 +22,7 @@ from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits import METHODS, HorizonFit, LimbObservation, fit_horizon
 from horizon_sensor_ros.core.fits.arc import fit_arc, fit_circle
+from horizon_sensor_ros.core.fits.assessment import correlation_factor
 from horizon_sensor_ros.core.fits.gauss_newton import solve_roll_pitch_rho
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
@@ -419,3 +420,24 @@ def test_history_of_closed_forms_is_empty_and_of_iterations_ends_at_the_answer()
 def test_sampler_itself_lies_on_the_cone() -> None:
     azimuth = np.linspace(-3, 3, 7)
     assert cone_rays(NADIR, 0.7, azimuth) @ NADIR == pytest.approx(np.full(7, np.cos(0.7)))
+
+
+def _factors(number: int, correlation: float, times: int = 400) -> np.ndarray:
+    rng = np.random.default_rng(6)
+    drawn = rng.standard_normal((times, number))
+    for i in range(1, number):
+        drawn[:, i] = correlation * drawn[:, i - 1] + np.sqrt(1 - correlation**2) * drawn[:, i]
+    design = np.vander(np.linspace(-1.0, 1.0, number), 3)
+    left = drawn - drawn @ design @ np.linalg.pinv(design)
+    cameras = np.zeros(number, dtype=int)
+    return np.array([max(correlation_factor(each, cameras), 1.0) for each in left])
+
+
+def test_correlation_of_few_residuals_counts_where_it_is_more_than_chance() -> None:
+    """Against autoregressive residuals, what three unknowns fit taken out of them; sums of three
+    of correlation r have 1 + 4/3 r + 2/3 r^2 times the variance of independent ones.
+    """
+    assert np.all(_factors(23, 0.6) == 1.0)
+    assert _factors(31, 0.0).mean() < 1.1
+    assert 1.3 < np.median(_factors(31, 0.7)) < 1.0 + 4.0 / 3.0 * 0.7 + 2.0 / 3.0 * 0.49
+    assert np.median(_factors(240, 0.5)) == pytest.approx(3.0, abs=0.4)  # (1 + r) / (1 - r)

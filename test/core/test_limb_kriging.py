@@ -231,3 +231,21 @@ def test_rounding_of_positions_along_a_row_is_put_back(row: float) -> None:
     found = krige_edges(stretches_of(means, 0.5), np.ones(14, dtype=bool), np.zeros(14))
     assert np.abs(found.offset_px + phase[0, 0]).max() < 0.005
     assert abs(phase[0, 0]) <= 1.0 / 64.0 + 1e-6
+
+
+def test_an_odd_edge_lets_the_edges_beside_it_be_less_sure() -> None:
+    """A cloud's end that no model follows may reach, unseen, into what is seen beside it."""
+    num = 16
+    rng = np.random.default_rng(4)
+    profiles = clean(np.zeros(num), np.full(num, 60.0)) + 0.3 * rng.standard_normal((num, 15))
+    profiles[-2:] += 80.0 * np.exp(-0.5 * ((GRID.d_px + 2.0) / 1.2) ** 2)
+    good = np.arange(num) < num - 2
+    silent = krige_edges(stretches_of(profiles, 0.3), good, np.zeros(num))
+    told = krige_edges(stretches_of(profiles, 0.3), good, np.zeros(num), ~good)
+    more = told.sigma_px[good] / silent.sigma_px[good]
+    assert more[-1] > 4.0
+    assert more[-2] > 1.5
+    # Far from there nothing changes, nor where no edge is odd.
+    np.testing.assert_allclose(told.sigma_px[:4], silent.sigma_px[:4], rtol=0.1)
+    none = krige_edges(stretches_of(profiles, 0.3), good, np.zeros(num), ~good & good)
+    np.testing.assert_array_equal(none.sigma_px, silent.sigma_px)

@@ -45,10 +45,14 @@ def correlation_factor(values: np.ndarray, camera: np.ndarray) -> float:
 
     values, camera : (N,), in order along the limb. From the sums over a sliding window (Bartlett's
     estimate of the spectral density at frequency zero), corrected for what three fitted
-    unknowns take out of it. 1 for less than 48 points.
+    unknowns take out of it. Of less than 48 points, where windows are few, it is that less one
+    sigma of what chance makes of independent ones; of less than 24 it is 1.
     """
-    window = min(len(values) // 12, _LONGEST_WINDOW)
+    window, chance = min(len(values) // 12, _LONGEST_WINDOW), 0.0
     if window < 4:
+        window = len(values) // 8
+        chance = math.sqrt(2.0 * window / max(len(values), 1))
+    if window < 3:
         return 1.0
     power = 0.0
     count = 0
@@ -64,7 +68,7 @@ def correlation_factor(values: np.ndarray, camera: np.ndarray) -> float:
     variance = float(values @ values) / len(values)
     if count == 0 or variance == 0:
         return 1.0
-    return power / count / (window * variance) / (1.0 - 3.0 * window / len(values))
+    return power / count / (window * variance) / (1.0 - 3.0 * window / len(values)) - chance
 
 
 def tangent_rows(basis: np.ndarray) -> np.ndarray:

@@ -125,7 +125,7 @@ def modelled_edges(
         return None
     if kriging and near is None:
         limb = fitted_limb(kriged.base[fits], likely.offset_px[fits], likely.sigma_px[fits])
-        likely, shared = kriged.about(limb, fits)
+        likely, shared = kriged.about(limb, fits, _there(likely) & ~fits)
         fits = believable(likely)
     if sharp and jumps_px < _STEADY_PX and _drift_px(likely, places, good & fits) > _DRIFT_PX:
         return None
@@ -396,8 +396,9 @@ def _unevenness(step: np.ndarray) -> float:
 
 def believable(places: EdgePlaces) -> np.ndarray:
     """Which edges (M,) are significant, not at the end of their profile, and of low misfit."""
-    return (
-        (places.significance > LEAST_SIGNIFICANCE)
-        & ~places.at_border
-        & (places.misfit < _MAX_MISFIT)
-    )
+    return _there(places) & (places.misfit < _MAX_MISFIT)
+
+
+def _there(places: EdgePlaces) -> np.ndarray:
+    """Which edges (M,) are significant, and not at the end of their profile."""
+    return (places.significance > LEAST_SIGNIFICANCE) & ~places.at_border

@@ -29,6 +29,9 @@ def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str
     entries = list(_node_entries(content, ""))
     if not entries:
         raise ParameterError(f"{path} is no ROS parameter file: it has no ros__parameters")
+    stray = next(_outside(content, ""), "")
+    if stray:
+        raise ParameterError(f"{path} has {stray} outside of ros__parameters, as ROS takes none")
     for pattern, parameters in entries:
         if _matches(pattern, full_name):
             values.update(_flat(parameters, ""))
@@ -83,6 +86,16 @@ def _node_entries(content: Any, prefix: str) -> Iterator[tuple[str, Any]]:
                 yield prefix, value
         else:
             yield from _node_entries(value, f"{prefix}/{str(key).strip('/')}")
+
+
+def _outside(content: Any, prefix: str) -> Iterator[str]:
+    """Names of the values that belong to no node."""
+    if not isinstance(content, dict):
+        yield prefix or "a value"
+        return
+    for key, value in content.items():
+        if key != "ros__parameters":
+            yield from _outside(value, f"{prefix}/{str(key).strip('/')}".lstrip("/"))
 
 
 def _matches(pattern: str, full_name: str) -> bool:

@@ -150,7 +150,8 @@ class _Replay:
             if isinstance(pipeline, HorizonPipeline):
                 lines += _ignored(pipeline)
             if not counts["fixes"]:
-                lines.append(f"  at the end: {node.words()} (doc/tuning.md: what to do)")
+                where = "tuning" if isinstance(pipeline, HorizonPipeline) else "target"
+                lines.append(f"  at the end: {node.words()} (doc/{where}.md: what to do)")
         lines += [
             f"unreadable messages skipped on {topic}: {count}"
             for topic, count in sorted(self._unreadable.items())

@@ -54,9 +54,14 @@ class KrigedLimb:
             off_px = self._off_px(found)
         return None if off_px > _OFF_PX else places, found.shared
 
-    def about(self, limb: np.ndarray, good: np.ndarray) -> tuple[EdgePlaces, SharedError]:
-        """The same about a limb that is moved from the predicted one by (3,), wherever it lies."""
-        found, places = self._kriged_about(limb, good)
+    def about(
+        self, limb: np.ndarray, good: np.ndarray, odd: np.ndarray
+    ) -> tuple[EdgePlaces, SharedError]:
+        """The same about a limb that is moved from the predicted one by (3,), wherever it lies.
+
+        odd : (M,) as of `krige_edges`.
+        """
+        found, places = self._kriged_about(limb, good, odd)
         off_px = self._off_px(found)
         return places, found.shared.besides(SharedError(min(off_px, _SHORT) * off_px, 0.0))
 
@@ -64,19 +69,24 @@ class KrigedLimb:
         """How far the limb that is found lies from that about which it was sought, at most."""
         return float(np.abs(self.base @ found.limb).max())
 
-    def _kriged_about(self, limb: np.ndarray, good: np.ndarray) -> tuple[KrigedEdges, EdgePlaces]:
+    def _kriged_about(
+        self, limb: np.ndarray, good: np.ndarray, odd: np.ndarray | None = None
+    ) -> tuple[KrigedEdges, EdgePlaces]:
         sample = self._sample.moved(limb)
         stretches = sample.stretches(self._look.psf_px, self._rho_rad)
-        found, places = self._kriged(sample, stretches, good)
+        found, places = self._kriged(sample, stretches, good, odd)
         return found, replace(places, offset_px=places.offset_px + self.base @ limb)
 
     @staticmethod
     def _kriged(
-        sample: LimbSample, stretches: Stretches, good: np.ndarray
+        sample: LimbSample,
+        stretches: Stretches,
+        good: np.ndarray,
+        odd: np.ndarray | None = None,
     ) -> tuple[KrigedEdges, EdgePlaces]:
         """What kriging finds, and where that is, for all that the samples' rounding shifted it."""
         phase = sample.phase()
-        found = krige_edges(stretches, good, phase[:, 1] + 1j * phase[:, 2])
+        found = krige_edges(stretches, good, phase[:, 1] + 1j * phase[:, 2], odd)
         return found, EdgePlaces(
             found.offset_px + phase[:, 0],
             found.sigma_px,

@@ -39,6 +39,7 @@ _WINDOW = 0.03  # over the planet's radius; along so much limb the texture is th
 _LEAST_WINDOW = 0.7  # stretches
 _ANYWHERE = 0.1  # what a stretch elsewhere says about the texture, over what a near one does
 _MOST_EVIDENCE = 8.0  # of one stretch, for one texture over another
+_MOST_OF_ODD = 40.0  # the same, of one whose edge texture has made odd
 _LEVEL_SIGMA = 30.0  # over the noise; of a stretch's brightness about that of three
 _NO_TEXTURE = 5.0  # log odds beforehand of a limb without texture, to any one texture
 _LAG = 0.06  # over the planet's radius; brightness is compared along so much limb
@@ -127,17 +128,21 @@ class KrigedEdges:
     shared: SharedError
 
 
-def krige_edges(stretches: Stretches, good: np.ndarray, phase: np.ndarray) -> KrigedEdges:
+def krige_edges(
+    stretches: Stretches, good: np.ndarray, phase: np.ndarray, odd: np.ndarray | None = None
+) -> KrigedEdges:
     """Measure the edges of stretches of limb.
 
     good : (N,) stretches that show one; the others tell nothing of their neighbours. phase : (N,)
     complex, the mean over the stretch of the edge's phase among rows or columns of pixels: its size
-    is one where they run with the limb. To first order in the edge's distance from its predicted
-    place: a tenth of a pixel is near enough.
+    is one where they run with the limb. odd : (N,) those of the others that show an edge which no
+    model follows: cloud ends there, and may reach unseen into the stretches beside them; by default
+    none. To first order in the edge's distance from its predicted place: a tenth of a pixel is near
+    enough.
     """
     used = _samples(stretches.d_px, -INNER_PX, OUTER_PX)
     tables = _tables_of(stretches, used)
-    limb = _Limb(stretches, good, Raster.of(stretches.base[:, :2], phase, good))
+    limb = _Limb(stretches, good, Raster.of(stretches.base[:, :2], phase, good), odd)
     bright = _Brightness.of(limb, tables.rise)
     scaled = stretches.profiles[:, used] * (1.0 / bright.noise)
     over_step = bright.noise / bright.step
@@ -177,11 +182,21 @@ class _Limb:
     """Stretches along one limb: which of them are good (N,), how they lie in the raster, and what
     changes their blur.
 
-    ground : length of a stretch, over the planet's radius. count : of the good ones.
+    telling : (N,) those that tell of texture, the good and the `odd` ones. most_evidence : (N, 1)
+    of each for one texture over another. ground : length of a stretch, over the planet's radius.
+    count : of the good ones.
     """
 
-    def __init__(self, stretches: Stretches, good: np.ndarray, raster: Raster) -> None:
+    def __init__(
+        self,
+        stretches: Stretches,
+        good: np.ndarray,
+        raster: Raster,
+        odd: np.ndarray | None,
+    ) -> None:
         self.stretches, self.good, self.raster = stretches, good, raster
+        self.telling = good if odd is None else good | odd
+        self.most_evidence = np.where(good, _MOST_EVIDENCE, _MOST_OF_ODD)[:, None]
         self.causes = Causes.of(
             stretches.base[:, :2], raster.blur, stretches.cornered, stretches.corner_px
         )
@@ -276,14 +291,14 @@ def _shares(evidence: np.ndarray, step: np.ndarray, limb: _Limb) -> np.ndarray:
     """
     # What the raster does to a profile is not texture.
     nearby = nearness(len(limb.good), max(_LEAST_WINDOW, _WINDOW / limb.ground)) + _ANYWHERE
-    nearby *= limb.good * np.maximum(1.0 - _PHASE_WEIGHT * limb.raster.size, 0.0)
+    nearby *= limb.telling * np.maximum(1.0 - _PHASE_WEIGHT * limb.raster.size, 0.0)
     level = _level_evidence(step, limb.ground)
     if limb.every:
         evidence += level
     else:
         evidence[limb.good] += level
     evidence -= evidence.max(axis=1, keepdims=True)
-    evidence = nearby @ np.maximum(evidence, -_MOST_EVIDENCE)
+    evidence = nearby @ np.maximum(evidence, -limb.most_evidence)
     evidence[:, ground_texture.NONE] += _NO_TEXTURE
     share = np.exp(evidence - evidence.max(axis=1, keepdims=True))
     return np.asarray(share / share.sum(axis=1, keepdims=True))
