@@ -30,6 +30,7 @@ _INLIER_SIGMAS = 4.0
 # Seen from a micrometre above the ground.
 _LARGEST_RHO_RAD = np.pi / 2 - 1e-6
 _LONGEST_WINDOW = 80
+_CHANCE = 1.5  # sigmas of what few independent residuals show of correlation
 
 
 def too_few(rays: LimbRays, method: str) -> HorizonFit | None:
@@ -45,13 +46,13 @@ def correlation_factor(values: np.ndarray, camera: np.ndarray) -> float:
 
     values, camera : (N,), in order along the limb. From the sums over a sliding window (Bartlett's
     estimate of the spectral density at frequency zero), corrected for what three fitted
-    unknowns take out of it. Of less than 48 points, where windows are few, it is that less one
-    sigma of what chance makes of independent ones; of less than 24 it is 1.
+    unknowns take out of it. Of less than 48 points, where windows are few, it is that less
+    `_CHANCE` sigmas of what chance makes of independent ones; of less than 24 it is 1.
     """
     window, chance = min(len(values) // 12, _LONGEST_WINDOW), 0.0
     if window < 4:
         window = len(values) // 8
-        chance = math.sqrt(2.0 * window / max(len(values), 1))
+        chance = _CHANCE * math.sqrt(2.0 * window / max(len(values), 1))
     if window < 3:
         return 1.0
     power = 0.0
