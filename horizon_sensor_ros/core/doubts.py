@@ -29,8 +29,8 @@ class Doubts:
         self._agreed = 0
 
     def against(self, fix: HorizonFix, *, followed: bool) -> str:
-        """Why the fix of a set is not believed: it is a doubted camera's alone, or one in which
-        doubted cameras agree for the first time; empty where it is.
+        """Why the fix of a set is not believed: it is a doubted camera's alone, or one of
+        doubted cameras that have not agreed for long enough; empty where it is.
 
         followed : the limb was not searched for, so that who was left out was not asked again.
         """
@@ -39,7 +39,7 @@ class Doubts:
         doubted = max((self._sets.get(name, 0) for name in together), default=0)
         agree = doubted >= _NO_CHANCE and not alone and not fix.reason
         self._agreed = self._agreed + 1 if agree else 0
-        self._remember(fix, followed)
+        self._remember(fix, together, followed)
         if doubted < _NO_CHANCE or self._agreed == _AGREEMENTS:
             return ""
         if not alone:
@@ -52,15 +52,15 @@ class Doubts:
             f"believed for another {doubted - _NO_CHANCE + 1} sets, unless they agree"
         )
 
-    def _remember(self, fix: HorizonFix, followed: bool) -> None:
+    def _remember(self, fix: HorizonFix, together: list[str], followed: bool) -> None:
         for name in fix.contradicting:
             self._sets[name] = self._sets.get(name, 0) + 1
-        together = {*fix.cameras_used, *fix.cameras_spared}
         for name in [name for name in self._sets if name not in fix.contradicting]:
             if len(together) > 1 and name in together:
                 # What is less certain for a contradiction does not settle it.
                 settled = self._sets[name] < _NO_CHANCE or self._agreed == _AGREEMENTS
-                self._sets[name] = 0 if settled and not fix.reason else self._sets[name]
+                if settled and not fix.reason:
+                    self._sets[name] = 0
             elif fix.ok:
                 self._sets[name] += 1 if followed else -1
         self._sets = {name: min(sets, _LONGEST) for name, sets in self._sets.items() if sets > 0}

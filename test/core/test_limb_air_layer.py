@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -399,7 +400,7 @@ def test_narrow_cameras_do_not_take_a_layer_for_the_limb(seed: int) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "index", "who"),
-    [("moonlit", 1241, "by itself"), ("airglow", 1144, "by how light fades below it")],
+    [("moonlit", 1241, "camera_[12], by itself"), ("airglow", 1144, "by how light fades below it")],
 )
 def test_wide_cameras_say_that_a_limb_may_be_a_layers(
     kind: str, index: int, who: str, monkeypatch: pytest.MonkeyPatch
@@ -409,7 +410,7 @@ def test_wide_cameras_say_that_a_limb_may_be_a_layers(
     fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
     truth = scene.frames[0].truth
     assert fix.ok, fix.reason
-    assert f"{who}: the limb may be the edge of a layer of airglow" in fix.reason
+    assert re.search(f"{who}: the limb may be the edge of a layer of airglow", fix.reason)
     assert nadir_nees(fix.fit, truth.nadir_base) < 9.0
     sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
     assert abs(fix.fit.altitude_m - truth.altitude_m) < 2.0 * sigma_m

@@ -30,6 +30,7 @@ _INLIER_SIGMAS = 4.0
 # Seen from a micrometre above the ground.
 _LARGEST_RHO_RAD = np.pi / 2 - 1e-6
 _LONGEST_WINDOW = 80
+_FEW = 48  # residuals, whose correlation is not measured well
 _CHANCE = 1.5  # sigmas of what few independent residuals show of correlation
 
 
@@ -46,15 +47,14 @@ def correlation_factor(values: np.ndarray, camera: np.ndarray) -> float:
 
     values, camera : (N,), in order along the limb. From the sums over a sliding window (Bartlett's
     estimate of the spectral density at frequency zero), corrected for what three fitted
-    unknowns take out of it. Of less than 48 points, where windows are few, it is that less
+    unknowns take out of it. Of less than `_FEW` points, where windows are few, it is that less
     `_CHANCE` sigmas of what chance makes of independent ones; of less than 24 it is 1.
     """
-    window, chance = min(len(values) // 12, _LONGEST_WINDOW), 0.0
-    if window < 4:
-        window = len(values) // 8
-        chance = _CHANCE * math.sqrt(2.0 * window / max(len(values), 1))
+    few = len(values) < _FEW
+    window = len(values) // 8 if few else min(len(values) // 12, _LONGEST_WINDOW)
     if window < 3:
         return 1.0
+    chance = _CHANCE * math.sqrt(2.0 * window / len(values)) if few else 0.0
     power = 0.0
     count = 0
     ends = np.searchsorted(camera, np.arange(int(camera[-1]) + 2)).tolist()
