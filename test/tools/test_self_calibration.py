@@ -395,6 +395,35 @@ def test_what_the_sigmas_do_not_hold_is_said(
     assert "belongs into camera_info" in capsys.readouterr().out
 
 
+def test_a_wrong_focal_length_in_camera_info_is_named(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Held fixed it would go into the mountings; --focal finds both."""
+    messages = flight_messages()
+    for topic, _, msg in messages:
+        if topic == "/camera_2/camera_info":
+            for at in (0, 4):
+                msg.k[at] *= 1.01
+                msg.p[at + at // 4] *= 1.01
+    bag = write_bag(tmp_path / "bag", messages)
+    out = tmp_path / "corrected.yaml"
+    told = refused(capsys, bag, "--params", params, "--out", out)
+    assert "show camera_2's focal length " in told
+    assert " % shorter than it is told to be" in told
+    assert "set their camera_info right, or give --focal" in told
+    assert not out.exists()
+    assert run(bag, "--params", params, "--out", out, "--focal", "--max-sigma", "0.5") == 0
+    (focal,) = (
+        line.split()
+        for line in capsys.readouterr().out.splitlines()
+        if line.startswith("focal length of camera_2")
+    )
+    value, sigma = float(focal[4]), float(focal[5])
+    assert abs(value - 100.0 * (1.0 / 1.01 - 1.0)) < 4.0 * sigma
+    turn = corrected(out, "attitude_node", "camera_2") @ ROTATIONS["camera_2"].T
+    assert np.degrees(np.linalg.norm(vector_from_rotation(turn))) < 0.1
+
+
 def test_one_camera_needs_a_reference(
     tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -65,14 +65,14 @@ def calibrate(
             f"{len(telling)} of {len(sets)} frame sets show the horizon to two cameras (or to one, "
             f"with a reference), {MIN_SETS} needed"
         )
-        return _none(Status.TOO_FEW_POINTS, reason, unknowns, nominal, telling)
+        return Calibration.none(Status.TOO_FEW_POINTS, reason, unknowns, nominal, telling)
     off_m = _altitude_off_m(telling, planet)
     if abs(off_m) > _HIGHEST * planet.mean_radius_m:
         reason = (
             f"the altitude that was given is {off_m / 1e3:+.0f} km from what the limbs show: is it "
             "in metres above the surface, and of this recording?"
         )
-        return _none(Status.ALTITUDE_OUT_OF_RANGE, reason, unknowns, nominal, telling)
+        return Calibration.none(Status.ALTITUDE_OUT_OF_RANGE, reason, unknowns, nominal, telling)
     adjustment = _adjusted(telling, nominal, planet, unknowns, config)
     # What is held still although measurements of it are used would go into the rotations.
     without = _without_unsure(telling, adjustment)
@@ -82,11 +82,11 @@ def calibrate(
                 "the reference, or the altitude, is not sure enough, and without it "
                 f"{len(without)} of {len(sets)} frame sets tell something, {MIN_SETS} needed"
             )
-            return _none(Status.ILL_CONDITIONED, reason, unknowns, nominal, telling)
+            return Calibration.none(Status.ILL_CONDITIONED, reason, unknowns, nominal, telling)
         adjustment = _adjusted(without, nominal, planet, unknowns, config)
     if adjustment.scale > _MAX_SCALE:
         reason = f"the frame sets scatter {adjustment.scale:.0f} times as much as their limbs claim"
-        none = _none(Status.POOR_FIT, reason, unknowns, nominal, telling)
+        none = Calibration.none(Status.POOR_FIT, reason, unknowns, nominal, telling)
         return replace(none, scatter=adjustment.scale)
     opposite = adjustment.opposite()
     if opposite:
@@ -94,13 +94,13 @@ def calibrate(
             f"{', '.join(opposite)} would see nadir opposite to where the frames show it: mounted "
             "otherwise than the rotations say?"
         )
-        return _none(Status.POOR_FIT, reason, unknowns, nominal, telling)
+        return Calibration.none(Status.POOR_FIT, reason, unknowns, nominal, telling)
     if adjustment.last_step2 > _AT_REST:
         reason = (
             f"after {_MAX_ROUNDS} rounds the mountings still move by "
             f"{np.sqrt(adjustment.last_step2):.1f} sigma a round: the sets do not agree on any"
         )
-        return _none(Status.NOT_CONVERGED, reason, unknowns, nominal, telling)
+        return Calibration.none(Status.NOT_CONVERGED, reason, unknowns, nominal, telling)
     return adjustment.result(telling, nominal)
 
 
@@ -149,28 +149,6 @@ def _altitude_off_m(sets: Sequence[FrameSet], planet: Planet) -> float:
         if each.altitude is not None
     ]
     return float(np.median(off_m)) if off_m else 0.0
-
-
-def _none(
-    status: Status,
-    reason: str,
-    unknowns: Unknowns,
-    nominal: Mapping[str, np.ndarray],
-    sets: tuple[FrameSet, ...],
-) -> Calibration:
-    size = len(unknowns)
-    nothing = np.full(size, np.nan)
-    return Calibration(
-        status=status,
-        reason=reason,
-        unknowns=unknowns,
-        values=nothing,
-        cov=np.full((size, size), np.nan),
-        observed_share=np.zeros(size),
-        not_observed=(),
-        rot_base_from_cam=nominal,
-        sets=sets,
-    )
 
 
 class _Adjustment:
@@ -330,7 +308,7 @@ class _Adjustment:
         unknowns, state = self._model.unknowns, self._state
         if len(self._values) == 0:
             reason = "the frame sets tell nothing of how the cameras are mounted"
-            return _none(Status.ILL_CONDITIONED, reason, unknowns, nominal, sets)
+            return Calibration.none(Status.ILL_CONDITIONED, reason, unknowns, nominal, sets)
         found = state.common.copy()
         for camera, rot in state.rot_base_from_cam.items():
             turned = vector_from_rotation(rot @ nominal[camera].T)

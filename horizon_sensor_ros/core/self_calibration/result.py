@@ -52,7 +52,8 @@ class Calibration:
     sets, used : the frame sets that could tell something, and (T,) which of them had a say.
     nadir_base (T, 3), rho_rad (T,) : of those sets, fitted. scatter : of the sets' residuals, over
     what their limbs claim. half_time_s : half the recording's length. max_sigma : as configured.
-    When status is not OK there is no result, and `reason` says why.
+    When status is not OK there is no result, and `reason` says why; wrong_lenses : of which cameras
+    the sets contradict the focal length (`lens_check`).
     """
 
     status: Status
@@ -70,6 +71,30 @@ class Calibration:
     scatter: float = np.nan
     half_time_s: float = 0.0
     max_sigma: float = np.nan
+    wrong_lenses: tuple[str, ...] = ()
+
+    @classmethod
+    def none(
+        cls,
+        status: Status,
+        reason: str,
+        unknowns: Unknowns,
+        nominal: Mapping[str, np.ndarray],
+        sets: tuple[FrameSet, ...],
+    ) -> Calibration:
+        """No result, and why. nominal : the rotations, which stay as they are."""
+        size = len(unknowns)
+        return cls(
+            status=status,
+            reason=reason,
+            unknowns=unknowns,
+            values=np.full(size, np.nan),
+            cov=np.full((size, size), np.nan),
+            observed_share=np.zeros(size),
+            not_observed=(),
+            rot_base_from_cam=nominal,
+            sets=sets,
+        )
 
     @property
     def ok(self) -> bool:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from horizon_sensor_ros.core.self_calibration.adjustment import calibrate
+from horizon_sensor_ros.core.self_calibration.lens_check import with_lenses_checked
 from horizon_sensor_ros.core.self_calibration.result import CalibrationConfig
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
@@ -20,6 +21,10 @@ _BLUNDER = 100.0
 _WRONG_ROTATIONS = (
     "; do the rotations belong to these cameras: topics swapped, the inverse of a rotation, "
     "w before x, a picture upside down?"
+)
+_WRONG_LENSES = (
+    "; set their camera_info right, or give --focal, which finds focal lengths together with "
+    "mountings"
 )
 _HINTS = {
     Status.POOR_FIT: "; over a flattened planet set planet: wgs84 and have coarse_pose in the bag, "
@@ -45,23 +50,23 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
     except ValueError as error:
         raise BagError(f"--max-sigma, --correlation: {error}") from None
     recording = read_recording(arguments, stopped)
-    calibration = calibrate(recording.sets, recording.rot_base_from_cam, recording.sphere, config)
+    nominal, sphere = recording.rot_base_from_cam, recording.sphere
+    calibration = calibrate(recording.sets, nominal, sphere, config)
+    calibration = with_lenses_checked(calibration, nominal, sphere, config)
     if not calibration.ok:
         hint = _HINTS.get(calibration.status, "")
         if calibration.status is Status.TOO_FEW_POINTS:
             hint = f"; {recording.hint}"
+        elif calibration.wrong_lenses:
+            hint = _WRONG_LENSES
         elif calibration.scatter > _BLUNDER:
             hint = _WRONG_ROTATIONS
         told = f"no calibration: {calibration.reason}{hint}"
         raise BagError(f"{told}{'' if told.endswith('?') else '.'} {recording.summary}")
-    print(
-        calibration_text(
-            calibration, recording.rot_base_from_cam, recording.told, recording.summary
-        )
-    )
+    print(calibration_text(calibration, nominal, recording.told, recording.summary))
     written = []
     if arguments.out is not None:
-        text = corrected_parameters(arguments.params, calibration, recording.sphere)
+        text = corrected_parameters(arguments.params, calibration, sphere)
         try:
             arguments.out.write_text(text, encoding="utf-8")
         except OSError as error:
@@ -70,7 +75,7 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
     if arguments.picture is not None:
         from horizon_sensor_ros.tools.calibration.figure import draw_calibration  # noqa: PLC0415
 
-        draw_calibration(arguments.picture, calibration, recording.rot_base_from_cam)
+        draw_calibration(arguments.picture, calibration, nominal)
         written.append(arguments.picture)
     return "\n".join(f"written: {path}" for path in written)
 

@@ -217,7 +217,7 @@ def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -
     settings = _settings(arguments)
     pipeline = settings.pipeline
     names = TopicNames(arguments.namespace, arguments.remap)
-    horizons = Horizons(pipeline, round(arguments.interval * 1e9), focal=arguments.focal)
+    horizons = Horizons(pipeline, round(arguments.interval * 1e9), focal=True)
     others = _OtherInstruments(arguments, settings, horizons.sphere, names)
     coarse_pose, imu = _plain(horizons.on_coarse_pose), _plain(horizons.on_imu)
     listeners = [
