@@ -1,6 +1,7 @@
 """Clouds in order of time: the contract's frames, deltas, refusals and new beginnings."""
 
 import gc
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -114,6 +115,46 @@ def test_a_refused_cloud_changes_nothing() -> None:
         assert fix.status is Status.OK
         assert np.array_equal(fix.pose_sensor_from_target, same.pose_sensor_from_target)
         assert fix.delta_s == pytest.approx(0.2)
+
+
+def strewn(count: int, seed: int) -> np.ndarray:
+    """A cloud of no body: ranges of 1 mm to 1000 km, as many in each decade, ahead of the
+    sensor."""
+    rng = np.random.default_rng(seed)
+    ray = np.column_stack([rng.uniform(-0.3, 0.3, (count, 2)), np.ones(count)])
+    return 10 ** rng.uniform(-3, 6, (count, 1)) * ray / np.linalg.norm(ray, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("count", [5000, 20_000])
+def test_ranges_strewn_over_decades_are_refused_within_bounds(count: int) -> None:
+    # Some 300 points of each view times as many motions as ordinary clouds at most need, in single
+    # precision: tens of MB. One motion for each pixel's width of such a target took gigabytes.
+    tracker = TargetTracker()
+    tracker.process(strewn(count, 0), 0)
+    tracemalloc.start()
+    try:
+        fix = tracker.process(strewn(count, 1), STEP_NS)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert fix.status is Status.POOR_FIT
+    assert most < 100e6
+
+
+@pytest.mark.parametrize("range_m", [9e3, 1e6])
+def test_one_return_from_far_behind_costs_no_fix(range_m: float) -> None:
+    clouds, poses = tumbling(10, 4)
+    tracker = TargetTracker()
+    frame = None
+    for k, (cloud, pose) in enumerate(zip(clouds, poses, strict=True)):
+        points = cloud.reshape(-1, 3).astype(float)
+        points = points[np.isfinite(points).all(axis=1)]
+        points[k] *= range_m / np.linalg.norm(points[k])
+        fix = tracker.process(points, k * STEP_NS)
+        assert fix.status is Status.OK
+        assert fix.new_frame == (k == 0)
+        frame = inverse_pose(pose) @ fix.pose_sensor_from_target if frame is None else frame
+        assert angle_deg(fix.pose_sensor_from_target, pose @ frame) < 0.4
 
 
 def test_a_bad_first_cloud_sets_no_frame() -> None:

@@ -28,6 +28,10 @@ SCORE_LOST = 0.6
 # allowed, motions along it are tried.
 _FIRM = 0.2
 _SLIDE = 0.4  # so far to either side, rms radii of the target
+# By a pixel's width each, but in no more steps than this: targets that fill a sensor of 1800 pixels
+# take fewer. Ranges strewn over decades make one some 100,000 pixels long, and its motions would
+# take a minute, and gigabytes.
+_MOST_STEPS = 300
 # Gain in score from which such a motion is taken.
 _BETTER = 0.01
 _CLEARER = 0.005  # where nothing else is to be said against the motion
@@ -180,8 +184,8 @@ class Finder:
         clear = sound and found.score > BEYOND_DOUBT - SCORE_LOST * self._odd
         if clear and found.worst(self._config) < _FIRM:
             return found
-        count = int(np.ceil(_SLIDE * self._b.size_m / self._b.footprint_m))
-        rotations, translations = _along_weakest(found, np.arange(-count, count + 1))
+        rotations, translations = _along_weakest(found, _slides_px(self._b))
+        count = len(rotations) // 2
         score = view_consistency(self._a, self._b, rotations, translations, 300).score
         best = int(np.argmax(score))
         if score[best] > score[count] + (_CLEARER if clear else _BETTER):
@@ -233,6 +237,15 @@ def _lost(
 def odd_share(a: SurfaceView, b: SurfaceView) -> float:
     """Share of both clouds' points that share their surface with no other."""
     return 1 - (a.image.num_used / a.image.num_points + b.image.num_used / b.image.num_points) / 2
+
+
+def _slides_px(view: SurfaceView) -> np.ndarray:
+    """(2 N + 1,) motions that are tried along the weakest direction, pixels' widths; none is the
+    middle one."""
+    reach = int(np.ceil(_SLIDE * view.size_m / view.footprint_m))
+    step = max(1.0, reach / _MOST_STEPS)
+    count = round(reach / step)
+    return np.arange(-count, count + 1) * step
 
 
 def _along_weakest(found: Found, steps_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
