@@ -103,14 +103,16 @@ class TargetPipeline:
         points = points_from_cloud(msg)
         if isinstance(points, Refusal):
             return self._refuse(points)
-        if self._stamp is not None and stamp < self._stamp:
-            self.counts["time_jumps"] += 1
         frame_id = str(msg.header.frame_id)
         if self._frame_id is not None and frame_id != self._frame_id:
             # Poses in one frame say nothing about those in another.
             self._tracker.reset(f"the clouds' frame is now {quoted(frame_id)}")
-        self._stamp, self._frame_id = stamp, frame_id
+        self._frame_id = frame_id
         fix = self._tracker.process(points, stamp)
+        if self._tracker.stamp_ns == stamp:
+            if self._stamp is not None and stamp < self._stamp:
+                self.counts["time_jumps"] += 1
+            self._stamp = stamp
         if fix.status is Status.OK and not _finite(fix):
             self._tracker.reset()
             fix = replace(fix, status=Status.UNCERTAIN, reason="the estimate is not finite")

@@ -344,6 +344,25 @@ def test_stamps_that_repeat_or_jump_back() -> None:
     assert back.reason == "time jumped back"
 
 
+@pytest.mark.parametrize("bad_ns", [0, STEP_NS + 1, 2 * STEP_NS, 1000 * STEP_NS])
+def test_the_stamp_of_a_cloud_that_shows_nothing_moves_no_clock(bad_ns: int) -> None:
+    clouds, _ = tumbling(3, 4)
+    tracker, plain = TargetTracker(), TargetTracker()
+    for k in range(2):
+        tracker.process(clouds[k], k * STEP_NS)
+        plain.process(clouds[k], k * STEP_NS)
+    for empty in (np.full((50, 60, 3), np.nan), np.zeros((4000, 3))):
+        assert tracker.process(empty, bad_ns).status is not Status.OK
+    fix, same = (each.process(clouds[2], 2 * STEP_NS) for each in (tracker, plain))
+    assert not fix.new_frame
+    assert np.array_equal(fix.pose_sensor_from_target, same.pose_sensor_from_target)
+    # Time that jumps back after it, is told by the next cloud that shows something.
+    assert tracker.process(clouds[0][:2, :2], 1).status is Status.TOO_FEW_POINTS
+    back = tracker.process(clouds[3], STEP_NS)
+    assert back.new_frame
+    assert back.reason == "time jumped back"
+
+
 def test_a_callers_bug_changes_nothing() -> None:
     clouds, _ = tumbling(3, 2)
     tracker = TargetTracker()

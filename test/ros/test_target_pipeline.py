@@ -264,6 +264,21 @@ def test_time_that_jumps_back_resets_at_once() -> None:
     assert topics(pipeline.on_cloud(good_cloud(1))) == ALL_TOPICS
 
 
+@pytest.mark.parametrize("name", ["NaN only", "zeros"])
+def test_a_bad_cloud_of_a_wrong_stamp_is_no_jump_of_time(name: str) -> None:
+    pipeline = pipeline_of()
+    pipeline.on_cloud(good_cloud(5))
+    for bad_stamp in (stamp_of(5000), stamp_of(0), stamp_of(6)):
+        assert pipeline.on_cloud(cloud_of(BAD_CLOUDS[name][0], bad_stamp)).outputs == ()
+    assert topics(pipeline.on_cloud(good_cloud(6))) == ALL_TOPICS
+    assert pipeline.counts["time_jumps"] == 0
+    assert pipeline.rejected == {"too_few_points": 3}
+    # A bag that starts over with a bad cloud is one jump.
+    pipeline.on_cloud(cloud_of(BAD_CLOUDS[name][0], stamp_of(0)))
+    assert topics(pipeline.on_cloud(good_cloud(1))) == ("target/pose",)
+    assert pipeline.counts["time_jumps"] == 1
+
+
 def test_clouds_in_another_frame_set_a_new_target_frame() -> None:
     pipeline = pipeline_of()
     pipeline.on_cloud(good_cloud(0))

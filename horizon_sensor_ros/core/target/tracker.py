@@ -117,26 +117,32 @@ class TargetTracker:
         self._stamp_ns: int | None = None
         self._why = why
 
+    @property
+    def stamp_ns(self) -> int | None:
+        """Stamp of the last cloud that showed something, by which later ones are judged; None where
+        there was none yet."""
+        return self._stamp_ns
+
     def process(self, points: np.ndarray, stamp_ns: int) -> TargetFix:
         """Take one cloud, (H, W, 3) organised or (N, 3) plain, metres, in the sensor frame, and
         its stamp.
 
         Bad data never raises; a refused cloud changes nothing but the count of refused ones, and
         how near the next one has to be to what is predicted. A repeated stamp is refused; one that
-        lies back in time forgets all there was before. Raises ValueError for another shape.
+        lies back in time forgets all there was before. That goes by the clouds that show something:
+        a stamp on nothing but NaN says nothing of time. Raises ValueError for another shape.
         """
         # Before anything is kept: a caller's bug changes nothing.
         points = cloud_of(points)
-        if self._stamp_ns is not None:
-            if stamp_ns == self._stamp_ns:
-                return TargetFix(Status.REPEATED_STAMP, "a cloud of this stamp was there", stamp_ns)
-            if stamp_ns < self._stamp_ns:
-                self.reset("time jumped back")
-        self._stamp_ns = stamp_ns
-        why = self._why
+        if stamp_ns == self._stamp_ns:
+            return TargetFix(Status.REPEATED_STAMP, "a cloud of this stamp was there", stamp_ns)
         view = target_view(points, self.config.registration)
         if view.status is not Status.OK:
             return self._refuse(view.status, view.reason, stamp_ns, view, None)
+        if self._stamp_ns is not None and stamp_ns < self._stamp_ns:
+            self.reset("time jumped back")
+        self._stamp_ns = stamp_ns
+        why = self._why
         if self._last is not None:
             gap_s = (stamp_ns - self._last.stamp_ns) * 1e-9
             if gap_s > self.config.max_gap_s:
