@@ -23,6 +23,7 @@ from horizon_sensor_ros.ros.diagnostics import (
 )
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
 from horizon_sensor_ros.ros.messages import NANOSECONDS, Refusal
+from horizon_sensor_ros.ros.own_counts import OwnCounts
 
 _SILENT = "no usable frames for longer than camera_timeout"
 # From here it cannot be told which.
@@ -42,6 +43,7 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
     """Follows the horizon's pipeline.
 
     undrawn : debug images that could not be drawn.
+    own_counts : which of the pipeline's counts are reported; all, unless told otherwise.
     """
 
     def __init__(
@@ -56,6 +58,7 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         super().__init__(name, stale_after_ns, live=live, node=node)
         self._cameras = {camera: _CameraHealth() for camera in cameras}
         self.undrawn = 0
+        self.own_counts = OwnCounts()
         self._last_set_ns: int | None = None
         self._apart_ns: int | None = None
         self._fix: HorizonFix | None = None
@@ -187,9 +190,10 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
             values["cameras_used"] = ", ".join(self._fix.cameras_used)
             if self._fix.airglow is not None:
                 values["airglow"] = "alone" if self._fix.airglow_alone else "used"
+        own = self.own_counts.now(pipeline)
         for name in ("frames", "sets", "fixes", "time_jumps"):
-            values[name] = str(pipeline.counts[name])
-        values.update(rejected_values(pipeline.rejected))
+            values[name] = str(own.counts[name])
+        values.update(rejected_values(own.rejected))
         for name in self._cameras:
             values.update(self._camera_values(name, now))
         if self.undrawn:
@@ -200,7 +204,7 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
             values[COARSE_POSE_TOPIC] = f"not used for the planet's figure: {shortfall}"
         if self._fix is not None and self._fix.gyro_refused:
             values[IMU_TOPIC] = "not used: no horizon bears it out"
-        ignored = sorted(pipeline.aiding.ignored.items())
+        ignored = sorted(own.ignored.items())
         values.update({f"ignored_{cause}": str(count) for cause, count in ignored})
         return values
 

@@ -90,14 +90,14 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         if shared is not None and shared.in_use:
             self._feed = shared
         self._working = True
-        self._feed.join(self)
+        self._join()
         self.report()
 
     def stop(self) -> None:
         """Unsubscribe."""
+        if self._working:
+            self._leave()
         self._working = False
-        if self._feed is not None:
-            self._feed.leave(self)
 
     def close(self) -> None:
         """Give back pipeline, publishers and timer."""
@@ -117,10 +117,23 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         if feed is self._feed:
             # To subscribe anew would cost frames and the track.
             return
-        self._feed.leave(self)
+        if self._working:
+            self._leave()
         self._feed = feed
         if self._working:
-            self._feed.join(self)
+            self._join()
+
+    def _join(self) -> None:
+        assert self._feed is not None
+        assert self._monitor is not None
+        self._monitor.own_counts.begin(self._feed.pipeline)
+        self._feed.join(self)
+
+    def _leave(self) -> None:
+        assert self._feed is not None
+        assert self._monitor is not None
+        self._feed.leave(self)
+        self._monitor.own_counts.end(self._feed.pipeline)
 
     def on_step(self, step: Step, arrived: int) -> None:
         """Publish what an image completed; report a change of state at once."""

@@ -166,12 +166,66 @@ def test_what_a_paused_node_holds_is_not_taken_for_the_present(make: Callable) -
     assert subscriptions(paused) == []
 
 
-def sent_pair(node: HorizonNode) -> int:
+def test_each_node_counts_its_own(make: Callable) -> None:
+    """Whichever pipeline it shares, and whatever the others' settings were meanwhile."""
+    one, other = make(LocalVerticalNode), make(AttitudeNode)
+    sent = {one: 0, other: 0}
+    fixed = {one: 0, other: 0}
+    told = {}
+
+    def send(node: HorizonNode, index: int, **fields: Any) -> None:
+        fixes = sent_pair(node, index, **fields)
+        for each in (one, other):
+            if each._working and each._feed is node._feed:
+                sent[each] += 2
+                fixed[each] += fixes
+        for each in (one, other):
+            if each._working:
+                told[each] = values_of(each)
+                assert int(told[each]["frames"]) == sent[each]
+                assert int(told[each]["fixes"]) == fixed[each]
+
+    def change(node: HorizonNode, **values: Any) -> None:
+        given = [Parameter(name, value=value) for name, value in values.items()]
+        assert all(result.successful for result in node.set_parameters(given))
+
+    send(one, 0)
+    change(one, max_residual=3.0)
+    # Theirs are two pipelines now; one gets more than the other, and what it cannot use.
+    for index in (1, 2, 3):
+        send(one, index)
+    send(one, 4, encoding="64FC4")
+    send(other, 5)
+    assert sent == {one: 10, other: 4}
+    # And now the other's again, or one's.
+    change(one, max_residual=1.2)
+    change(other, max_residual=3.0)
+    change(one, max_residual=3.0)
+    assert one._feed is other._feed
+    send(one, 6)
+    assert told[one]["rejected_unknown_encoding"] == "2"
+    assert "rejected_unknown_encoding" not in told[other]
+    # Of what comes while it is paused a node counts nothing.
+    one.trigger_deactivate()
+    send(other, 7)
+    one.trigger_activate()
+    assert one._feed is other._feed
+    send(one, 8)
+    assert (sent, fixed) == ({one: 14, other: 10}, {one: 6, other: 5})
+
+
+def values_of(node: HorizonNode) -> dict[str, str]:
+    (status,) = node.report().status
+    return {pair.key: pair.value for pair in status.values}
+
+
+def sent_pair(node: HorizonNode, index: int = 0, **fields: Any) -> int:
     """How many estimates one and the same pair of frames gives."""
     pipeline = node._feed.pipeline
     results = 0
     for camera in CAMERAS:
         pipeline.on_camera_info(camera, camera_info_of(camera=camera))
-        step = pipeline.on_image(camera, image_of(horizon_gray(camera, nadir_of(0.0, 0.0)), 0))
+        gray = horizon_gray(camera, nadir_of(0.0, 0.0))
+        step = pipeline.on_image(camera, image_of(gray, index * 100_000_000, **fields))
         results += len(step.results)
     return results
