@@ -136,25 +136,10 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
             return Health(WARN, "waiting", f"no complete set of frames yet{self._nearest()}")
         if fix.status is not Status.OK:
             return Health(WARN, "no_fix", f"{fix.status}: {fix.reason}")
-        left_out = [
-            f"{name} left out: {fix.why_left_out(limb)}"
-            for name, limb in self._limbs().items()
-            if name not in fix.cameras_used
-        ]
-        left_out += [f"{name} left out: {_SILENT}" for name in self._unseen()]
-        shortfall = self._shortfall()
-        if shortfall:
-            left_out.append(shortfall)
-        if fix.reason:
-            left_out.append(fix.reason)
-        if left_out:
-            return Health(WARN, "degraded", "; ".join(left_out))
+        degrading = shortcomings(fix, self._views, tuple(self._cameras))
+        if degrading:
+            return Health(WARN, "degraded", "; ".join(degrading))
         return Health(OK, "ok", f"fix from {', '.join(fix.cameras_used)}")
-
-    def _shortfall(self) -> str:
-        """Why the last fix is of a sphere, where it was to be of an ellipsoid."""
-        disc = None if self._fix is None else self._fix.fit.disc
-        return "" if disc is None else disc.figure.shortfall
 
     def _limbs(self) -> dict[str, LimbPoints]:
         """Limbs of the last set, by camera."""
@@ -199,7 +184,7 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         if self.undrawn:
             values["undrawn"] = str(self.undrawn)
         values.update(pipeline.aiding.words)
-        shortfall = self._shortfall()
+        shortfall = "" if self._fix is None else _shortfall(self._fix)
         if shortfall and values.get(COARSE_POSE_TOPIC) == "used":
             values[COARSE_POSE_TOPIC] = f"not used for the planet's figure: {shortfall}"
         if self._fix is not None and self._fix.gyro_refused:
@@ -238,3 +223,24 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         if np.isfinite(residual_px):
             values[f"{name}.residual_px"] = f"{residual_px:.4f}"
         return values
+
+
+def shortcomings(fix: HorizonFix, views: Sequence[CameraView], cameras: Sequence[str]) -> list[str]:
+    """What makes a fix less than it could be, for a person: empty where nothing does.
+
+    views : of the set's frames, in order. cameras : names of all that there are.
+    """
+    limbs = {view.name: limb for view, limb in zip(views, fix.limbs, strict=True)}
+    found = [
+        f"{name} left out: {fix.why_left_out(limb)}"
+        for name, limb in limbs.items()
+        if name not in fix.cameras_used
+    ]
+    found += [f"{name} left out: {_SILENT}" for name in cameras if limbs and name not in limbs]
+    found += [why for why in (_shortfall(fix), fix.reason) if why]
+    return found
+
+
+def _shortfall(fix: HorizonFix) -> str:
+    """Why a fix is of a sphere, where it was to be of an ellipsoid."""
+    return "" if fix.fit.disc is None else fix.fit.disc.figure.shortfall

@@ -6,5 +6,6 @@
 
 What they share: ``command`` (signals, errors, exit codes), ``camera_file`` and
 ``horizon_parameters`` (read what a person wrote), ``reference_topics`` (nadir and altitude from
-elsewhere), ``package_share`` (the package's own files), ``private_domain`` (runs side by side).
+elsewhere), ``package_share`` (the package's own files), ``private_domain`` (runs side by side),
+``reasons`` (counted, for a person).
 """

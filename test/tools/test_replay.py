@@ -218,6 +218,33 @@ def test_a_summary_and_a_progress_bar(
     assert "at the end" not in errors
 
 
+def test_beside_fixes_too_the_reasons_of_the_others_are_said(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two sets are dark in both frames, and in the fourth one camera's alone is."""
+    dark = {("1", 1), ("2", 1), ("1", 2), ("2", 2), ("2", 3)}
+    flight = recording(5)
+    for at, (topic, t, msg) in enumerate(flight):
+        camera, index = topic[len("/camera_")], (t - START_NS) // PERIOD_NS
+        if isinstance(msg, Image) and (camera, index) in dark:
+            black = image_of(np.zeros((240, 320), np.uint8), START_NS + index * PERIOD_NS)
+            flight[at] = (topic, t, black)
+    bag = write_bag(tmp_path / "in", flight)
+    assert run(bag, tmp_path / "out", "--params", params) == 0
+    _, _, told = capsys.readouterr().err.partition("local_vertical_node, ")
+    # The reasons are those on /diagnostics.
+    said = [msg.status[0].message for _, msg in read(tmp_path / "out")["/diagnostics"]]
+    no_limb = next(m.removeprefix("no_limb: ") for m in said if m.startswith("no_limb: "))
+    left_out = next(m for m in said if m.startswith("camera_2 left out: "))
+    assert told.splitlines() == [
+        "attitude_node: 10 frames, 5 sets, 3 fixes (1 degraded, 1 from one camera)",
+        "  rejected, no_limb: 2",
+        f"    2: {no_limb}",
+        "  degraded: 1",
+        f"    1: {left_out}",
+    ]
+
+
 def test_a_gyro_in_a_frame_of_its_own_is_said_to_be_refused(
     tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -46,6 +46,7 @@ from horizon_sensor_ros.tools.bags.input_bag import (
 )
 from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU, POINT_CLOUD, POSE
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag, check_replaceable
+from horizon_sensor_ros.tools.bags.replay_tally import ReplayTally
 from horizon_sensor_ros.tools.bags.replayed_node import (
     ReplayedHorizonNode,
     ReplayedNode,
@@ -78,7 +79,9 @@ class _Replay:
         self._nodes: list[ReplayedNode] = []
         self._handlers: dict[_Input, list[Callable[[Any], None]]] = {}
         # With one of the nodes that have it in common: what it says is the same for all.
-        self._pipelines: list[tuple[str, HorizonPipeline | TargetPipeline, ReplayedNode]] = []
+        self._pipelines: list[
+            tuple[str, HorizonPipeline | TargetPipeline, ReplayTally, ReplayedNode]
+        ] = []
         self._unreadable: Counter[str] = Counter()
         together: dict[PipelineSettings, list[str]] = {}
         for name, settings in plan.horizon.items():
@@ -96,12 +99,13 @@ class _Replay:
             ReplayedHorizonNode(name, s, pipeline, self._names, self._bag)
             for name, s in members.items()
         ]
+        tally = ReplayTally(pipeline)
         for camera in settings.cameras:
             image, camera_info = (
                 self._handlers.setdefault(source, [])
                 for source in _camera_inputs(camera, self._names)
             )
-            image.append(partial(_hand_on, partial(pipeline.on_image, camera), nodes))
+            image.append(partial(_hand_on, partial(pipeline.on_image, camera), [tally, *nodes]))
             camera_info.append(partial(pipeline.on_camera_info, camera))
         aiding = pipeline.aiding
         for source, handle in zip(
@@ -109,14 +113,17 @@ class _Replay:
         ):
             self._handlers.setdefault(source, []).append(handle)
         self._nodes += nodes
-        self._pipelines.append((", ".join(members), pipeline, nodes[0]))
+        self._pipelines.append((", ".join(members), pipeline, tally, nodes[0]))
 
     def _add_target(self, settings: TargetSettings) -> None:
         pipeline = TargetPipeline(settings.pipeline)
         node = ReplayedTargetNode(TARGET_NODE, settings, pipeline, self._names, self._bag)
-        self._handlers[_cloud_input(self._names)] = [partial(_hand_on, pipeline.on_cloud, [node])]
+        tally = ReplayTally(pipeline)
+        self._handlers[_cloud_input(self._names)] = [
+            partial(_hand_on, pipeline.on_cloud, [tally, node])
+        ]
         self._nodes.append(node)
-        self._pipelines.append((TARGET_NODE, pipeline, node))
+        self._pipelines.append((TARGET_NODE, pipeline, tally, node))
 
     def run(self, recorded: InputBag, stopped: Callable[[], bool]) -> None:
         """Read all, write all; KeyboardInterrupt between two messages when asked to stop."""
@@ -138,18 +145,12 @@ class _Replay:
     def summary(self) -> str:
         """Return what was processed, for a person."""
         lines = []
-        for names, pipeline, node in self._pipelines:
-            counts = pipeline.counts
-            what = ("clouds",) if isinstance(pipeline, TargetPipeline) else ("frames", "sets")
-            figures = ", ".join(f"{counts[name]} {name}" for name in (*what, "fixes"))
-            lines.append(f"{names}: {figures}")
-            lines += [
-                f"  rejected, {cause}: {count}"
-                for cause, count in sorted(pipeline.rejected.items())
-            ]
+        for names, pipeline, tally, node in self._pipelines:
+            lines.append(f"{names}: {tally.figures()}")
+            lines += [f"  {line}" for line in tally.reasons()]
             if isinstance(pipeline, HorizonPipeline):
                 lines += _ignored(pipeline)
-            if not counts["fixes"]:
+            if not pipeline.counts["fixes"]:
                 where = "tuning" if isinstance(pipeline, HorizonPipeline) else "target"
                 lines.append(f"  at the end: {node.words()} (doc/{where}.md: what to do)")
         lines += [
@@ -166,10 +167,12 @@ def _ignored(pipeline: HorizonPipeline) -> list[str]:
     return lines + [f"  {topic} {said}" for topic, said in words if said.startswith("refused: ")]
 
 
-def _hand_on(process: Callable[[Any], Any], nodes: Sequence[ReplayedNode], msg: Any) -> None:
+def _hand_on(
+    process: Callable[[Any], Any], followers: Sequence[ReplayTally | ReplayedNode], msg: Any
+) -> None:
     step = process(msg)
-    for node in nodes:
-        node.on_step(step)
+    for follower in followers:
+        follower.on_step(step)
 
 
 def _camera_inputs(camera: str, names: TopicNames) -> tuple[_Input, _Input]:

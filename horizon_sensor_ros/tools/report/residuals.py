@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 
+from horizon_sensor_ros.tools.reasons import general
 from horizon_sensor_ros.tools.report.bags import Diagnosis, Recorded
 from horizon_sensor_ros.tools.report.blocks import (
     COLOURS,
@@ -96,7 +97,7 @@ def refusal_blocks(recorded: Recorded) -> list[Block]:
                 causes.append((name, key.removeprefix(_REJECTED).replace("_", " "), count))
         for each in found:
             if each.level > 0 and each.message:
-                reasons.setdefault((name, _general(each.message)), []).append(each.time_ns)
+                reasons.setdefault((name, general(each.message)), []).append(each.time_ns)
     if causes:
         table = Table(("node", "cause", "number"), tuple(causes), "Frames, sets and clouds refused")
         blocks.append(table)
@@ -112,8 +113,3 @@ def refusal_blocks(recorded: Recorded) -> list[Block]:
     if not blocks:
         blocks.append(Text("Nothing was refused, as far as /diagnostics tells."))
     return blocks
-
-
-def _general(message: str) -> str:
-    """Reason without the numbers that change from frame to frame; cameras keep theirs."""
-    return re.sub(r"(?<![\w.])-?\d+(\.\d+)?(e-?\d+)?(?![\w])", "#", message)

@@ -1,0 +1,37 @@
+"""Reasons counted for a person: those that differ by their numbers alone count as one."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+
+
+def general(reason: str) -> str:
+    """Return a reason with # for its numbers, which change from frame to frame; cameras keep
+    theirs.
+    """
+    return re.sub(r"(?<![\w.])-?\d+(\.\d+)?(e-?\d+)?(?![\w])", "#", reason)
+
+
+class ReasonCounts:
+    """How often which reason was given."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+        self._shown: dict[str, str] = {}
+
+    def add(self, reason: str) -> None:
+        """Count a reason."""
+        form = general(reason)
+        self._counts[form] += 1
+        # As it was said, where it was always the same.
+        self._shown[form] = reason if self._shown.get(form, reason) == reason else form
+
+    def lines(self, most: int) -> Iterator[str]:
+        """The commonest ones with their counts, and how many the others are."""
+        commonest = self._counts.most_common(most)
+        yield from (f"{count}: {self._shown[form]}" for form, count in commonest)
+        others = self._counts.total() - sum(count for _, count in commonest)
+        if others:
+            yield f"{others}: other reasons"
