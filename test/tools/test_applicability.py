@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from matplotlib.figure import Figure
+from small_files import no_larger_files
 
 from horizon_sensor_ros.tools.applicability.applicability import main
 from horizon_sensor_ros.tools.applicability.figure6 import diagonal_maximum_deg, paper_rig
@@ -297,6 +298,15 @@ def test_wrong_usage_ends_with_code_2(capsys, options):
         main(options)
     assert stop.value.code == 2
     assert "error" in capsys.readouterr().err
+
+
+def test_files_that_cannot_be_written_are_named_and_not_left_in_part(tmp_path, capsys):
+    prefix = tmp_path / "map"
+    with no_larger_files(10_000):
+        assert main([str(EXAMPLE), "--step", "20", "-o", str(prefix)]) != 0
+    told = capsys.readouterr().err
+    assert f"cannot write {prefix}.png and {prefix}.csv: File too large; choose another" in told
+    assert not list(tmp_path.iterdir())
 
 
 def test_help_has_an_example(capsys):

@@ -34,6 +34,7 @@ from horizon_messages import (
 )
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import Imu
+from small_files import no_larger_files
 from target_messages import FRAME_ID, cloud_of, scan, stamp_of, truth_at
 
 from horizon_sensor_ros.ros.aiding_sources import AidingSources
@@ -247,6 +248,18 @@ def test_what_is_wrong_is_said(
     assert page.read_text() == "mine"
     told = refused(capsys, out, "--params", tmp_path / "none.yaml", "--out", tmp_path / "other")
     assert "cannot be read" in told
+
+
+def test_an_older_page_stays_where_the_new_one_cannot_be_written(
+    bags: tuple[Path, Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "report.html"
+    page.write_text("an older one")
+    with no_larger_files(10_000):
+        told = refused(capsys, bags[0], "--out", page, "--force")
+    assert f"cannot write {page}: File too large" in told
+    assert page.read_text() == "an older one"
+    assert list(tmp_path.iterdir()) == [page]
 
 
 def test_a_namespace_that_the_answers_do_not_have_is_said(

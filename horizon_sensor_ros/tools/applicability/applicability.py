@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.command import run_computation
 
 DESCRIPTION = """\
@@ -59,10 +60,9 @@ def _run(argv: Sequence[str] | None) -> int:
     except ValueError as error:
         print(f"horizon_applicability: error: {error}", file=sys.stderr)
         return 2
-    except OSError as error:
+    except BagError as error:
         print(
-            f"horizon_applicability: error: cannot write {error.filename}: {error.strerror}; "
-            "choose another place with -o PREFIX",
+            f"horizon_applicability: error: {error}; choose another place with -o PREFIX",
             file=sys.stderr,
         )
         return 2

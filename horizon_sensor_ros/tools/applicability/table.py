@@ -12,8 +12,7 @@ from horizon_sensor_ros.tools.applicability.figures import AngleGrid
 
 
 def output_paths(prefix: Path) -> tuple[Path, Path]:
-    """Paths of the PNG and the CSV, in a directory that exists."""
-    prefix.parent.mkdir(parents=True, exist_ok=True)
+    """Paths of the PNG and the CSV."""
     return prefix.with_name(prefix.name + ".png"), prefix.with_name(prefix.name + ".csv")
 
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import argparse
 import csv
-import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +21,7 @@ from horizon_sensor_ros.tools.bags.message_tables import (
     diagnostics_table,
 )
 from horizon_sensor_ros.tools.bags.message_types import DIAGNOSTICS
+from horizon_sensor_ros.tools.output_files import written_whole
 
 
 def write_tables(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) -> str:
@@ -40,12 +39,9 @@ def write_tables(arguments: argparse.Namespace, stopped: Callable[[], bool] = bo
             if (out / name).exists() and not arguments.force:
                 raise BagError(f"{out / name} exists; choose another OUT_DIR, or --force")
         tables = {topic: _table(bag, kind, topic, stopped) for topic, kind in chosen.items()}
-        with _writing(out), _directory_beside(out) as work:
-            places = {t: work / f for t, f in files.items()}
+        with written_whole(*(out / name for name in files.values())) as fresh:
+            places = dict(zip(files, fresh, strict=True))
             rows, unreadable = _write(bag, chosen, tables, places, stopped)
-            out.mkdir(parents=True, exist_ok=True)
-            for name in files.values():
-                (work / name).replace(out / name)
     finally:
         bag.close()
     lines = [f"{out / files[topic]}: {rows[topic]} rows of {topic}" for topic in tables]
@@ -133,22 +129,3 @@ def _write(
                 writers[connection.topic].writerows(found)
                 rows[connection.topic] += len(found)
     return rows, unreadable
-
-
-@contextmanager
-def _directory_beside(path: Path) -> Iterator[Path]:
-    """A directory on the same file system, removed in the end."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    directory = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
-    try:
-        yield directory
-    finally:
-        shutil.rmtree(directory, ignore_errors=True)
-
-
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise BagError(f"cannot write {path}: {error.strerror}") from None

@@ -30,6 +30,7 @@ from horizon_sensor_ros.tools.bags.frame_files import FrameFile, StampRule, fram
 from horizon_sensor_ros.tools.bags.input_bag import STORAGE
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag, check_replaceable
 from horizon_sensor_ros.tools.camera_file import CameraFileError, Rig, read_camera_file
+from horizon_sensor_ros.tools.output_files import written_whole
 
 IMAGE_SUFFIXES = (
     ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp",
@@ -61,24 +62,20 @@ def record(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) ->
     rig = _read_rig(arguments.camera_file) if arguments.images else None
     sources = _sources(arguments, rig)
     bag = OutputBag(out, STORAGE[arguments.storage])
-    # An older file stays what it is until the bag that the new one belongs to is there.
-    fresh = params.with_name(params.name + ".tmp")
     try:
         _write(bag, sources, stopped)
-        if rig is not None:
-            used = [source.name for source in sources if source.name != CLOUD_TOPIC]
-            fresh.write_text(_parameter_file(rig, used, arguments.camera_file), encoding="utf-8")
-        bag.finish()
-        if rig is not None:
-            fresh.replace(params)
-    except OSError as error:
-        bag.discard()
-        raise BagError(f"cannot write {params}: {error.strerror}") from None
+        if rig is None:
+            bag.finish()
+        else:
+            # An older file stays what it is until the bag that the new one belongs to is there.
+            with written_whole(params) as (fresh,):
+                used = [source.name for source in sources if source.name != CLOUD_TOPIC]
+                text = _parameter_file(rig, used, arguments.camera_file)
+                fresh.write_text(text, encoding="utf-8")
+                bag.finish()
     except BaseException:
         bag.discard()
         raise
-    finally:
-        fresh.unlink(missing_ok=True)
     said = ", ".join(f"{len(source.frames)} frames of {source.name}" for source in sources)
     if rig is None:
         return f"wrote {out}: {said}\nnext: horizon_replay {out} {out}_out"

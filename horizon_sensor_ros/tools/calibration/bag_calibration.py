@@ -14,6 +14,7 @@ from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.calibration.recording import read_recording
 from horizon_sensor_ros.tools.calibration.text import calibration_text, corrected_parameters
+from horizon_sensor_ros.tools.output_files import written_whole
 
 _MAX_INTERVAL_S = 1e6
 # Above so much scatter no planet's figure is to blame.
@@ -67,10 +68,8 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
     written = []
     if arguments.out is not None:
         text = corrected_parameters(arguments.params, calibration, sphere)
-        try:
-            arguments.out.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise BagError(f"cannot write {arguments.out}: {error.strerror}") from None
+        with written_whole(arguments.out) as (fresh,):
+            fresh.write_text(text, encoding="utf-8")
         written.append(arguments.out)
     if arguments.picture is not None:
         from horizon_sensor_ros.tools.calibration.figure import draw_calibration  # noqa: PLC0415
@@ -92,7 +91,9 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise BagError(f"--{name}: cannot write {path}: {error.strerror}") from None
-        if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
+        # A file is written beside and then moved; /dev/stdout and the like are not.
+        place = path.resolve().parent if path.is_file() or not path.exists() else path
+        if path.is_dir() or not os.access(place, os.W_OK):
             raise BagError(f"--{name}: cannot write {path}; choose another place")
     if arguments.picture is not None:
         from horizon_sensor_ros.tools.calibration.figure import check_picture  # noqa: PLC0415

@@ -20,6 +20,7 @@ from horizon_sensor_ros.core.self_calibration.differences import (
 )
 from horizon_sensor_ros.core.self_calibration.result import Calibration
 from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
+from horizon_sensor_ros.tools.output_files import written_whole
 
 # Okabe & Ito's colours, which colour-blind readers tell apart; the markers differ as well.
 _BEFORE: dict[str, Any] = {"color": "#D55E00", "marker": "x", "label": "before"}
@@ -52,8 +53,9 @@ def draw_calibration(
         _over_time(left, times, one, other)
         _about_axes(right, axes_shown, one, other)
     try:
-        figure.savefig(path, dpi=110)
-    except (OSError, ValueError) as error:
+        with written_whole(path) as (fresh,):
+            figure.savefig(fresh, dpi=110)
+    except ValueError as error:
         raise BagError(f"cannot write {path}: {in_one_line(error)}") from None
     finally:
         plt.close(figure)

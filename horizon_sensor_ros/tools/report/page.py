@@ -9,9 +9,9 @@ from pathlib import Path
 import jinja2
 import numpy as np
 
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.horizon_parameters import base_frame_in
+from horizon_sensor_ros.tools.output_files import written_whole
 from horizon_sensor_ros.tools.report.attitude import attitude_section, attitudes
 from horizon_sensor_ros.tools.report.bags import Recorded, read_bags
 from horizon_sensor_ros.tools.report.blocks import Section
@@ -69,11 +69,8 @@ def write_page(
         facts=_facts(recorded),
         sections=[section for section in sections if section is not None],
     )
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise BagError(f"cannot write {path}: {error.strerror}") from None
+    with written_whole(path) as (fresh,):
+        fresh.write_text(page, encoding="utf-8")
 
 
 def _lead(recorded: Recorded) -> str:

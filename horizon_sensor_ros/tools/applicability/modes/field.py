@@ -28,6 +28,7 @@ from horizon_sensor_ros.tools.applicability.table import (
     write_csv,
 )
 from horizon_sensor_ros.tools.camera_file import Rig, read_camera_file
+from horizon_sensor_ros.tools.output_files import written_whole
 
 # So dense that limb points a pixel apart are samples of the horizon.
 DENSE_SAMPLES = 7200
@@ -69,14 +70,15 @@ def draw_field(args: argparse.Namespace) -> str:
         columns["error_deg"] = error_deg
         panels.append(Panel(_error_title(args), error_deg, "nadir error (deg)", logarithmic=True))
         answer += f"; {_error_answer(args.error, error_deg[field])}"
-    draw_maps(
-        png,
-        grid,
-        panels,
-        f"Field of applicability at {altitude_m / 1e3:g} km: "
-        f"{100 * field.mean():.1f} % of these attitudes. Grey: no horizon, or no answer",
-    )
-    write_csv(table, columns)
+    with written_whole(png, table) as (picture, rows):
+        draw_maps(
+            picture,
+            grid,
+            panels,
+            f"Field of applicability at {altitude_m / 1e3:g} km: "
+            f"{100 * field.mean():.1f} % of these attitudes. Grey: no horizon, or no answer",
+        )
+        write_csv(rows, columns)
     return f"{answer}; wrote {png} and {table}"
 
 

@@ -26,6 +26,7 @@ from horizon_sensor_ros.tools.applicability.mounting_angle import (
 from horizon_sensor_ros.tools.applicability.quality_map import USABLE_DEG
 from horizon_sensor_ros.tools.applicability.table import output_paths, write_csv
 from horizon_sensor_ros.tools.camera_file import read_camera_file
+from horizon_sensor_ros.tools.output_files import written_whole
 
 
 def draw_mounting(args: argparse.Namespace) -> str:
@@ -60,16 +61,17 @@ def _draw_map(
     png, table = files
     sigma_deg = np.degrees(found.sigma_rad)
     angles, heights_km = np.meshgrid(found.depression_deg, found.altitudes_m / 1e3, indexing="ij")
-    write_csv(
-        table,
-        {
-            "below_horizontal_deg": angles.ravel(),
-            "altitude_km": heights_km.ravel(),
-            "sigma_deg": sigma_deg.ravel(),
-        },
-    )
     now = [depression_deg(view, nadir_at_zero) for view in views]
-    _draw_figure(png, found, sigma_deg, now, planet, tilt_deg, sigma_px)
+    with written_whole(png, table) as (picture, rows):
+        write_csv(
+            rows,
+            {
+                "below_horizontal_deg": angles.ravel(),
+                "altitude_km": heights_km.ravel(),
+                "sigma_deg": sigma_deg.ravel(),
+            },
+        )
+        _draw_figure(picture, found, sigma_deg, now, planet, tilt_deg, sigma_px)
     return f"{_answer(found, sigma_deg, views, now, tilt_deg)}; wrote {png} and {table}"
 
 

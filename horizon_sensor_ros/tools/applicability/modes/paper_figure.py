@@ -17,6 +17,7 @@ from horizon_sensor_ros.tools.applicability.table import (
     visibility_columns,
     write_csv,
 )
+from horizon_sensor_ros.tools.output_files import written_whole
 
 
 def draw_paper_figure(args: argparse.Namespace) -> str:
@@ -30,15 +31,17 @@ def draw_paper_figure(args: argparse.Namespace) -> str:
     result = figure6(*grid.mesh_deg(), 1e3 * altitude_km)
     png, table = output_paths(args.output or Path("figure6"))
     camera = result.camera
-    draw_figure6(
-        png,
-        grid,
-        _panels(result),
-        _frame(result),
-        f"Lomaka & Ustyugov, figure 6: half-aperture 28°, 3:4 ({camera.width} x {camera.height}), "
-        f"{altitude_km:g} km. Grey: no horizon in the frame",
-    )
-    write_csv(table, _columns(grid, result))
+    with written_whole(png, table) as (picture, rows):
+        draw_figure6(
+            picture,
+            grid,
+            _panels(result),
+            _frame(result),
+            "Lomaka & Ustyugov, figure 6: half-aperture 28°, 3:4 "
+            f"({camera.width} x {camera.height}), {altitude_km:g} km. "
+            "Grey: no horizon in the frame",
+        )
+        write_csv(rows, _columns(grid, result))
     return f"{_answer(grid, result)}; wrote {png} and {table}"
 
 

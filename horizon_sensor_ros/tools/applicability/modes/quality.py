@@ -20,6 +20,7 @@ from horizon_sensor_ros.tools.applicability.figures import AngleGrid, Panel, dra
 from horizon_sensor_ros.tools.applicability.quality_map import USABLE_DEG, Quality, quality_maps
 from horizon_sensor_ros.tools.applicability.table import angle_columns, output_paths, write_csv
 from horizon_sensor_ros.tools.camera_file import read_camera_file
+from horizon_sensor_ros.tools.output_files import written_whole
 
 
 def draw_quality(args: argparse.Namespace) -> str:
@@ -65,16 +66,17 @@ def _draw_maps(
         )
         key = name.replace(" ", "_")
         columns |= {f"{key}_share": quality.share, f"{key}_sigma_deg": sigmas[name]}
-    draw_maps(
-        png,
-        grid,
-        panels,
-        f"At {altitude_m / 1e3:g} km, {sigma_px:g} px of error in each pixel of limb.\n"
-        f"Grey: no horizon, or sigma above {USABLE_DEG:g} deg",
-        columns=2,
-        panel_inches=(3.7, 3.1),
-    )
-    write_csv(table, columns)
+    with written_whole(png, table) as (picture, rows):
+        draw_maps(
+            picture,
+            grid,
+            panels,
+            f"At {altitude_m / 1e3:g} km, {sigma_px:g} px of error in each pixel of limb.\n"
+            f"Grey: no horizon, or sigma above {USABLE_DEG:g} deg",
+            columns=2,
+            panel_inches=(3.7, 3.1),
+        )
+        write_csv(rows, columns)
     said = "; ".join(
         f"{name} {100 * np.isfinite(s).mean():.0f} %"
         + (f" (median sigma {np.nanmedian(s):.2g} deg)" if np.isfinite(s).any() else "")

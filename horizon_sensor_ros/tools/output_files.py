@@ -1,0 +1,78 @@
+"""Files that appear in their places only when they are whole; older ones there stay until then."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
+
+_unfinished: set[Path] = set()  # directories
+
+
+@contextmanager
+def written_whole(*paths: Path) -> Iterator[tuple[Path, ...]]:
+    """Yield for each path one beside it to write to; these take their places when the block ends.
+
+    Folders are made. Where the block raises nothing is left behind; an OSError becomes a BagError
+    that names the paths. What is no file, as /dev/stdout, is written to as it is.
+    """
+    directories: dict[Path, Path] = {}
+    made: list[Path] = []
+    try:
+        fresh = tuple(_beside(path, directories, made) for path in paths)
+        yield fresh
+        for one, path in zip(fresh, paths, strict=True):
+            if one != path:
+                place = path.resolve()  # a link stays one
+                if place.exists():
+                    shutil.copymode(place, one)
+                one.replace(place)
+        made.clear()
+    except OSError as error:
+        why = error.strerror or str(error) or type(error).__name__
+        raise BagError(f"cannot write {_named(paths)}: {why}") from None
+    finally:
+        for directory in directories.values():
+            _remove(directory)
+        for directory in reversed(made):
+            with suppress(OSError):
+                directory.rmdir()
+
+
+def remove_unfinished() -> None:
+    """Remove what no `written_whole` will put in its place any more: the process is about to end.
+
+    May be called by a signal's handler.
+    """
+    for directory in tuple(_unfinished):
+        _remove(directory)
+
+
+def _beside(path: Path, directories: dict[Path, Path], made: list[Path]) -> Path:
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        return path
+    # On the same file system, where a file takes another's place at once.
+    parent = path.resolve().parent
+    if parent not in directories:
+        missing = [each for each in (parent, *parent.parents) if not each.exists()]
+        for each in reversed(missing):
+            each.mkdir(exist_ok=True)
+            made.append(each)
+        directories[parent] = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=parent))
+        _unfinished.add(directories[parent])
+    return directories[parent] / path.name
+
+
+def _remove(directory: Path) -> None:
+    shutil.rmtree(directory, ignore_errors=True)
+    _unfinished.discard(directory)
+
+
+def _named(paths: tuple[Path, ...]) -> str:
+    if len(paths) <= 2:
+        return " and ".join(map(str, paths))
+    return f"files to {paths[0].parent}"
