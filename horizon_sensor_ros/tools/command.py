@@ -9,10 +9,13 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from threading import Event
 from types import FrameType
 
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.output_files import remove_unfinished
+from horizon_sensor_ros.tools.standard_streams import StandardStream, lasting_streams
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _INTERRUPTED = 130  # exit code, as of a shell's command that SIGINT ended
@@ -22,7 +25,8 @@ def run_command(name: str, work: Callable[[Callable[[], bool]], str]) -> int:
     """Run a command's work, print its answer on stderr, and return the exit code.
 
     work : takes a function that says whether to stop; it then raises KeyboardInterrupt, leaving
-    nothing behind. A BagError is printed after the command's name: exit code 1.
+    nothing behind. A BagError is printed after the command's name: exit code 1. What cannot be
+    printed is lost without ending the work.
     """
     # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
     # And with another number of them sums come out in another order, and bags with other bytes.
@@ -31,17 +35,19 @@ def run_command(name: str, work: Callable[[Callable[[], bool]], str]) -> int:
     stop = Event()
     previous = [signal.signal(number, lambda *_: stop.set()) for number in _SIGNALS]
     try:
-        print(work(stop.is_set), file=sys.stderr)
-    except KeyboardInterrupt:
-        print(f"{name}: interrupted, nothing written", file=sys.stderr)
-        return _INTERRUPTED
-    except BagError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return 1
+        with lasting_streams() as output:
+            try:
+                print(work(stop.is_set), file=sys.stderr)
+            except KeyboardInterrupt:
+                print(f"{name}: interrupted, nothing written", file=sys.stderr)
+                return _INTERRUPTED
+            except BagError as error:
+                print(f"{name}: {error}", file=sys.stderr)
+                return 1
+            return _all_printed(name, output)
     finally:
         for number, handler in zip(_SIGNALS, previous, strict=True):
             signal.signal(number, handler)
-    return 0
 
 
 def run_computation(name: str, work: Callable[[], int]) -> int:
@@ -53,12 +59,26 @@ def run_computation(name: str, work: Callable[[], int]) -> int:
         # Raised just anywhere an exception may get lost: in modules that are being loaded it comes
         # out as a failure to load them.
         start = "\r\x1b[K" if os.isatty(2) else "\n"  # of a line on which a progress bar may be
-        os.write(2, f"{start}{name}: interrupted\n".encode())
+        with suppress(OSError):
+            os.write(2, f"{start}{name}: interrupted\n".encode())
+        remove_unfinished()
         os._exit(_INTERRUPTED)
 
     previous = [signal.signal(number, end) for number in _SIGNALS]
     try:
-        return work()
+        with lasting_streams() as output:
+            return work() or _all_printed(name, output)
     finally:
         for number, handler in zip(_SIGNALS, previous, strict=True):
             signal.signal(number, handler)
+
+
+def _all_printed(name: str, output: StandardStream) -> int:
+    """Return the exit code of a command whose work is done: 1 where not all could be printed."""
+    output.flush()
+    # Who closes a pipe, as `head`, has read enough.
+    if output.error is None or isinstance(output.error, BrokenPipeError):
+        return 0
+    why = output.error.strerror
+    print(f"{name}: cannot write to the standard output: {why}", file=sys.stderr)
+    return 1

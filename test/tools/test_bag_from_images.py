@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -400,3 +401,12 @@ def test_without_a_bag_there_are_no_other_parameters(
     (tmp_path / "bag.params.yaml").write_text("mine")
     assert "disk is full" in refused(tmp_path / "bag", *given, "--force")
     assert (tmp_path / "bag.params.yaml").read_text() == "mine"
+
+
+def test_what_cannot_be_printed_costs_no_result(
+    tmp_path: Path, folders: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stderr", None)  # as where it was closed
+    assert run(tmp_path / "bag", *arguments(folders, "camera_1")) == 0
+    assert (tmp_path / "bag" / "metadata.yaml").exists()
+    assert (tmp_path / "bag.params.yaml").exists()

@@ -680,6 +680,18 @@ def test_a_full_disk_is_said_and_nothing_left(
     assert list(small_disk.iterdir()) == []
 
 
+@pytest.mark.parametrize("redirected", ["2>&-", "2>/dev/full", "2>&1 | head -c 1"])
+def test_what_cannot_be_printed_costs_no_result(
+    tmp_path: Path, flight: Path, params: Path, redirected: str
+) -> None:
+    script = f'set -o pipefail; "$0" -m "$@" {redirected}'
+    module = "horizon_sensor_ros.tools.bags.replay"
+    arguments = [sys.executable, module, flight, tmp_path / "out", "--params", params]
+    ended = subprocess.run(["bash", "-c", script, *arguments], capture_output=True, check=False)
+    assert ended.returncode == 0
+    assert len(read(tmp_path / "out")["/attitude"]) == 5
+
+
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_it_leaves_nothing_behind(tmp_path: Path, params: Path, how: int) -> None:
     bag = write_bag(tmp_path / "in", recording(4) * 30)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -137,6 +138,21 @@ def test_a_wrong_rotation_is_found_and_corrected(
     assert read_parameter_file(out, "attitude_node")["level_z"] == "down"
     assert read_parameter_file(out, "attitude_node")["slop"] == 0.01
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_files_are_written_where_the_table_cannot_be_printed(
+    tmp_path: Path,
+    flight: Path,
+    params: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "corrected.yaml"
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        told = refused(capsys, flight, "--params", params, "--out", out)
+    assert "cannot write to the standard output: No space left" in told
+    assert "ros__parameters" in out.read_text()
 
 
 def test_swapped_cameras_are_no_misalignment(

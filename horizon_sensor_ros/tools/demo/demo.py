@@ -44,6 +44,7 @@ from horizon_sensor_ros.tools.demo.screen import FlightScreen
 from horizon_sensor_ros.tools.package_share import share_directory
 from horizon_sensor_ros.tools.private_domain import isolated_environment, private_domain
 from horizon_sensor_ros.tools.report.report import write_report
+from horizon_sensor_ros.tools.standard_streams import lasting_streams
 from horizon_sensor_ros.tools.truth.horizon_errors import (
     FlightErrors,
     Truth,
@@ -78,6 +79,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _exit)
+    with lasting_streams():
+        return _run(options)
+
+
+def _run(options: argparse.Namespace) -> int:
     try:
         _demo(options)
     except (NodeFailedError, LinkTimeoutError, NoAnswerError, BagError) as failure:
