@@ -521,6 +521,36 @@ def test_bags_that_are_none(
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        ("", "its metadata.yaml is empty"),
+        ("rosbag2_bagfile_information: [", "its metadata.yaml is not valid YAML"),
+        ("\0" * 512, "its metadata.yaml is not valid YAML"),
+        ("noise", "has no rosbag2_bagfile_information"),
+        ("rosbag2_bagfile_information: {version: 9}", "metadata"),
+    ],
+)
+def test_a_bag_whose_metadata_is_spoilt_is_told_how_to_make_it_anew(
+    tmp_path: Path,
+    params: Path,
+    capsys: pytest.CaptureFixture[str],
+    storage: str,
+    content: str,
+    fault: str,
+) -> None:
+    bag = write_bag(tmp_path / "in", recording(1), storage)
+    (bag / "metadata.yaml").write_text(content)
+    told = refused(capsys, bag, tmp_path / "out", "--params", params)
+    assert fault in told
+    (file,) = {*bag.iterdir()} - {bag / "metadata.yaml"}
+    again = f"; `ros2 bag reindex {bag}` makes metadata.yaml anew, or give {file.name} itself\n"
+    assert told.endswith(again)
+    assert "recover" not in told
+    assert run(file, tmp_path / "out", "--params", params) == 0
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.6, 0.9, 0.999])
 def test_a_bag_cut_short(
     tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str], storage: str, share: float

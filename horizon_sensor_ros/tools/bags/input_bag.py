@@ -14,6 +14,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
+from horizon_sensor_ros.ros.yaml_file import YamlFileError, read_yaml
 from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.compressed_images import SUFFIX, decompressed
 from horizon_sensor_ros.tools.bags.message_types import COMPRESSED_IMAGE, IMAGE
@@ -21,6 +22,9 @@ from horizon_sensor_ros.tools.bags.message_types import COMPRESSED_IMAGE, IMAGE
 STORAGE = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 
 _MCAP = b"\x89MCAP0\r\n"  # how such a file begins
+_RECOVER = "; if the recording was cut off, `mcap recover` saves what was written"
+_METADATA = "metadata.yaml"
+_INFORMATION = "rosbag2_bagfile_information"
 
 _Message = TypeVar("_Message")
 
@@ -105,31 +109,59 @@ def open_bag(path: Path) -> InputBag:
             reader.open()
     except Exception as error:
         # Whatever the storage libraries raise; rosbags says in its own words what it misses.
-        why = f"{path} cannot be read as a rosbag2: {in_one_line(error)}"
+        fault = _metadata_fault(path) or in_one_line(error).rstrip(".")
+        why = f"{path} cannot be read as a rosbag2: {fault}"
         raise BagError(f"{why}{_remedy(path)}") from None
     return InputBag(path, reader)
 
 
+def _metadata_fault(path: Path) -> str:
+    """Why a folder's metadata.yaml is none of a bag, for a person; empty where it may be one."""
+    metadata = path / _METADATA
+    if not metadata.is_file():
+        return ""
+    try:
+        content = read_yaml(metadata)
+    except YamlFileError as error:
+        return f"its {_METADATA} {error}"
+    if content is None:
+        return f"its {_METADATA} is empty"
+    if not isinstance(content, dict) or not isinstance(content.get(_INFORMATION), dict):
+        return f"its {_METADATA} is none of a bag: it has no {_INFORMATION}"
+    return ""
+
+
 def _remedy(path: Path) -> str:
     """What a person may do about a bag that cannot be opened, as a recording that was cut off."""
-    if path.is_dir() and not (path / "metadata.yaml").is_file():
-        files = sorted(file.name for kind in ("*.mcap", "*.db3") for file in path.glob(kind))
-        if not files:
-            return ""
+    if not path.is_dir():
+        # Of what was never an mcap nothing can be saved.
+        return _RECOVER if _begins_with(path, _MCAP) else ""
+    files = sorted(file for kind in ("*.mcap", "*.db3") for file in path.glob(kind))
+    if not files:
+        return ""
+    if not (path / _METADATA).is_file():
         return (
-            f"; it has no metadata.yaml, as a recording that was cut off: give {files[0]} itself, "
-            "or make one with `ros2 bag reindex`"
+            f"; it has no {_METADATA}, as a recording that was cut off: give {files[0].name} "
+            "itself, or make one with `ros2 bag reindex`"
         )
-    recordings = path.glob("*.mcap") if path.is_dir() else [path]
-    # Of what was never an mcap nothing can be saved.
-    if any(_begins_with(file, _MCAP) for file in recordings):
-        return "; if the recording was cut off, `mcap recover` saves what was written"
-    return ""
+    if _metadata_fault(path) or all(_can_be_opened(file) for file in files):
+        itself = f", or give {files[0].name} itself" if len(files) == 1 else ""
+        return f"; `ros2 bag reindex {path}` makes {_METADATA} anew{itself}"
+    return _RECOVER if any(_begins_with(file, _MCAP) for file in files) else ""
+
+
+def _can_be_opened(file: Path) -> bool:
+    """Whether a recording can be opened by itself."""
+    try:
+        with _bounded_memory(), Reader(file):
+            return True
+    except Exception:
+        return False
 
 
 def _is_bag(path: Path) -> bool:
     """Whether that is a file, or a folder with the file of a bag in it."""
-    kinds = ("metadata.yaml", "*.mcap", "*.db3")
+    kinds = (_METADATA, "*.mcap", "*.db3")
     return path.is_file() or any(any(path.glob(kind)) for kind in kinds)
 
 
