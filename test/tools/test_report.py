@@ -33,12 +33,14 @@ from horizon_messages import (
     write_parameters,
 )
 from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin
 from sensor_msgs.msg import Imu
 from small_files import no_larger_files
 from target_messages import FRAME_ID, cloud_of, scan, stamp_of, truth_at
 
 from horizon_sensor_ros.ros.aiding_sources import AidingSources
 from horizon_sensor_ros.ros.messages import pose_message
+from horizon_sensor_ros.tools.bags.output_bag import OutputBag
 from horizon_sensor_ros.tools.bags.replay import main as replay
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.report import clouds
@@ -248,6 +250,42 @@ def test_what_is_wrong_is_said(
     assert page.read_text() == "mine"
     told = refused(capsys, out, "--params", tmp_path / "none.yaml", "--out", tmp_path / "other")
     assert "cannot be read" in told
+
+
+def test_of_a_target_alone_nothing_is_said_of_frames(tmp_path: Path) -> None:
+    flight = [("/target/points", stamp_of(i), cloud_of(scan(i), stamp_of(i))) for i in range(3)]
+    source, out = write_bag(tmp_path / "in", flight), tmp_path / "out"
+    assert replay([str(source), str(out)]) == 0
+    for given, said in (((), "The clouds are not in the bag"), (("--input", source), "Two clouds")):
+        page = tmp_path / f"{len(given)}.html"
+        assert run(out, *given, "--out", page) == 0
+        text = Reader(page).text
+        assert said in text
+        assert "frames are" not in text
+        assert ("clouds are not" in text) == (not given)
+
+
+def test_frames_that_the_other_bag_has_not_either_are_said(
+    bags: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    other = write_bag(tmp_path / "clouds", [("/target/points", START_NS, cloud_of(scan(0), 1))])
+    page = tmp_path / "page.html"
+    assert run(bags[0], "--input", other, "--out", page) == 0
+    assert "The frames are neither in out nor in clouds: give the bag" in Reader(page).text
+
+
+def test_bags_without_messages_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As of a node that published nothing: its topics are there."""
+    empty = OutputBag(tmp_path / "empty", StoragePlugin.MCAP)
+    empty.add_topic("/attitude", PoseWithCovarianceStamped)
+    empty.finish()
+    page = tmp_path / "page.html"
+    told = refused(capsys, tmp_path / "empty", "--out", page)
+    assert f"no answers in {tmp_path / 'empty'}: no messages at all\nMake them" in told
+    other = write_bag(tmp_path / "imu", [("/imu", START_NS, imu_of(nadir_of(0, 0), START_NS))])
+    told = refused(capsys, tmp_path / "empty", "--input", other, "--out", page)
+    assert "PoseWithCovarianceStamped) in empty, without messages\n" in told
+    assert "/imu (sensor_msgs/msg/Imu) in imu\n" in told
 
 
 def test_an_older_page_stays_where_the_new_one_cannot_be_written(

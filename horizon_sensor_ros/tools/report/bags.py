@@ -35,7 +35,8 @@ _ANSWERS = {output.topic: output.message for output in HORIZON_OUTPUTS.values()}
 ANSWER_TOPICS = tuple(_ANSWERS)
 _IMAGE_SUFFIX = "/image_raw"
 # On /diagnostics, where every node of a craft writes, these end the names of the nodes' statuses.
-_STATUSES = (": horizon", ": target")
+_HORIZON_STATUS = ": horizon"
+_STATUSES = (_HORIZON_STATUS, ": target")
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,12 @@ class Recorded:
         return np.array([stamp - start for stamp in stamps_ns], dtype=float) * 1e-9
 
     @property
+    def of_horizon(self) -> bool:
+        """Whether the nodes of the horizon have taken part, and not the target's alone."""
+        answered = any(self.answers.get(output.topic) for output in HORIZON_OUTPUTS.values())
+        return answered or any(name.endswith(_HORIZON_STATUS) for name in self.diagnostics)
+
+    @property
     def left_out(self) -> list[str]:
         """What of the bags could not be used, in sentences."""
         lines = [
@@ -160,20 +167,35 @@ def read_bags(
         finally:
             bag.close()
     if not any(found.answers.values()) and not (found.diagnostics and wanted.may_be_diagnosed()):
-        there = "\n".join(f"  {t.topic} ({t.msgtype}) in {t.bag}" for t in found.topics)
-        looked_for = ", ".join(names(topic) for topic in ANSWER_TOPICS)
-        left_out = "".join(f"{line}\n" for line in found.left_out)
-        raise BagError(
-            f"no answers in {', '.join(str(p) for p in bags)}: none of {looked_for} "
-            f"with the nodes' types. There is:\n{there or '  nothing'}\n{left_out}"
-            "Make them with horizon_replay IN_BAG OUT_BAG, then: horizon_report OUT_BAG --input "
-            "IN_BAG"
-        )
+        raise BagError(_no_answers(found, names))
     if imu_topic is not None and not found.imu:
         there = ", ".join(sorted({t.topic for t in found.topics if t.msgtype == IMU}))
         raise BagError(f"--imu: there is no {names(imu_topic)} ({IMU}); there is {there or 'none'}")
     found.diagnostics = _without_other_craft(found.diagnostics, names)
     return found
+
+
+def _no_answers(found: Recorded, names: TopicNames) -> str:
+    """Why there is no report of what was found, and what to do."""
+    bags = ", ".join(map(str, found.bags))
+    looked_for = ", ".join(names(topic) for topic in ANSWER_TOPICS)
+    if any(facts.count for facts in found.topics):
+        why = f"none of {looked_for} with messages of the nodes' types"
+        lines = [f"no answers in {bags}: {why}. There is:"]
+        lines += [
+            f"  {t.topic} ({t.msgtype}) in {t.bag}{'' if t.count else ', without messages'}"
+            for t in found.topics
+        ]
+    else:
+        lines = [f"no answers in {bags}: no messages at all"]
+    return "\n".join(
+        [
+            *lines,
+            *found.left_out,
+            "Make them with horizon_replay IN_BAG OUT_BAG, then: horizon_report OUT_BAG --input "
+            "IN_BAG",
+        ]
+    )
 
 
 def _without_other_craft(

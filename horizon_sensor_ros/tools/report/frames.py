@@ -113,6 +113,21 @@ def pipeline_settings(values: Sequence[Mapping[str, Any]] | None) -> HorizonSett
         raise BagError(str(error)) from None
 
 
+def _without_frames(recorded: Recorded) -> list[Block]:
+    """What is to be said where the bags have no frames: nothing, of a target alone."""
+    if not recorded.of_horizon:
+        return []
+    if len(recorded.bags) == 1:
+        return [Text("The frames are not in the bag: give the one that has them with --input.")]
+    bags = " nor in ".join(path.name for path in recorded.bags)
+    return [
+        Text(
+            f"The frames are neither in {bags}: give the bag that has them with --input, and "
+            "--remap FROM:=TO where their topics have other names than the nodes'."
+        )
+    ]
+
+
 def look_again(
     recorded: Recorded,
     settings: HorizonSettings | None,
@@ -125,8 +140,7 @@ def look_again(
     they are.
     """
     if not recorded.frames:
-        text = "The frames are not in the bag: give the one that has them with --input."
-        return SecondLook((Text(text),))
+        return SecondLook(tuple(_without_frames(recorded)))
     notes: list[Block] = []
     if settings is None:
         notes.append(Text("How the limb was chosen is shown when --params FILE is given."))

@@ -66,6 +66,9 @@ def target_section(
                 panel_height=2.1,
             )
         )
+    if not recorded.clouds and len(recorded.bags) == 1:
+        text = "The clouds are not in the bag: give the one that has them with --input."
+        blocks.append(Text(text))
     blocks += cloud_blocks(poses, set(deltas), recorded, names, bags, stopped)
     return Section("target", "Target", tuple(blocks))
 
