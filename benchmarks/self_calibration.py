@@ -26,7 +26,7 @@ from horizon_sensor_ros.sim.flight import Flight, Swing
 from horizon_sensor_ros.sim.poses import random_direction
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag
 from horizon_sensor_ros.tools.calibration.recording import read_recording
-from horizon_sensor_ros.tools.calibration.self_calibration import parser
+from horizon_sensor_ros.tools.calibration.self_calibration import parsed
 
 _MISALIGNMENT_DEG = 0.3
 _BAR_DEG = 0.005
@@ -136,7 +136,7 @@ def _calibrated(case: _Case, directory: Path) -> Calibration:
             rot = rotation_from_vector(-np.radians(case.truth_deg)) @ rot
         lines.append(f"    {view.name}.rotation: {quaternion_from_rotation(rot).tolist()}")
     params.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    arguments = parser().parse_args([str(bag), "--params", str(params)])
+    arguments = parsed([str(bag), "--params", str(params)])
     recording = read_recording(arguments, bool)
     return calibrate(
         recording.sets, recording.rot_base_from_cam, recording.sphere, CalibrationConfig()

@@ -58,7 +58,7 @@ def test_a_missing_input_is_named(
         "horizon_bag_from_images": [out, "--clouds", nowhere],
         "horizon_self_calibration": [nowhere, "--params", nowhere],
     }.get(name, [nowhere])
-    assert run(name, *arguments) != 0
+    assert run(name, *arguments) == 1
     said = capsys.readouterr().err
     assert nowhere in said
     assert name in said

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -11,6 +13,22 @@ from pathlib import Path
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 
 _unfinished: set[Path] = set()  # directories
+
+
+def check_place(path: Path) -> None:
+    """BagError where no file can be written to a path, before all the work for it."""
+    try:
+        if path.is_dir():
+            raise BagError(f"cannot write {path}: it is a folder")
+        place = path.resolve()
+        if _is_file_or_none(path):
+            place = next(each for each in place.parents if each.exists())
+        if not os.access(place, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        if place != path.resolve() and not place.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+    except OSError as error:
+        raise BagError(f"cannot write {path}: {error.strerror}") from None
 
 
 @contextmanager
@@ -53,7 +71,7 @@ def remove_unfinished() -> None:
 
 
 def _beside(path: Path, directories: dict[Path, Path], made: list[Path]) -> Path:
-    if path.exists() and not (path.is_file() or path.is_dir()):
+    if not _is_file_or_none(path):
         return path
     # On the same file system, where a file takes another's place at once.
     parent = path.resolve().parent
@@ -65,6 +83,11 @@ def _beside(path: Path, directories: dict[Path, Path], made: list[Path]) -> Path
         directories[parent] = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=parent))
         _unfinished.add(directories[parent])
     return directories[parent] / path.name
+
+
+def _is_file_or_none(path: Path) -> bool:
+    """Whether a file can take a path's place: not that of a device, a pipe or a folder."""
+    return path.is_file() or not path.exists()
 
 
 def _remove(directory: Path) -> None:

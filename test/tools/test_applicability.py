@@ -209,7 +209,7 @@ def test_maps_with_nothing_in_them(tmp_path, capsys, recwarn):
 def test_errors_name_file_key_and_cure(tmp_path, capsys, content, spoil, message):
     spoil(content)
     path = written(tmp_path, content)
-    assert main([str(path), "--step", "30", "-o", str(tmp_path / "map")]) == 2
+    assert main([str(path), "--step", "30", "-o", str(tmp_path / "map")]) == 1
     error = capsys.readouterr().err
     assert error.startswith(f"horizon_applicability: error: {path}: ")
     assert message in error
@@ -280,14 +280,46 @@ def test_a_file_that_is_not_there_or_no_text(tmp_path):
         (["--range", "10", "-10"], "--range must rise"),
         (["--y-range", "0", "400"], "--y-range must rise"),
         (["--cameras", "left"], "it has camera_1, camera_2"),
-        (["--sigma", "-1"], "--sigma must be positive"),
-        (["--trials", "-1"], "--trials must be positive"),
+        (["--error", "bound", "--sigma", "-1"], "--sigma must be positive"),
+        (["--error", "arc", "--trials", "-1"], "--trials must be positive"),
         (["--altitude", "-5"], "--altitude must be above the limb"),
     ],
 )
 def test_wrong_options(tmp_path, capsys, options, message):
     assert main([str(EXAMPLE), "-o", str(tmp_path / "map"), *options]) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--trials", "5"], "--trials has no effect without --error METHOD"),
+        (["--trials", "5", "--error", "bound"], "--trials has no effect without --error METHOD"),
+        (["--sigma", "0.1"], "--sigma has no effect without --error bound"),
+        (["--sigma", "0.1", "--error", "arc"], "--error METHOD with --trials"),
+        (["-o", ""], "argument -o/--output: must end in a name, to which .png and .csv are added"),
+        (["-o", "maps/"], "must end in a name, to which .png and .csv are added, got 'maps/'"),
+        (["-o", ".."], "must end in a name"),
+    ],
+)
+def test_options_that_cannot_be_or_do_nothing(capsys, options, message):
+    with pytest.raises(SystemExit) as stop:
+        main([str(EXAMPLE), *options])
+    assert stop.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_files_that_cannot_be_read_or_written_are_no_usage_error(tmp_path, capsys):
+    assert main([str(tmp_path / "none.yaml")]) == 1
+    assert "none.yaml" in capsys.readouterr().err
+    (tmp_path / "map.csv").mkdir()
+    assert main([str(EXAMPLE), "-o", str(tmp_path / "map")]) == 1
+    told = capsys.readouterr().err
+    # Before the work, not after it.
+    assert told == (
+        f"horizon_applicability: error: cannot write {tmp_path / 'map.csv'}: it is a folder; "
+        "choose another place with -o PREFIX\n"
+    )
 
 
 @pytest.mark.parametrize(

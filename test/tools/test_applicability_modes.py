@@ -172,7 +172,6 @@ def test_no_angle_may_do(rig: Path, tmp_path: Path, capsys) -> None:
         (["--quality", "--step", "0"], "--step must be positive"),
         (["--quality", "--altitude", "-5"], "--altitude must be above the limb, 0 km, got -5"),
         (["--altitude", "nan"], "--altitude must be above the limb"),
-        (["-o", "/dev/null/map"], "cannot write /dev/null"),
         (["--quality", "--cameras", "camera_9"], "no camera 'camera_9'"),
     ],
 )
@@ -181,6 +180,32 @@ def test_errors_name_the_option(rig: Path, options: list[str], said: str, capsys
     errors = capsys.readouterr().err
     assert said in errors
     assert "Traceback" not in errors
+
+
+def test_a_place_without_a_folder_is_said(rig: Path, capsys) -> None:
+    assert main([str(rig), "-o", "/dev/null/map"]) == 1
+    assert "cannot write /dev/null/map.png: Not a directory" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--mounting", "300", "800", "--axes", "yaw,pitch"], "--axes has no effect with --mount"),
+        (["--mounting", "300", "800", "--step", "1"], "--step has no effect with --mounting"),
+        (["--mounting", "300", "800", "--altitude", "5"], "--altitude has no effect with --mount"),
+        (["--quality", "--trials", "5"], "--trials has no effect with --quality"),
+        (["--quality", "--tilt", "5"], "--tilt has no effect with --quality"),
+        (["--figure6", "--sigma", "0.2"], "--sigma has no effect with --figure6"),
+        (["--figure6"], "--figure6 has its own cameras"),
+    ],
+)
+def test_options_that_another_question_has_are_refused(
+    rig: Path, options: list[str], said: str, capsys
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main([str(rig), *options])
+    assert caught.value.code == 2
+    assert said in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -365,6 +365,16 @@ def test_what_is_wrong_with_names_as_stamps(tmp_path: Path, refused: Refused) ->
         (["--clouds", "x", "--rate", "0"], "--rate must be"),
         (["--clouds", "x", "--start", "-1"], "--start must be"),
         (["--clouds", "x", "--rate", "1", "--stamps", "y"], "not allowed with"),
+        (
+            ["--clouds", "x", "--rate", "5", "--stamp-unit", "ns"],
+            "--stamp-unit has no effect without --stamps or --stamps-in-names",
+        ),
+        (["--clouds", "x", "--stamps", "y", "--start", "1"], "--start has no effect with --stamps"),
+        (["--clouds", "x", "--camera-file", "y"], "--camera-file has no effect without --images"),
+        (
+            ["--images", "a", "--camera-file", "y", "--cloud-frame", "tof"],
+            "--cloud-frame has no effect without --clouds",
+        ),
     ],
 )
 def test_wrong_arguments(

@@ -9,7 +9,7 @@ import pytest
 from small_files import no_larger_files
 
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
-from horizon_sensor_ros.tools.output_files import remove_unfinished, written_whole
+from horizon_sensor_ros.tools.output_files import check_place, remove_unfinished, written_whole
 
 
 def test_files_take_their_places_together(tmp_path: Path) -> None:
@@ -84,3 +84,15 @@ def test_a_device_is_written_to_as_it_is() -> None:
     with pytest.raises(BagError, match="/dev/full: No space left"):
         write()
     assert full.is_char_device()
+
+
+def test_a_place_can_be_asked_for_before_the_work(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.touch()
+    for path in (file, tmp_path / "new" / "file", Path("/dev/null")):
+        check_place(path)
+    with pytest.raises(BagError, match=f"^cannot write {tmp_path}: it is a folder$"):
+        check_place(tmp_path)
+    with pytest.raises(BagError, match=f"^cannot write {file}/new: Not a directory$"):
+        check_place(file / "new")
+    assert list(tmp_path.iterdir()) == [file]

@@ -40,7 +40,7 @@ from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.parameters.file import read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
 from horizon_sensor_ros.tools.calibration.recording import Horizons, read_recording
-from horizon_sensor_ros.tools.calibration.self_calibration import main, parser
+from horizon_sensor_ros.tools.calibration.self_calibration import main, parsed
 from horizon_sensor_ros.tools.calibration.text import corrected_parameters
 
 SETS = 16
@@ -217,7 +217,7 @@ def test_parameters_of_one_node_will_do(tmp_path: Path, flight: Path, params: Pa
     for node in ("attitude_node", "local_vertical_node"):
         rotations = {f"{camera}.rotation": QUATERNIONS[camera] for camera in CAMERAS}
         params.write_text(yaml.safe_dump({node: {"ros__parameters": rotations}}))
-        arguments = parser().parse_args([str(flight), "--params", str(params)])
+        arguments = parsed([str(flight), "--params", str(params)])
         assert len(read_recording(arguments, bool).sets) == SETS
 
 
@@ -260,7 +260,7 @@ def test_rows_that_are_read_out_in_turn_are_told_apart_by_the_gyro(
     bag = write_bag(tmp_path / "bag", messages)
     readouts = {f"{camera}.readout": readout_s for camera in CAMERAS}
     params = write_parameters(tmp_path / "params.yaml", **readouts)
-    arguments = parser().parse_args([str(bag), "--params", str(params)])
+    arguments = parsed([str(bag), "--params", str(params)])
     (found,) = read_recording(arguments, bool).sets
     errors = [
         np.degrees(np.linalg.norm(ROTATIONS[each.camera] @ each.nadir_cam - nadir))
@@ -312,7 +312,8 @@ def test_what_is_wrong_is_said(
     assert "'earth', not in 'local_level'" in told
     told = refused(capsys, flight, "--params", params, "--max-sigma", "-1")
     assert "max_sigma must be positive" in told
-    told = refused(capsys, flight, "--params", params, "--altitude-sigma", "0")
+    uncertain = ("--altitude", "5e5", "--altitude-sigma", "0")
+    told = refused(capsys, flight, "--params", params, *uncertain)
     assert "--altitude-sigma must be positive" in told
     told = refused(capsys, flight, "--params", params, "--interval", "inf")
     assert "--interval must be 0 to" in told
@@ -327,6 +328,16 @@ def test_a_number_that_is_no_altitude_is_refused(
     assert caught.value.code == 2
     told = capsys.readouterr().err.splitlines()[-1]
     assert told.endswith(f"argument --altitude: must be 0 to 1e+12 m, got {altitude}")
+
+
+@pytest.mark.parametrize("name", ["altitude", "reference"])
+def test_a_sigma_of_what_is_not_given_is_refused(
+    flight: Path, params: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        run(flight, "--params", params, f"--{name}-sigma", "1")
+    assert caught.value.code == 2
+    assert f"--{name}-sigma has no effect without --{name}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("frame_id", ["imu_link", ""])

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from horizon_sensor_ros.tools.applicability.idle_options import fill_defaults, idle_option
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.command import run_computation
 
@@ -38,34 +39,34 @@ one with clouds)."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point of `horizon_applicability`; exit code 2 for wrong arguments or files."""
+    """Entry point of `horizon_applicability`; exit code 2 for wrong arguments, 1 for files that
+    cannot be read or written.
+    """
     return run_computation("horizon_applicability", lambda: _run(argv))
 
 
 def _run(argv: Sequence[str] | None) -> int:
     parser = _parser()
     args = parser.parse_args(argv)
-    if args.figure6 and (args.camera_file or args.error or args.cameras):
-        parser.error("--figure6 has its own cameras and no error map; leave the others out")
-    if args.quality and args.mounting:
-        parser.error("--quality and --mounting are two questions; ask one of them")
-    if (args.quality or args.mounting) and (args.figure6 or args.error or args.any):
-        parser.error("--quality and --mounting have maps of their own; leave out the other modes")
-    if args.tilt is not None and not args.mounting:
-        parser.error("--tilt is asked of --mounting alone")
+    mistake = idle_option(args)
+    if mistake:
+        parser.error(mistake)
+    if args.figure6 and args.camera_file:
+        parser.error("--figure6 has its own cameras; leave out the camera file")
     if not args.figure6 and args.camera_file is None:
         parser.error("give a camera and extrinsics file, or --figure6")
+    fill_defaults(args)
+    from horizon_sensor_ros.tools.camera_file import CameraFileError  # noqa: PLC0415 - takes time
+
     try:
         print(_mode(args)(args))
+    except BagError as error:
+        told = f"{error}; choose another place with -o PREFIX"
+        print(f"horizon_applicability: error: {told}", file=sys.stderr)
+        return 1
     except ValueError as error:
         print(f"horizon_applicability: error: {error}", file=sys.stderr)
-        return 2
-    except BagError as error:
-        print(
-            f"horizon_applicability: error: {error}; choose another place with -o PREFIX",
-            file=sys.stderr,
-        )
-        return 2
+        return 1 if isinstance(error, CameraFileError) else 2
     return 0
 
 
@@ -101,7 +102,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "-o",
         "--output",
-        type=Path,
+        type=_prefix,
         metavar="PREFIX",
         help="write PREFIX.png and PREFIX.csv, in place of what has these names (default "
         "applicability, or figure6)",
@@ -125,7 +126,6 @@ def _add_map(add: Callable[..., argparse.Action]) -> None:
         "--range",
         type=float,
         nargs=2,
-        default=(-90.0, 90.0),
         metavar=("MIN", "MAX"),
         help="of both angles, degrees (default -90 90)",
     )
@@ -137,7 +137,7 @@ def _add_map(add: Callable[..., argparse.Action]) -> None:
         metavar=("MIN", "MAX"),
         help="of the second angle, where it differs",
     )
-    add("--step", type=float, default=1.0, metavar="DEG", help="of the grid (default 1)")
+    add("--step", type=float, metavar="DEG", help="of the grid (default 1)")
     add(
         "--altitude",
         type=float,
@@ -154,7 +154,6 @@ def _add_field(add: Callable[..., argparse.Action]) -> None:
     add(
         "--min-arc",
         type=float,
-        default=0.0,
         metavar="PX",
         help="a camera counts where it sees more than this length of the horizon (default 0)",
     )
@@ -171,14 +170,12 @@ def _add_field(add: Callable[..., argparse.Action]) -> None:
     add(
         "--sigma",
         type=float,
-        default=0.1,
         metavar="PX",
         help="noise of a limb point, one a pixel, for the bound and with --trials (default 0.1)",
     )
     add(
         "--trials",
         type=int,
-        default=0,
         metavar="N",
         help="noisy fits an attitude (default 0: one noise-free fit, which shows model error)",
     )
@@ -208,6 +205,15 @@ def _add_questions(add: Callable[..., argparse.Action]) -> None:
         action="store_true",
         help="paper A's figure 6 (half-aperture 28 deg, 3:4, 300 km), exact and as printed",
     )
+
+
+def _prefix(text: str) -> Path:
+    path = Path(text)
+    if text.endswith("/") or path.name in ("", ".."):
+        raise argparse.ArgumentTypeError(
+            f"must end in a name, to which .png and .csv are added, got {text!r}"
+        )
+    return path
 
 
 def _axes(text: str) -> tuple[str, str]:

@@ -9,7 +9,7 @@ import numpy as np
 from horizon_sensor_ros.core.applicability.visibility import rot_base_from_down
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.tools.applicability.figures import AngleGrid
-from horizon_sensor_ros.tools.camera_file import Rig
+from horizon_sensor_ros.tools.camera_file import CameraFileError, Rig
 
 AXES = ("roll", "pitch", "yaw")
 MOST_ATTITUDES = 2_000_000
@@ -59,10 +59,12 @@ def chosen_views(args: argparse.Namespace, rig: Rig) -> list[CameraView]:
 
 
 def altitude_of(args: argparse.Namespace, rig: Rig) -> float:
-    """Return the altitude to use, m. ValueError names the option that is wrong."""
+    """Return the altitude to use, m. ValueError names the option or the file that is wrong."""
     altitude_m = rig.altitude_m if args.altitude is None else 1e3 * args.altitude
     if altitude_m is None:
-        raise ValueError(f"{args.camera_file}: has no altitude_km; add it, or give --altitude KM")
+        raise CameraFileError(
+            f"{args.camera_file}: has no altitude_km; add it, or give --altitude KM"
+        )
     if not rig.planet.limb_height_m < altitude_m < np.inf:
         raise ValueError(
             f"--altitude must be above the limb, {rig.planet.limb_height_m / 1e3:g} km, "

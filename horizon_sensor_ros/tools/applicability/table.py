@@ -9,11 +9,15 @@ import numpy as np
 
 from horizon_sensor_ros.core.applicability.visibility import Visibility
 from horizon_sensor_ros.tools.applicability.figures import AngleGrid
+from horizon_sensor_ros.tools.output_files import check_place
 
 
 def output_paths(prefix: Path) -> tuple[Path, Path]:
-    """Paths of the PNG and the CSV."""
-    return prefix.with_name(prefix.name + ".png"), prefix.with_name(prefix.name + ".csv")
+    """Paths of the PNG and the CSV; BagError where they cannot be written."""
+    png, table = (prefix.with_name(prefix.name + suffix) for suffix in (".png", ".csv"))
+    for path in (png, table):
+        check_place(path)
+    return png, table
 
 
 def line_length(vis: Visibility) -> np.ndarray:

@@ -34,6 +34,9 @@ number in each name. Cameras that belong together need stamps that differ by no 
 slop (20 ms). Images are .png, .jpg, .bmp, .tif, .pgm and the like, 8 bit gray or colour or 16 bit;
 clouds are .pcd, .ply, .npy, .xyz, .txt or .csv, in metres, in the sensor's frame."""
 
+# Of options that show, by having none until then, whether they were given.
+_DEFAULTS = {"rate": 10.0, "start": 1.0, "stamp_unit": "s", "cloud_frame": "tof"}
+
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
@@ -53,11 +56,9 @@ def _parser() -> argparse.ArgumentParser:
         help="images of a camera of the file, again for each; FOLDER alone where it has one camera",
     )
     add("--clouds", metavar="FOLDER", type=Path, help="point clouds, for topic target/points")
-    add("--cloud-frame", metavar="NAME", default="tof", help="frame of the clouds (default tof)")
+    add("--cloud-frame", metavar="NAME", help="frame of the clouds (default tof)")
     stamps = parser.add_mutually_exclusive_group()
-    stamps.add_argument(
-        "--rate", metavar="HZ", type=float, default=10.0, help="frames a second (default 10)"
-    )
+    stamps.add_argument("--rate", metavar="HZ", type=float, help="frames a second (default 10)")
     stamps.add_argument("--stamps", metavar="FILE", type=Path, help="stamps of the frames")
     stamps.add_argument(
         "--stamps-in-names", action="store_true", help="the last number in each file's name"
@@ -65,19 +66,31 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--stamp-unit",
         choices=tuple(UNITS_NS),
-        default="s",
         help="what --stamps or the names count in (default s)",
     )
     add(
         "--start",
         metavar="S",
         type=float,
-        default=1.0,
         help="stamp of the first frame, with --rate (default 1)",
     )
     add("--storage", choices=["mcap", "sqlite3"], default="mcap", help="default: mcap")
     add("--force", action="store_true", help="replace OUT_BAG and its parameter file if they exist")
     return parser
+
+
+def _refuse_idle(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> None:
+    """End with a usage error where an option was given that counts with another one alone."""
+    stamped = bool(arguments.stamps or arguments.stamps_in_names)
+    if arguments.stamp_unit is not None and not stamped:
+        parser.error("--stamp-unit has no effect without --stamps or --stamps-in-names")
+    if arguments.start is not None and stamped:
+        other = "--stamps" if arguments.stamps else "--stamps-in-names"
+        parser.error(f"--start has no effect with {other}, which tells all stamps")
+    if arguments.cloud_frame is not None and not arguments.clouds:
+        parser.error("--cloud-frame has no effect without --clouds")
+    if arguments.camera_file and not arguments.images:
+        parser.error("--camera-file has no effect without --images")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -88,6 +101,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("give --images CAMERA=FOLDER, or --clouds FOLDER")
     if arguments.images and not arguments.camera_file:
         parser.error("--images needs --camera-file FILE: how the cameras see and are mounted")
+    _refuse_idle(parser, arguments)
+    for name, value in _DEFAULTS.items():
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, value)
     if not (math.isfinite(arguments.rate) and 1e-6 <= arguments.rate <= 1e6):
         parser.error(f"--rate must be 1e-6 to 1e6 frames a second, got {arguments.rate:g}")
     if not 0 <= arguments.start < 2**31:

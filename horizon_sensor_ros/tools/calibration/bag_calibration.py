@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.calibration.recording import read_recording
 from horizon_sensor_ros.tools.calibration.text import calibration_text, corrected_parameters
-from horizon_sensor_ros.tools.output_files import written_whole
+from horizon_sensor_ros.tools.output_files import check_place, written_whole
 
 _MAX_INTERVAL_S = 1e6
 # Above so much scatter no planet's figure is to blame.
@@ -80,7 +79,7 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:
-    """BagError where one of the files could not be written after all the work; folders are made."""
+    """BagError where one of the files could not be written after all the work."""
     for name in ("out", "picture"):
         path: Path | None = getattr(arguments, name)
         if path is None:
@@ -88,13 +87,9 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
         if path.exists() and not arguments.force:
             raise BagError(f"--{name}: {path} exists; choose another, or --force to replace it")
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise BagError(f"--{name}: cannot write {path}: {error.strerror}") from None
-        # A file is written beside and then moved; /dev/stdout and the like are not.
-        place = path.resolve().parent if path.is_file() or not path.exists() else path
-        if path.is_dir() or not os.access(place, os.W_OK):
-            raise BagError(f"--{name}: cannot write {path}; choose another place")
+            check_place(path)
+        except BagError as error:
+            raise BagError(f"--{name}: {error}; choose another place") from None
     if arguments.picture is not None:
         from horizon_sensor_ros.tools.calibration.figure import check_picture  # noqa: PLC0415
 

@@ -21,10 +21,11 @@ recording turns the craft by 10 deg or more about two axes; see doc/self_calibra
 
 # As of the nodes' parameter altitude_prior, whose table takes time to load.
 _MAX_ALTITUDE_M = 1e12
+# Of an altitude (m) and a reference (deg) that are given without one.
+_SIGMAS = {"altitude": 100.0, "reference": 0.05}
 
 
-def parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line."""
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="horizon_self_calibration",
         description="Find how the cameras are mounted from a recording of the horizon.",
@@ -43,9 +44,9 @@ def parser() -> argparse.ArgumentParser:
         type=_altitude,
         help="known altitude, or a topic of poses that tell it",
     )
-    add("--altitude-sigma", metavar="M", type=float, default=100.0, help="default 100")
+    add("--altitude-sigma", metavar="M", type=float, help="default 100")
     add("--reference", metavar="TOPIC", help="nadir or attitude from elsewhere: frees all cameras")
-    add("--reference-sigma", metavar="DEG", type=float, default=0.05, help="default 0.05")
+    add("--reference-sigma", metavar="DEG", type=float, help="default 0.05")
     add("--drift", action="store_true", help="misalignments may grow linearly in time")
     add("--focal", action="store_true", help="focal lengths may be wrong too")
     add(
@@ -80,9 +81,22 @@ def _altitude(text: str) -> str:
     return text
 
 
+def parsed(argv: Sequence[str] | None = None) -> argparse.Namespace:
+    """Return what the command line says; a usage error ends the process."""
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    for name, default in _SIGMAS.items():
+        given = getattr(arguments, f"{name}_sigma")
+        if given is None:
+            setattr(arguments, f"{name}_sigma", default)
+        elif getattr(arguments, name) is None:
+            parser.error(f"--{name}-sigma has no effect without --{name}")
+    return arguments
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `horizon_self_calibration`; return the exit code."""
-    arguments = parser().parse_args(argv)
+    arguments = parsed(argv)
 
     def work(stopped: Callable[[], bool]) -> str:
         from horizon_sensor_ros.tools.calibration.bag_calibration import calibrate_bag  # noqa: PLC0415

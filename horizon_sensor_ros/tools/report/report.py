@@ -10,6 +10,7 @@ from typing import Any
 
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.command import run_command
+from horizon_sensor_ros.tools.output_files import check_place
 
 EPILOG = """\
 examples:
@@ -62,6 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         out: Path = arguments.out
         if out.exists() and not arguments.force:
             raise BagError(f"{out} exists; choose another with --out, or --force to replace it")
+        check_place(out)
         bags = [arguments.bag] if arguments.input is None else [arguments.bag, arguments.input]
         write_report(
             bags,
