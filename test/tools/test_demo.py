@@ -31,6 +31,7 @@ from horizon_sensor_ros.ros.messages import pose_message, twist_message
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.replay import main as replay
 from horizon_sensor_ros.tools.demo import processes as demo_processes
+from horizon_sensor_ros.tools.demo.demo import slower_than
 from horizon_sensor_ros.tools.demo.processes import NodeFailedError, running_nodes
 from horizon_sensor_ros.tools.demo.recording import DemoBag
 from horizon_sensor_ros.tools.private_domain import private_domain
@@ -429,6 +430,14 @@ def test_arguments_that_cannot_be_are_refused(
     assert done.returncode == 2
     assert said in done.stderr.splitlines()[-1]
     assert not (tmp_path / "out").exists()
+
+
+def test_a_rate_that_is_not_kept_is_said() -> None:
+    assert slower_than(5.0, 21, 4.0) == slower_than(5.0, 21, 4.1) == ""
+    assert slower_than(1000.0, 2, 1.0) == "", "too few to tell"
+    assert slower_than(1000.0, 21, 2.0) == (
+        "in flight at 10.0 a second, not at --rate 1000: drawing takes longer"
+    )
 
 
 def test_a_place_that_cannot_be_written_to_is_said(tmp_path: Path) -> None:

@@ -62,6 +62,8 @@ LEVEL_Z = "down"
 _QUIET_S = 3.0
 _MOST_SETS = 100_000  # of frames and a cloud: more make a bag of 100 GB and more
 _BAG = "demo"
+_FEWEST_TO_TELL_RATE = 5  # moments
+_ALMOST = 0.9
 
 
 class NoAnswerError(RuntimeError):
@@ -118,7 +120,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("--seconds", type=_positive, default=20.0, help="length of the flight (default 20)")
-    add("--rate", type=_positive, default=5.0, help="image pairs and clouds a second (default 5)")
+    add(
+        "--rate",
+        type=_positive,
+        default=5.0,
+        help="image pairs and clouds a second, fewer where drawing takes longer (default 5)",
+    )
     add("--seed", type=_seed, default=0, help="of the noise, a whole number (default 0)")
     add(
         "--output",
@@ -159,6 +166,12 @@ class _Flown:
         self.truths.append(Truth(stamp, moment.time_s, moment.nadir_base, moment.altitude_m))
         self.bodies[stamp] = moment.pose_tof_from_body
         self.sent_ns[stamp] = time.time_ns()
+
+    @property
+    def took_s(self) -> float:
+        """Time from the first moment's publishing to the last one's."""
+        times = self.sent_ns.values()
+        return (next(reversed(times)) - next(iter(times))) / NANOSECONDS
 
     def errors(self, answers: Answers) -> tuple[FlightErrors, TargetErrors]:
         """Errors so far of horizon and target."""
@@ -215,7 +228,9 @@ def _demo(options: argparse.Namespace) -> None:
             if not all(answers.messages[topic] for topic in OUTPUT_TOPICS):
                 raise NoAnswerError(_why_nothing(answers, nodes))
             screen.say("writing the bag")
-    _report(output, params, f"Simulated flight of {options.seconds:g} s", flown, answers)
+    title = f"Simulated flight of {options.seconds:g} s"
+    slower = slower_than(options.rate, len(flown.sent_ns), flown.took_s)
+    _report(output, params, title, flown, answers, slower)
 
 
 def _node_arguments(params: Path) -> list[str]:
@@ -252,6 +267,7 @@ def _fly(
         bag.record_truth(stamp, moment.nadir_base, moment.altitude_m, moment.pose_tof_from_body)
         if i % max(1, round(rate_hz)) == 0:
             figures = _figures(*flown.errors(link.answers))
+        screen.say(slower_than(rate_hz, len(flown.sent_ns), flown.took_s) or "in flight")
         screen.advance(figures)
     deadline = time.monotonic() + _QUIET_S
     last = flown.truths[-1].stamp
@@ -260,6 +276,16 @@ def _fly(
     ):
         link.spin(0.1)
     return flown
+
+
+def slower_than(rate_hz: float, moments: int, took_s: float) -> str:
+    """Say that so many moments, sent in this time from the first to the last, came more slowly than
+    they were to; empty where they did not, or where they are too few to tell.
+    """
+    real_hz = (moments - 1) / max(took_s, 1e-9)
+    if moments < _FEWEST_TO_TELL_RATE or real_hz > _ALMOST * rate_hz:
+        return ""
+    return f"in flight at {real_hz:.1f} a second, not at --rate {rate_hz:g}: drawing takes longer"
 
 
 def _figures(flight: FlightErrors, target: TargetErrors) -> dict[str, str]:
@@ -290,9 +316,13 @@ def _why_nothing(answers: Answers, nodes: Sequence[NodeProcess]) -> str:
     return "\n".join(lines)
 
 
-def _report(output: Path, params: Path, title: str, flown: _Flown, answers: Answers) -> None:
-    """Print the errors, and write the page about the bag."""
+def _report(
+    output: Path, params: Path, title: str, flown: _Flown, answers: Answers, slower: str
+) -> None:
+    """Print the errors, and that the flight was slower if so, and write the page about the bag."""
     flight, target = flown.errors(answers)
+    if slower:
+        print(f"\n{slower} (stamps keep the flight's time)")
     table = error_table(flight, flown.latency_s(answers, ATTITUDE_TOPIC))
     of_target = target_table(target, flown.latency_s(answers, POSE_TOPIC))
     print(f"\n{table}\n\n{of_target}\n")
