@@ -59,7 +59,7 @@ def _cautions(calibration: Calibration, told: HorizonConfig) -> list[str]:
         found.append("Focal lengths are not written: an error of theirs belongs into camera_info.")
     elif told.lens_sigma_px == 0.0:
         found.append(
-            "Lenses are taken as exact: the limbs show no error of a focal length beyond doubt, but "
+            "Lenses are taken as exact: the limbs show no error of focal length beyond doubt, but "
             "0.3 %, which they\nmay not show under haze, moves the values by some 0.04 deg. "
             "lens_sigma puts it into the sigmas."
         )
