@@ -19,6 +19,12 @@ OK, WARN, ERROR, STALE = (
     DiagnosticStatus.STALE,
 )
 _LATENCIES = 100
+# What a clock with `use_sim_time` shows before it has heard of any time.
+_NO_TIME = 0
+_NO_CLOCK = (
+    "use_sim_time is set, but no time comes on /clock: silence, latency and rate cannot be told;"
+    " play the bag with --clock, or set use_sim_time to false"
+)
 
 Pipeline = TypeVar("Pipeline")
 
@@ -40,13 +46,17 @@ class Pace:
         self._published_ns: deque[int] = deque(maxlen=_LATENCIES)
 
     def on_published(self, stamp: int, now: int) -> None:
-        """Take note of an estimate that went out."""
+        """Take note of an estimate that went out; none where the clock shows no time yet."""
+        if now == _NO_TIME:
+            return
         self._latencies_ns.append(now - stamp)
         self._published_ns.append(now)
 
     def values(self, now: int) -> dict[str, str]:
-        """Return what /diagnostics says of it."""
-        values = {}
+        """Return what /diagnostics says of it; nothing while the clock shows no time."""
+        values: dict[str, str] = {}
+        if now == _NO_TIME:
+            return values
         if self._latencies_ns:
             latencies_ms = np.array(self._latencies_ns) / 1e6
             values["latency_ms"] = f"{np.median(latencies_ms):.2f}"
@@ -67,8 +77,8 @@ class Pace:
 class Monitor(Generic[Pipeline]):
     """Follows a pipeline and says how it fares; all times are given to it, in nanoseconds.
 
-    Times may be a node's clock or a bag's. With `live`, latency and rate are reported too: these
-    depend on the machine and have no place in a replay.
+    Times may be a node's clock or a bag's. With `live`, latency and rate are reported too, and that
+    the clock shows no time: these depend on the machine and have no place in a replay.
 
     node : the node's full name.
     """
@@ -85,17 +95,26 @@ class Monitor(Generic[Pipeline]):
         """State at a time."""
         raise NotImplementedError
 
+    def _reported_health(self, now: int) -> Health:
+        """State at a time, and a live node's clock that shows none."""
+        health = self.health(now)
+        if not self._live or now != _NO_TIME:
+            return health
+        if health.level == OK:
+            return Health(WARN, "no_clock", _NO_CLOCK)
+        return Health(health.level, health.state, f"{health.reason}; {_NO_CLOCK}")
+
     def on_published(self, stamp: int, now: int) -> None:
         """Take note of an estimate that went out."""
         self._pace.on_published(stamp, now)
 
     def changed(self, now: int) -> bool:
         """Whether the state is another than in the last `message`."""
-        return self._key(self.health(now)) != self._reported
+        return self._key(self._reported_health(now)) != self._reported
 
     def message(self, now: int, pipeline: Pipeline) -> DiagnosticArray:
         """Return the message for /diagnostics."""
-        health = self.health(now)
+        health = self._reported_health(now)
         self._reported = self._key(health)
         values = self._values(now, pipeline)
         if self._live:

@@ -274,6 +274,45 @@ def test_a_replay_says_nothing_of_the_machine() -> None:
     assert not {"latency_ms", "latency_max_ms", "rate_hz"} & {p.key for p in status.values}
 
 
+def test_a_clock_without_a_time_is_told() -> None:
+    """ROS: a simulated clock shows 0 until the first message on /clock."""
+    pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
+    stamp = 1_700_000_000 * S
+    monitor, replay = monitor_of(), monitor_of(live=False)
+
+    def told(by: HorizonMonitor, now: int) -> tuple[bytes, str, str, set[str]]:
+        (status,) = by.message(now, pipeline).status
+        values = {pair.key: pair.value for pair in status.values}
+        pace = {"latency_ms", "latency_max_ms", "rate_hz"} & values.keys()
+        return status.level, values["state"], values["reason"], pace
+
+    level, state, reason, pace = told(monitor, 0)
+    assert (level, state, pace) == (DiagnosticStatus.STALE, "waiting", set())
+    assert reason.startswith("no frames from camera_1 yet")
+    assert "/clock" in reason
+    deliver(monitor, 0, fix_of())
+    monitor.on_published(stamp, 0)
+    level, state, reason, pace = told(monitor, 0)
+    assert (level, state, pace) == (DiagnosticStatus.WARN, "no_clock", set())
+    assert "use_sim_time" in reason
+    deliver(monitor, 0, fix_of(Status.NO_LIMB, ()))
+    level, state, reason, _ = told(monitor, 0)
+    assert (level, state) == (DiagnosticStatus.WARN, "no_fix")
+    assert reason.startswith("no_limb: because")
+    assert "/clock" in reason
+    # As soon as there is a time all is told, and nothing of what was before it.
+    deliver(monitor, stamp, fix_of())
+    assert monitor.changed(stamp)
+    monitor.on_published(stamp - S // 50, stamp)
+    level, state, reason, pace = told(monitor, stamp)
+    assert (level, state) == (DiagnosticStatus.OK, "ok")
+    assert pace == {"latency_ms", "latency_max_ms", "rate_hz"}
+    assert float(values_of(monitor, stamp)["latency_max_ms"]) == 20.0
+    # A bag's time may well be 0.
+    deliver(replay, 0, fix_of())
+    assert told(replay, 0)[1:] == ("ok", "fix from camera_1, camera_2", set())
+
+
 def values_of(monitor: HorizonMonitor, now: int) -> dict[str, str]:
     pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
     return {v.key: v.value for v in monitor.message(now, pipeline).status[0].values}

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from craft import ESTIMATES, Chaser, Craft
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from horizon_messages import (
     CAMERAS,
@@ -721,10 +722,17 @@ def test_silence_is_told_by_the_nodes_clock(
             if topic == "/diagnostics"
         }
 
+    # Nobody has told a time yet: that is said, and no latency against it.
+    craft.expect_pair(0, ("attitude",))
+    status = craft.wait_for_state("no_clock", node=node)
+    assert status.level == DiagnosticStatus.WARN
+    assert "use_sim_time" in status.message
+    assert "/clock" in status.message
+    assert not {"latency_ms", "latency_max_ms", "rate_hz"} & {pair.key for pair in status.values}
     while 0 not in stamps():
         tick(0)
         craft.spin(0.1)
-    craft.expect_pair(0, ("attitude",))
+    craft.expect_pair(1, ("attitude",))
     craft.wait_for_state("ok")
     # Time stands still: reports go on, and nothing is stale however long that takes.
     craft.heard.clear()
