@@ -37,7 +37,7 @@ from lifecycle_msgs.srv import ChangeState
 from node_processes import Program
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock
@@ -607,6 +607,11 @@ def test_quality_of_service_and_its_override(
         for camera in CAMERAS
     ]
     assert reliabilities == [ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE]
+    # As the inputs' page says: what was latched before the node had started does not count.
+    inputs = [f"/{camera}/{topic}" for camera in CAMERAS for topic in ("image_raw", "camera_info")]
+    for name in inputs:
+        (subscription,) = craft.node.get_subscriptions_info_by_topic(name)
+        assert subscription.qos_profile.durability == DurabilityPolicy.VOLATILE
 
 
 def test_one_process_subscribes_once_and_listens_to_names(
