@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import reprlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,7 @@ _TOO_DEEP = "is not valid YAML: it is nested too deeply"
 
 class _Loader(yaml.SafeLoader):
     """Takes 1e6 for a number, as ROS does; in YAML 1.1 it is a string. Raises YamlFileError where
-    brackets are nested too deeply, or a key is there twice: PyYAML would take the last one, rcl
-    both.
+    brackets are nested too deeply, or a key is there twice, of which PyYAML would take the last.
     """
 
     def fetch_flow_collection_start(self, token: type[yaml.Token]) -> None:
@@ -60,11 +60,25 @@ _Loader.add_implicit_resolver(
 )
 
 
-def read_yaml(path: Path, *, aliases: bool = True) -> Any:
+def yaml_events(text: str) -> Iterator[yaml.Event]:
+    """Return a text's events as the parser of YAML finds them, before there are any values."""
+    events: Iterator[yaml.Event] = yaml.parse(text, _Loader)
+    return events
+
+
+def _constructed(text: str) -> Any:
+    loader = _Loader(text)
+    try:
+        return loader.get_single_data()
+    finally:
+        loader.dispose()
+
+
+def read_yaml(path: Path, read: Callable[[str], Any] = _constructed) -> Any:
     """Return what a YAML file holds; None for nothing.
 
-    aliases : whether it may have any. Raises YamlFileError, which says in one line why it cannot be
-    used.
+    read : what makes that of the file's text. Raises YamlFileError, which says in one line why it
+    cannot be used.
     """
     try:
         with path.open("rb") as file:
@@ -78,15 +92,7 @@ def read_yaml(path: Path, *, aliases: bool = True) -> Any:
     except UnicodeDecodeError:
         raise YamlFileError("is not a text file in UTF-8") from None
     try:
-        if not aliases and any(
-            isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, _Loader)
-        ):
-            raise YamlFileError("has YAML aliases, which parameter files cannot have")
-        loader = _Loader(text)
-        try:
-            return loader.get_single_data()
-        finally:
-            loader.dispose()
+        return read(text)
     except YamlFileError:
         raise
     except yaml.YAMLError as error:

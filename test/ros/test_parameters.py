@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import re
+from array import array
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
 import yaml
 from horizon_messages import PARAMETERS
 from hypothesis import given
 from hypothesis import strategies as st
+from rclpy.context import Context
 
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.parameters.camera import OF_A_CAMERA
@@ -265,7 +269,7 @@ def test_numbers_as_ros_writes_them(tmp_path: Path) -> None:
     path = tmp_path / "params.yaml"
     path.write_text(
         "/**:\n ros__parameters:\n  planet_radius: 1e6\n"
-        "  cameras: [a]\n  a.rotation: [0, 0, 0, 1e0]\n"
+        "  cameras: [a]\n  a.rotation: [0.0, 0., .0, 1e0]\n"
     )
     settings = horizon_settings(read_parameter_file(path, "attitude_node"))
     assert settings.pipeline.sensor.planet.radius_m == 1e6
@@ -295,20 +299,19 @@ def test_a_value_of_any_length_is_shown_in_a_line() -> None:
         ("/**: {ros__parameters: {}}\nb: {slop: 1}", "has b/slop outside of ros__parameters"),
         ("/**: {ros__parameters: {}, slop: [1]}", r"has \*\*/slop outside of ros__parameters"),
         ("a: &x {ros__parameters: {slop: 1}}\nb: *x", "aliases"),
-        ("/**: {ros__parameters: {f: !!python/object/apply:os.getcwd []}}", "not valid YAML"),
+        ("/**: {ros__parameters: {f: !!python/object/apply:os.getcwd []}}", "is an empty list"),
         ("#" * 1_000_001, "larger than"),
         ("a: " + 400_000 * "[" + 400_000 * "]", "nested too deeply"),
         ("a: " + 5000 * "- " + "1", "not valid YAML"),
-        ("a:\n  " + 5000 * "- " + "1", "nested too deeply"),
+        ("a:\n  " + 5000 * "- " + "1", "no ros__parameters"),
         ("\x00", "not valid YAML"),
-        ("/**: {ros__parameters: {slop: 1}}\n/**: {ros__parameters: {}}", r"'/\*\*' twice .line 2"),
-        ("/**: {ros__parameters: {slop: 1, slop: 2}}", "'slop' twice"),
-        ("/**: {ros__parameters: {slop: !!bool foo}}", "not of its kind"),
-        ("/**: {ros__parameters: {slop: !!timestamp foo}}", "not of its kind"),
-        ("/**: {ros__parameters: {slop: !!int ''}}", "not of its kind"),
-        ("/**: {ros__parameters: {slop: 2024-13-45}}", "month"),
-        ("/**: {ros__parameters: {slop: 0x" + 5000 * "f" + "}}", "too many digits"),
-        ("/**: {ros__parameters: {slop: " + 5000 * "9" + "}}", "digits"),
+        ("/**: {ros__parameters: {a: 1}, ros__parameters: {b: 1}}", r"twice for /\*\* .line 1"),
+        ("/**: {ros__parameters: {slop: }}", "has no value for 'slop' .line 1"),
+        ("/**: {ros__parameters: {camera_1: {}}}", "has nothing in 'camera_1' .line 1"),
+        ("/**: {ros__parameters: {a: [1.0, 0]}}", r"a .of /\*\*. mixes whole numbers and decimals"),
+        ("/**: {ros__parameters: {a: [[1.0]]}}", "has a list or a mapping in the list 'a'"),
+        ("b: {ros__parameters: {a: [x, 1]}}", "a .of /b. mixes values of several kinds"),
+        ("/**: {ros__parameters: {? [a] : 1}}", "a key that is no word"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, words: str) -> None:
@@ -317,6 +320,94 @@ def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, words: str
     with pytest.raises(ParameterError, match=words) as caught:
         read_parameter_file(path, "attitude_node")
     assert len(str(caught.value).splitlines()) == 1
+
+
+SCALARS = (
+    *("null", "~", "y", "N", "yes", "Off", "TRUE", "tRue", "abc", "a b", "=", "1,000", "1.5.2"),
+    *("1", "+1", "-1", "010", "08", "0o10", "0x1F", "-0x10", "0x", "0b11", "1_000", "1:30"),
+    *("1.", ".5", "-.5", "09.5", "1e6", "1.e5", "1E+6", "1e", "1e400", "1e-400", "0x1.8p3"),
+    *("9223372036854775807", "9223372036854775808", "-9223372036854775808", "2024-01-01"),
+    *(".inf", "-.Inf", ".nan", "nan", "-inf", "infinity", "'1'", "'yes'", '"1.5"', "''"),
+    *("!!str 5", "!!int '5'", "!!float 5", "|\n      5", ">-\n      5"),
+    *("[1, 2]", "[1.0, 2e0]", "[y, no]", "[null, a]", "['1', b]", "[x, ]", "[nan]"),
+)
+
+
+@pytest.fixture
+def read_by_a_node(ros_domain: int) -> Callable[[Path], dict[str, Any]]:
+    """Return the parameters of a real node that is started with a file."""
+
+    def read(path: Path) -> dict[str, Any]:
+        context = Context()
+        arguments = ["--ros-args", "--params-file", str(path)]
+        rclpy.init(args=arguments, context=context, domain_id=ros_domain)
+        try:
+            node = rclpy.create_node(
+                "attitude_node",
+                context=context,
+                automatically_declare_parameters_from_overrides=True,
+            )
+            values = {name: each.value for name, each in node.get_parameters_by_prefix("").items()}
+            node.destroy_node()
+        finally:
+            rclpy.shutdown(context=context)
+        own = {"use_sim_time", "start_type_description_service"}
+        return {
+            name: list(value) if isinstance(value, array) else value
+            for name, value in values.items()
+            if name not in own
+        }
+
+    return read
+
+
+def as_read(values: dict[str, Any]) -> dict[str, str]:
+    """Values with their kinds, and NaN like itself."""
+    return {name: repr(value) for name, value in values.items()}
+
+
+def test_values_are_those_that_a_node_gets(
+    tmp_path: Path, read_by_a_node: Callable[[Path], dict[str, Any]]
+) -> None:
+    path = tmp_path / "params.yaml"
+    lines = [f"    p{i}: {text}" for i, text in enumerate(SCALARS)]
+    path.write_text("\n".join(["/**:", "  ros__parameters:", *lines]))
+    expected = as_read(read_by_a_node(path))
+    assert len(expected) == len(SCALARS)
+    assert as_read(read_parameter_file(path, "attitude_node")) == expected
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "/**: {ros__parameters: {a: 1, a: 2}}",
+        "/**: {ros__parameters: {a: 2.5, a: 1, b: x, b: 2.5, c: 2.5, c: x, d: [1.0], d: 2.0}}",
+        "/**: {ros__parameters: {a: [1.0, 2.0], a: [3], b: {c: 1}, b: {d: 2, c: 3}, b.d: 4}}",
+        "/**: {ros__parameters: {a: 1, b: 1}}\nattitude_node: {ros__parameters: {a: 2}}\n"
+        "/**: {ros__parameters: {a: 3, b: 3}}",
+        "attitude_node: {ros__parameters: {a: 2}}\n/**: {ros__parameters: {a: 3}}",
+        "/**: {ros__parameters: {010: 1, true: 2, <<: {a: 1}}}",
+        "/**: {ros__parameters: {a: 1}}\n---\n/**: {ros__parameters: {b: &x 1}}",
+        "other: {ros__parameters: {a: []}}\n/**: {ros__parameters: {b: 1}}",
+    ],
+)
+def test_names_that_are_there_twice_are_those_that_a_node_gets(
+    tmp_path: Path, text: str, read_by_a_node: Callable[[Path], dict[str, Any]]
+) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text(text)
+    assert as_read(read_parameter_file(path, "attitude_node")) == as_read(read_by_a_node(path))
+
+
+@pytest.mark.parametrize(
+    "value", ["!!bool foo", "!!int ''", "2024-13-45", "0x" + 5000 * "f", 5000 * "9", "null", "1_0"]
+)
+def test_what_ros_takes_for_text_is_no_number(tmp_path: Path, value: str) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text(f"/**: {{ros__parameters: {{slop: {value}}}}}")
+    with pytest.raises(ParameterError, match="slop must be a double, got '") as caught:
+        horizon_settings({**PARAMETERS, **read_parameter_file(path, "attitude_node")})
+    assert len(str(caught.value)) < 120
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:

@@ -372,6 +372,23 @@ def test_parameters_that_cannot_be(
     assert not out.exists()
 
 
+def test_parameters_are_those_of_a_live_node(
+    tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As ROS takes them: of a name that is there twice the last value, and null as a word; but no
+    list of whole numbers and decimals.
+    """
+    params, out = tmp_path / "params.yaml", tmp_path / "out"
+    head = "/**:\n  ros__parameters:\n"
+    rotations = "".join(f"    {name}.rotation: {q}\n" for name, q in QUATERNIONS.items())
+    params.write_text(f"{head}    base_frame: a\n{rotations}{head}    base_frame: null\n")
+    assert run(flight, out, "--params", params) == 0
+    assert {msg.header.frame_id for _, msg in read(out)["/local_vertical"]} == {"null"}
+    params.write_text(f"{head}    camera_1.rotation: [0, 0.6, 0.8, 0.0]\n")
+    told = refused(capsys, flight, tmp_path / "none", "--params", params)
+    assert f"{params}: camera_1.rotation (of /**) mixes whole numbers and decimals" in told
+
+
 def test_a_node_that_cannot_be_is_said_and_left_out(
     tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
-from horizon_sensor_ros.ros.yaml_file import YamlFileError, read_yaml
+from horizon_sensor_ros.ros.parameters.ros_yaml import (
+    PARAMETERS,
+    ParameterFile,
+    list_fault,
+    read_ros_yaml,
+)
+from horizon_sensor_ros.ros.yaml_file import YamlFileError
 
 
 def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str, Any]:
@@ -18,23 +24,26 @@ def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str
     Later entries of the file that match the node override earlier ones. Raises ParameterError,
     saying what is wrong with the file.
     """
-    try:
-        content = read_yaml(path, aliases=False)
-    except YamlFileError as error:
-        raise ParameterError(f"{path} {error}") from None
-    if content is None:
-        return {}
+    found = _read(path)
+    if not found.sections:
+        if not found.stray:
+            return {}
+        raise ParameterError(f"{path} is no ROS parameter file: it has no {PARAMETERS}")
+    if found.stray:
+        raise ParameterError(
+            f"{path} has {found.stray[0]} outside of {PARAMETERS}, as ROS takes none"
+        )
     full_name = "/".join(["", *namespace.strip("/").split("/"), node]).replace("//", "/")
     values: dict[str, Any] = {}
-    entries = list(_node_entries(content, ""))
-    if not entries:
-        raise ParameterError(f"{path} is no ROS parameter file: it has no ros__parameters")
-    stray = next(_outside(content, ""), "")
-    if stray:
-        raise ParameterError(f"{path} has {stray} outside of ros__parameters, as ROS takes none")
-    for pattern, parameters in entries:
-        if _matches(pattern, full_name):
-            values.update(_flat(parameters, ""))
+    for pattern, parameters in found.sections.items():
+        own = _matches(pattern, full_name)
+        for name, value in parameters.items():
+            fault = list_fault(value)
+            # An empty list is nothing given, until a node asks for it.
+            if fault and (own or value):
+                raise ParameterError(f"{path}: {name} (of {pattern}) {fault}")
+        if own:
+            values.update(parameters)
     return values
 
 
@@ -43,23 +52,14 @@ def why_refused(path: Path) -> str:
     with it.
     """
     try:
-        content = read_yaml(path, aliases=False)
-    except YamlFileError as error:
-        return f"{path} {error}"
-    for pattern, parameters in _node_entries(content, ""):
-        for name, value in _flat(parameters, ""):
-            if not isinstance(value, list):
-                continue
-            kinds = {type(each) for each in value}
-            if kinds == {int, float}:
-                what = "mixes whole numbers and decimals: write 0.0 for 0"
-            elif len(kinds) > 1:
-                what = "mixes values of several kinds"
-            elif not value:
-                what = "is an empty list: name its values or leave it out"
-            else:
-                continue
-            return f"{path}: {name} (of {pattern}) {what}"
+        found = _read(path)
+    except ParameterError as error:
+        return str(error)
+    for pattern, parameters in found.sections.items():
+        for name, value in parameters.items():
+            fault = list_fault(value)
+            if fault:
+                return f"{path}: {name} (of {pattern}) {fault}"
     return ""
 
 
@@ -68,7 +68,7 @@ def misspelt_sections(path: Path, nodes: Sequence[str]) -> list[tuple[str, str]]
     nodes', and that name: other nodes' sections are none of our business.
     """
     found = []
-    for pattern, _ in _node_entries(read_yaml(path, aliases=False), ""):
+    for pattern in _read(path).sections:
         name = pattern.rpartition("/")[2]
         close = difflib.get_close_matches(name, nodes, n=1, cutoff=0.85)
         if close and name not in nodes:
@@ -76,26 +76,11 @@ def misspelt_sections(path: Path, nodes: Sequence[str]) -> list[tuple[str, str]]
     return found
 
 
-def _node_entries(content: Any, prefix: str) -> Iterator[tuple[str, Any]]:
-    """Node name patterns and their parameters; namespaces may be nested."""
-    if not isinstance(content, dict):
-        return
-    for key, value in content.items():
-        if key == "ros__parameters":
-            if isinstance(value, dict):
-                yield prefix, value
-        else:
-            yield from _node_entries(value, f"{prefix}/{str(key).strip('/')}")
-
-
-def _outside(content: Any, prefix: str) -> Iterator[str]:
-    """Names of the values that belong to no node."""
-    if not isinstance(content, dict):
-        yield prefix or "a value"
-        return
-    for key, value in content.items():
-        if key != "ros__parameters":
-            yield from _outside(value, f"{prefix}/{str(key).strip('/')}".lstrip("/"))
+def _read(path: Path) -> ParameterFile:
+    try:
+        return read_ros_yaml(path)
+    except YamlFileError as error:
+        raise ParameterError(f"{path} {error}") from None
 
 
 def _matches(pattern: str, full_name: str) -> bool:
@@ -105,12 +90,3 @@ def _matches(pattern: str, full_name: str) -> bool:
         for token in pattern.strip("/").split("/")
     )
     return re.fullmatch(expression, full_name) is not None
-
-
-def _flat(parameters: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
-    for key, value in parameters.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, dict):
-            yield from _flat(value, f"{name}.")
-        else:
-            yield name, value

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -15,8 +14,8 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.rigid import vector_from_rotation
 from horizon_sensor_ros.core.self_calibration.differences import nadir_differences
 from horizon_sensor_ros.core.self_calibration.result import Calibration
+from horizon_sensor_ros.ros.parameters.ros_yaml import PARAMETERS, read_ros_yaml, ros_scalar
 
-_PARAMETERS = "ros__parameters"
 _BLUNDER_RAD = np.radians(5.0)
 # Residuals of sets, over what is claimed, and the share of sets that have no say, that are said.
 _MUCH_SCATTER, _MANY_OUT = 1.5, 0.1
@@ -133,43 +132,37 @@ def corrected_parameters(source: Path | None, calibration: Calibration, sphere: 
     The rotations stand under `/**` and nowhere else, so that every node gets them; what else is
     told of a camera stays. A limb height is set where it was observed.
     """
-    content: dict[str, Any] = {}
-    if source is not None:
-        content = yaml.safe_load(source.read_text(encoding="utf-8")) or {}
+    # As ROS reads them: what is text to YAML may be a number to it.
+    sections = {} if source is None else read_ros_yaml(source).sections
     found = {
         camera: [float(v) for v in quaternion_from_rotation(rot)]
         for camera, rot in calibration.rot_base_from_cam.items()
     }
     (height,) = calibration.unknowns.where("limb_height")
     has_height = calibration.observed(int(height)) == "yes"
-    for block in _blocks(content):
+    for block in sections.values():
         for camera in found:
             block.pop(f"{camera}.rotation", None)
-            if isinstance(block.get(camera), dict):
-                block[camera].pop("rotation", None)
-                if not block[camera]:
-                    del block[camera]
         if has_height:
             block.pop("limb_height", None)
-    # Either may be there with nothing in it.
-    content["/**"] = content.get("/**") or {}
-    everywhere = content["/**"][_PARAMETERS] = content["/**"].get(_PARAMETERS) or {}
+    everywhere = sections.setdefault("/**", {})
     for camera, quaternion in found.items():
-        told = everywhere.get(camera)
-        everywhere[camera] = {"rotation": quaternion, **(told if isinstance(told, dict) else {})}
+        everywhere[f"{camera}.rotation"] = quaternion
     if has_height:
         everywhere["limb_height"] = float(sphere.limb_height_m + calibration.values[height])
+    # A section that is empty by now is none to ROS.
+    content = {pattern: {PARAMETERS: block} for pattern, block in sections.items() if block}
     comment = "# Rotations by horizon_self_calibration"
     comment += ", in the middle of the recording.\n" if calibration.unknowns.drift else ".\n"
-    return comment + yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
+    return comment + yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None)
 
 
-def _blocks(content: Any) -> list[dict[str, Any]]:
-    """Return every node's parameters."""
-    if not isinstance(content, dict):
-        return []
-    found = [v for k, v in content.items() if k == _PARAMETERS and isinstance(v, dict)]
-    for key, value in content.items():
-        if key != _PARAMETERS:
-            found += _blocks(value)
-    return found
+class _Dumper(yaml.SafeDumper):
+    """Quotes the texts that ROS would take for something else."""
+
+    def represent_text(self, text: str) -> yaml.ScalarNode:
+        style = None if isinstance(ros_scalar(text), str) else "'"
+        return self.represent_scalar("tag:yaml.org,2002:str", text, style)
+
+
+_Dumper.add_representer(str, _Dumper.represent_text)
