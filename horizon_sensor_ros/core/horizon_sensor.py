@@ -21,6 +21,7 @@ from horizon_sensor_ros.core.horizon_search import HorizonSearch
 from horizon_sensor_ros.core.judgement import nadir_sigma_rad
 from horizon_sensor_ros.core.limb.detector import follow_limb
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS
+from horizon_sensor_ros.core.limb.sun_streak import without_streaks
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.lost_rows import lost_rows
 from horizon_sensor_ros.core.nadir_rate import NadirRate, contradicted
@@ -205,6 +206,10 @@ class HorizonSensor:
         """Fix of frames. given : the same, by the cameras as they are called from set to set."""
         unusable = [_unusable(frame) for frame in frames]
         usable = [i for i, limb in enumerate(unusable) if limb is None]
+        frames = [
+            frame if limb is not None else _without_streaks(frame)
+            for frame, limb in zip(frames, unusable, strict=True)
+        ]
         views = [given[i].view for i in usable]
         before = self._track
         numbers = None if before is None else before.numbers(views)
@@ -303,6 +308,11 @@ def _without_gyro(fix: HorizonFix, reason: str) -> HorizonFix:
 def _told_besides(fix: HorizonFix, reason: str) -> HorizonFix:
     """Fix with one more thing that makes it less certain."""
     return replace(fix, reason="; ".join(filter(None, (fix.reason, reason))))
+
+
+def _without_streaks(frame: Frame) -> Frame:
+    gray = without_streaks(frame.gray)
+    return frame if gray is frame.gray else replace(frame, gray=gray)
 
 
 def _unusable(frame: Frame) -> LimbPoints | None:

@@ -8,6 +8,7 @@ either places ``edges`` one by one or fits limb and glow together. What the limb
 ``haze`` (air that hides the ground), ``smeared`` (by motion), ``lens_kinds`` (lenses that blur and
 darken).
 
-What speaks against a limb: ``evidence``, ``sun_artefact``; by night: ``night``, ``airglow_edge``.
+Before all of it ``sun_streak`` takes the Sun's streaks off a frame. What speaks against a limb:
+``evidence``, ``sun_artefact``; by night: ``night``, ``airglow_edge``.
 ``canny_limbs`` are the papers', for comparison.
 """
