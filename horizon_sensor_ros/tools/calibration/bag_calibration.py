@@ -22,9 +22,10 @@ _WRONG_ROTATIONS = (
     "; do the rotations belong to these cameras: topics swapped, the inverse of a rotation, "
     "w before x, a picture upside down?"
 )
+# A sphere in place of an ellipsoid may look like another lens, too.
 _WRONG_LENSES = (
     "; set their camera_info right, or give --focal, which finds focal lengths together with "
-    "mountings"
+    "mountings; over a flattened planet set planet: wgs84 before that"
 )
 _HINTS = {
     Status.POOR_FIT: "; over a flattened planet set planet: wgs84 and have coarse_pose in the bag, "
