@@ -18,7 +18,9 @@ from horizon_sensor_ros.core.white_level import NEAR_WHITE, full_scale
 
 # The Sun is sought on a grid of so many points along a frame, and no finer than pixels of this.
 _GRID, _FINEST_PX = 80, 8
-_SOLID = 0.99  # of the brightest: the Sun saturates evenly, clouds seldom do
+# Of the brightest: the Sun saturates evenly, clouds seldom do; and how far around its middle that
+# is asked.
+_SOLID, _CORE_PX = 0.99, 3
 _LEAST_POINTS = 3  # of the grid, of something white that may be the Sun
 _LARGEST = 0.2  # of the frame's height or width; what is white and larger both ways is none
 _MOST = 3  # white places that are looked at, the largest first
@@ -59,7 +61,8 @@ def without_streaks(gray: np.ndarray) -> np.ndarray:
     # Most frames have nothing white, and are asked no more.
     if grid.max() < NEAR_WHITE * white:
         return gray
-    bright = (grid >= _SOLID * grid.max()).astype(np.uint8)
+    solid = _SOLID * float(grid.max())
+    bright = (grid >= solid).astype(np.uint8)
     _, _, stats, centres = cv2.connectedComponentsWithStats(bright, connectivity=8)
     sizes = stats[1:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]] / np.array(grid.shape[::-1])
     area = np.where(sizes.min(axis=1) < _LARGEST, stats[1:, cv2.CC_STAT_AREA], 0)
@@ -70,6 +73,11 @@ def without_streaks(gray: np.ndarray) -> np.ndarray:
         if area[i] < _LEAST_POINTS:
             break
         x, y = np.rint(centres[i + 1] * stride).astype(int).tolist()
+        core = gray[
+            max(y - _CORE_PX, 0) : y + _CORE_PX + 1, max(x - _CORE_PX, 0) : x + _CORE_PX + 1
+        ]
+        if core.min() < solid:
+            continue
         for at, turned in ((y, False), (x, True)):
             lines = out.T if turned else out
             if not _may_show(lines, stride, at, beside, dark, _LEAST_RISE * white):
