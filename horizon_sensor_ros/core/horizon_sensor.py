@@ -234,7 +234,7 @@ class HorizonSensor:
                 fix.fit,
                 cameras,
                 {
-                    given[i].view.name: self._search.agreeing(given[i])
+                    given[i].view.name: self._search.agreeing(frames[i])
                     for i in usable
                     if given[i].view.name not in cameras
                 },

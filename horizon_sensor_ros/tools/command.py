@@ -5,13 +5,15 @@ Light: it is loaded before everything that takes time, so that a signal is taken
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from threading import Event
 from types import FrameType
+from typing import Any
 
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.output_files import remove_unfinished
@@ -71,6 +73,15 @@ def run_computation(name: str, work: Callable[[], int]) -> int:
     finally:
         for number, handler in zip(_SIGNALS, previous, strict=True):
             signal.signal(number, handler)
+
+
+def fill_defaults(arguments: argparse.Namespace, defaults: Mapping[str, Any]) -> None:
+    """Give the options that were not given their defaults: of those that have none until then, so
+    that it shows whether they were.
+    """
+    for name, value in defaults.items():
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, value)
 
 
 def _all_printed(name: str, output: StandardStream) -> int:

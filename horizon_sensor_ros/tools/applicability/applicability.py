@@ -7,9 +7,9 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from horizon_sensor_ros.tools.applicability.idle_options import fill_defaults, idle_option
+from horizon_sensor_ros.tools.applicability.idle_options import DEFAULTS, idle_option
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
-from horizon_sensor_ros.tools.command import run_computation
+from horizon_sensor_ros.tools.command import fill_defaults, run_computation
 
 DESCRIPTION = """\
 Field of applicability: at which attitudes the horizon is in the frames of the cameras, and how
@@ -55,7 +55,7 @@ def _run(argv: Sequence[str] | None) -> int:
         parser.error("--figure6 has its own cameras; leave out the camera file")
     if not args.figure6 and args.camera_file is None:
         parser.error("give a camera and extrinsics file, or --figure6")
-    fill_defaults(args)
+    fill_defaults(args, DEFAULTS)
     from horizon_sensor_ros.tools.camera_file import CameraFileError  # noqa: PLC0415 - takes time
 
     try:

@@ -15,7 +15,7 @@ _IDLE = {
     "--mounting": (*_OF_A_MAP, *_OF_THE_FIELD),
     "--figure6": ("--cameras", "--sigma", *_OF_THE_FIELD, "--tilt"),
 }
-_DEFAULTS = {"range": (-90.0, 90.0), "step": 1.0, "min_arc": 0.0, "sigma": 0.1, "trials": 0}
+DEFAULTS = {"range": (-90.0, 90.0), "step": 1.0, "min_arc": 0.0, "sigma": 0.1, "trials": 0}
 
 
 def idle_option(args: argparse.Namespace) -> str:
@@ -41,13 +41,6 @@ def idle_option(args: argparse.Namespace) -> str:
             "noise it is"
         )
     return ""
-
-
-def fill_defaults(args: argparse.Namespace) -> None:
-    """Give the options that were not given their defaults."""
-    for name, value in _DEFAULTS.items():
-        if getattr(args, name) is None:
-            setattr(args, name, value)
 
 
 def _given(args: argparse.Namespace, option: str) -> bool:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from horizon_sensor_ros.tools.bags.frame_files import UNITS_NS
-from horizon_sensor_ros.tools.command import run_command
+from horizon_sensor_ros.tools.command import fill_defaults, run_command
 
 DESCRIPTION = """\
 Make a rosbag2 of one's own frames: a folder of images for each camera, a folder of point clouds, or
@@ -102,9 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.images and not arguments.camera_file:
         parser.error("--images needs --camera-file FILE: how the cameras see and are mounted")
     _refuse_idle(parser, arguments)
-    for name, value in _DEFAULTS.items():
-        if getattr(arguments, name) is None:
-            setattr(arguments, name, value)
+    fill_defaults(arguments, _DEFAULTS)
     if not (math.isfinite(arguments.rate) and 1e-6 <= arguments.rate <= 1e6):
         parser.error(f"--rate must be 1e-6 to 1e6 frames a second, got {arguments.rate:g}")
     if not 0 <= arguments.start < 2**31:
