@@ -42,7 +42,7 @@ NOTES = (
 
 
 @dataclass
-class _Row:
+class Errors:
     """Errors of fixes: nadir's, degrees, its NEES, and altitude's over its sigma."""
 
     tried: int = 0
@@ -123,7 +123,7 @@ def run(options: Options) -> list[Table]:
     sets.append(("clouds", "soft corners", _soft_corners(count, options.seed)))
     rows = []
     for kind, what, cases in sets:
-        found = {(told, cameras): _Row() for told in ("no", "yes") for cameras in (2, 1)}
+        found = {(told, cameras): Errors() for told in ("no", "yes") for cameras in (2, 1)}
         for case in tqdm(cases, total=count, desc=f"{kind}, {what}", unit="scene"):
             for (told, cameras), row in found.items():
                 sensor, frames = case.ways[told]

@@ -35,6 +35,7 @@ PARTS = {
     "horizon_told": "horizon_told",
     "horizon_timing": "horizon_timing",
     "self_calibration": "self_calibration",
+    "lens_blur": "lens_blur",
     "target": "target_bench",
     "target_latency": "target_latency",
 }

@@ -81,7 +81,10 @@ def _cases(sets: int, seed: int) -> list[_Case]:
         for name, axis in truths
     ]
     flight = replace(
-        _flight(rng, mild), roll=Swing(np.radians(7.0)), pitch=Swing(np.radians(-7.0)), yaw=Swing()
+        swinging_flight(rng, mild),
+        roll=Swing(np.radians(7.0)),
+        pitch=Swing(np.radians(-7.0)),
+        yaw=Swing(),
     )
     climbing = tuple(
         replace(flight, altitude_m=altitude) for altitude in np.geomspace(400e3, 1200e3, sets)
@@ -93,10 +96,10 @@ def _cases(sets: int, seed: int) -> list[_Case]:
 
 
 def _swinging(sets: int, rng: np.random.Generator, scene: dict[str, float]) -> tuple[Flight, ...]:
-    return (_flight(rng, scene),) * sets
+    return (swinging_flight(rng, scene),) * sets
 
 
-def _flight(rng: np.random.Generator, scene: dict[str, float]) -> Flight:
+def swinging_flight(rng: np.random.Generator, scene: dict[str, float]) -> Flight:
     """Orbit at 400 to 800 km; roll and pitch swing by 15 deg about 12 deg, limb in the frames."""
 
     def swing(mean_deg: float) -> Swing:

@@ -48,6 +48,15 @@ class SharedError(NamedTuple):
 NOTHING_SHARED = SharedError()
 
 
+class CornerBlur(NamedTuple):
+    """What one limb by itself shows of the blur that its lens adds in the corners of the frame, see
+    `CameraView.corner_blur_px`; one sigma without what texture may hide of it.
+    """
+
+    seen_px: float
+    sigma_px: float
+
+
 @dataclass(frozen=True)
 class LimbPoints:
     """Points of one image that lie on the planet's limb.
@@ -73,6 +82,7 @@ class LimbPoints:
     factor : by which the image was reduced for edges to be placed in it.
     step : (N,) gray levels from space to the planet beside each point; empty where that was not
     measured.
+    corner_blur : None where edges were not kriged, or motion smears them.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -93,6 +103,7 @@ class LimbPoints:
     blur_px: float = np.nan
     factor: int = 1
     step: np.ndarray = field(default_factory=lambda: np.empty(0))
+    corner_blur: CornerBlur | None = None
 
     @property
     def glow_separated(self) -> bool:

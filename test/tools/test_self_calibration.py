@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ from horizon_messages import (
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation, rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.rigid import rotation_from_vector, vector_from_rotation
+from horizon_sensor_ros.core.self_calibration.corner_blur import LensBlur
 from horizon_sensor_ros.core.self_calibration.result import Calibration
 from horizon_sensor_ros.core.self_calibration.unknowns import Unknowns
 from horizon_sensor_ros.core.status import Status
@@ -41,7 +43,7 @@ from horizon_sensor_ros.ros.parameters.file import read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
 from horizon_sensor_ros.tools.calibration.recording import Horizons, read_recording
 from horizon_sensor_ros.tools.calibration.self_calibration import main, parsed
-from horizon_sensor_ros.tools.calibration.text import corrected_parameters
+from horizon_sensor_ros.tools.calibration.text import corrected_parameters, lenses_text
 
 SETS = 16
 MISALIGNMENT_DEG = np.array([0.3, -0.2, 0.25])
@@ -465,3 +467,79 @@ def test_one_camera_needs_a_reference(
     assert run(flight, "--params", params, "--out", out, *reference) == 0
     turn = corrected(out, "attitude_node", "camera_1") @ ROTATIONS["camera_1"].T
     assert np.degrees(np.linalg.norm(vector_from_rotation(turn))) < 0.1
+
+
+@pytest.fixture
+def one_camera(tmp_path: Path) -> Path:
+    path = tmp_path / "one.yaml"
+    content = {"cameras": ["camera_1"], "camera_1.rotation": QUATERNIONS["camera_1"]}
+    path.write_text(yaml.safe_dump({"/**": {"ros__parameters": content}}))
+    return path
+
+
+def test_of_one_camera_its_lens_is_told(
+    tmp_path: Path, flight: Path, one_camera: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """That of the simulated frames blurs evenly."""
+    assert "--lenses for its lens alone" in refused(capsys, flight, "--params", one_camera)
+    out = tmp_path / "told.yaml"
+    assert run(flight, "--params", one_camera, "--lenses", "--out", out) == 0
+    told = capsys.readouterr().out
+    (row,) = (line.split() for line in told.splitlines() if line.startswith("camera_1 blur"))
+    value, sigma, unit, observed = row[-4:]
+    assert (unit, observed) == ("px", "yes")
+    assert abs(float(value)) < 3.0 * float(sigma) < 0.1
+    assert "camera_1 about x" not in told
+    values = read_parameter_file(out, "attitude_node")
+    assert values["camera_1.corner_blur"] == pytest.approx(max(float(value), 0.0), abs=1e-9)
+    assert values["camera_1.rotation"] == QUATERNIONS["camera_1"]
+
+
+@pytest.mark.parametrize(
+    "option", [("--drift",), ("--focal",), ("--altitude", "5e5"), ("--picture", "fit.png")]
+)
+def test_what_tells_nothing_of_lenses_is_refused(
+    flight: Path, option: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        run(flight, "--lenses", *option)
+    assert stopped.value.code == 2
+    assert f"{option[0]} has no effect with --lenses" in capsys.readouterr().err
+
+
+def lens(camera: str, blur_px: float, sigma_px: float = 0.04) -> LensBlur:
+    return LensBlur(camera, blur_px, sigma_px, 30, 0.1)
+
+
+def test_a_lens_is_told_only_where_nothing_is_told_of_it(tmp_path: Path) -> None:
+    source, out = tmp_path / "params.yaml", tmp_path / "told.yaml"
+    content = {
+        "/**": {"ros__parameters": {"camera_1.corner_blur": 0.2}},
+        "attitude_node": {"ros__parameters": {"camera_2": {"corner_blur": -1.0}}},
+    }
+    source.write_text(yaml.safe_dump(content))
+    lenses = [lens("camera_1", 0.3), lens("camera_2", 0.25), lens("camera_3", 0.3, 0.2)]
+    out.write_text(corrected_parameters(source, None, Planet(), lenses))
+    values = read_parameter_file(out, "attitude_node")
+    assert values["camera_1.corner_blur"] == 0.2
+    assert values["camera_2.corner_blur"] == 0.25
+    assert "camera_3.corner_blur" not in values
+    # Sharper corners no parameter tells.
+    out.write_text(corrected_parameters(None, None, Planet(), [lens("camera_1", -0.2)]))
+    assert read_parameter_file(out, "attitude_node")["camera_1.corner_blur"] == 0.0
+
+
+def test_lenses_that_are_not_as_told_are_named(flight: Path, params: Path) -> None:
+    recording = read_recording(parsed([str(flight), "--params", str(params)]), bool)
+
+    def said(blur_px: float, told_px: float | None) -> str:
+        told = replace(recording, corner_blur_px={"camera_1": told_px})
+        return lenses_text([lens("camera_1", blur_px)], told)
+
+    assert "camera_1's lens blurs 0.30 px more in its corners" in said(0.3, None)
+    assert "camera_1's lens blurs 0.30 px less in its corners" in said(-0.3, None)
+    assert "is told as 0.10 px, and its limbs show 0.30 +- 0.04 px" in said(0.3, 0.1)
+    for blur_px, told_px in ((0.1, None), (0.3, 0.25), (0.01, 0.0)):
+        text = said(blur_px, told_px)
+        assert "corners, which" not in text
+        assert "is told as" not in text

@@ -30,7 +30,12 @@ from horizon_sensor_ros.core.limb.sample import (
 )
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
 from horizon_sensor_ros.core.limb.texture.kriged_limb import KrigedLimb
-from horizon_sensor_ros.core.limb_points import NOTHING_SHARED, LimbPoints, SharedError
+from horizon_sensor_ros.core.limb_points import (
+    NOTHING_SHARED,
+    CornerBlur,
+    LimbPoints,
+    SharedError,
+)
 from horizon_sensor_ros.core.robust import median, stretches
 from horizon_sensor_ros.core.status import Status
 
@@ -81,13 +86,15 @@ _SHIFT, _SLOPE = 1.5, 0.7
 @dataclass(frozen=True, eq=False)
 class LimbEdges:
     """Edges of a limb, each by itself. good : (M,), which to believe. model_free : they are where
-    brightness falls most steeply, not where a model of the edge lies.
+    brightness falls most steeply, not where a model of the edge lies. corner_blur : as of
+    `KrigedPlaces`.
     """
 
     places: EdgePlaces
     good: np.ndarray
     model_free: bool = True
     shared: SharedError = NOTHING_SHARED
+    corner_blur: CornerBlur | None = None
 
     @cached_property
     def jumps_px(self) -> float:
@@ -111,10 +118,13 @@ def modelled_edges(
     kriged = KrigedLimb(sample, look, rho_rad)
     enough = np.count_nonzero(plain) >= MIN_PROFILES
     kriging = sharp and enough and _to_be_kriged(look, places.step[plain])
-    near, shared = None, steepest.shared
+    found = None
     if kriging and jumps_px < _STEADY_PX and not step.expected:
-        near, shared = kriged.about_prediction(good)
-    likely = place_edges(sample.profiles, sample.noise, look, sample.grid) if near is None else near
+        found = kriged.about_prediction(good)
+    if found is None:
+        likely = place_edges(sample.profiles, sample.noise, look, sample.grid)
+    else:
+        likely = found.places
     fits = believable(likely)
     moved = median((likely.offset_px - places.offset_px)[good])
     if (
@@ -123,13 +133,16 @@ def modelled_edges(
         or (sharp and not abs(moved) < _MOVED_PX)
     ):
         return None
-    if kriging and near is None:
+    if kriging and found is None:
         limb = fitted_limb(kriged.base[fits], likely.offset_px[fits], likely.sigma_px[fits])
-        likely, shared = kriged.about(limb, fits, _there(likely) & ~fits)
+        found = kriged.about(limb, fits, _there(likely) & ~fits)
+        likely = found.places
         fits = believable(likely)
     if sharp and jumps_px < _STEADY_PX and _drift_px(likely, places, good & fits) > _DRIFT_PX:
         return None
-    return LimbEdges(likely, fits, False, _of_sharpness(shared, look))
+    if found is None:
+        return LimbEdges(likely, fits, False, _of_sharpness(steepest.shared, look))
+    return LimbEdges(likely, fits, False, _of_sharpness(found.shared, look), found.corner_blur)
 
 
 def _of_sharpness(shared: SharedError, look: EdgeLook) -> SharedError:
@@ -201,7 +214,8 @@ def limb_of_edges(
         steepness = _steepness(_falls(profiles), sample.grid)
         blur_px = np.nan if edges.model_free else sample.factor * looks[0].psf_px
         points = _points(sample, px, normal_px, places, shared, jumps_px, steepness, blur_px)
-        points = replace(points, modelled=not no_model)
+        corner_blur = _in_full_image(edges.corner_blur, sample)
+        points = replace(points, modelled=not no_model, corner_blur=corner_blur)
     return points, () if no_model else tuple(looks)
 
 
@@ -272,9 +286,10 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
         return None
     if sample.clipped.any():
         return None
-    places, shared = KrigedLimb(sample, look, rho_rad).about_prediction(good, followed=True)
-    if places is None:
+    found = KrigedLimb(sample, look, rho_rad).about_prediction(good, followed=True)
+    if found is None:
         return None
+    places = found.places
     fits = believable(places)
     num_fits = int(np.count_nonzero(fits))
     if num_fits < max(_EXPECTED_SHARE * np.count_nonzero(good), MIN_PROFILES):
@@ -290,8 +305,9 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
     if not _lit_there(profiles, places, sample.grid):
         return None
     steepness, blur_px = _steepness(falls, sample.grid), sample.factor * look.psf_px
-    shared = _of_sharpness(shared, look)
-    return _points(sample, px, normal_px, places, shared, jumps_px, steepness, blur_px)
+    shared = _of_sharpness(found.shared, look)
+    points = _points(sample, px, normal_px, places, shared, jumps_px, steepness, blur_px)
+    return replace(points, corner_blur=_in_full_image(found.corner_blur, sample))
 
 
 def _falls(profiles: np.ndarray) -> np.ndarray:
@@ -382,6 +398,12 @@ def _points(
         factor=factor,
         step=places.step,
     )
+
+
+def _in_full_image(seen: CornerBlur | None, sample: LimbSample) -> CornerBlur | None:
+    """The same in pixels of the full image."""
+    factor = sample.factor
+    return None if seen is None else CornerBlur(factor * seen.seen_px, factor * seen.sigma_px)
 
 
 def _to_be_kriged(look: EdgeLook, step: np.ndarray) -> bool:

@@ -14,6 +14,7 @@ from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likeliho
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_fix import HorizonFix
+from horizon_sensor_ros.core.limb_points import CornerBlur
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.planet_figure import MeanSphere
 
@@ -36,6 +37,7 @@ class CameraHorizon:
     : of errors that do so whole: of the lens, as it is told, and of an ellipsoid of which nobody
     knows how it lies.
     focal_slope : (3,) derivative of the same three by the relative error of the focal length.
+    corner_blur : as of `LimbPoints`.
     Raises ValueError where nadir or rho are not finite, or the covariance is none.
     """
 
@@ -47,6 +49,7 @@ class CameraHorizon:
     steady_share: float = 0.0
     cov_steady: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
     focal_slope: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    corner_blur: CornerBlur | None = None
 
     def __post_init__(self) -> None:
         """Refuse what no fit gives."""
@@ -137,7 +140,15 @@ def camera_horizon(
     coherent_px = limb.shared.coherent_px
     steady = _MOST_STEADY * coherent_px / (coherent_px + _STEADY_FROM_PX)
     return CameraHorizon(
-        view.name, initial[0], fix.fit.rho_rad, noise, shared, steady, steady_cov, slope
+        view.name,
+        initial[0],
+        fix.fit.rho_rad,
+        noise,
+        shared,
+        steady,
+        steady_cov,
+        slope,
+        limb.corner_blur,
     )
 
 

@@ -76,7 +76,8 @@ def corner_blur_parameter(camera: str) -> Parameter:
         "double",
         -1.0,
         "One sigma of an edge's blur in the corners of the camera's images, less that in the "
-        "middle, as slanted edges show it. Below 0: not known.",
+        "middle, as slanted edges show it or horizon_self_calibration finds it. Below 0: not "
+        "known.",
         unit="px",
         minimum=-1.0,
         maximum=5.0,

@@ -7,12 +7,17 @@ from collections.abc import Callable
 from pathlib import Path
 
 from horizon_sensor_ros.core.self_calibration.adjustment import calibrate
+from horizon_sensor_ros.core.self_calibration.corner_blur import lens_blurs
 from horizon_sensor_ros.core.self_calibration.lens_check import with_lenses_checked
-from horizon_sensor_ros.core.self_calibration.result import CalibrationConfig
+from horizon_sensor_ros.core.self_calibration.result import Calibration, CalibrationConfig
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
-from horizon_sensor_ros.tools.calibration.recording import read_recording
-from horizon_sensor_ros.tools.calibration.text import calibration_text, corrected_parameters
+from horizon_sensor_ros.tools.calibration.recording import Recording, read_recording
+from horizon_sensor_ros.tools.calibration.text import (
+    calibration_text,
+    corrected_parameters,
+    lenses_text,
+)
 from horizon_sensor_ros.tools.output_files import check_place, written_whole
 
 _MAX_INTERVAL_S = 1e6
@@ -51,6 +56,29 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
     except ValueError as error:
         raise BagError(f"--max-sigma, --correlation: {error}") from None
     recording = read_recording(arguments, stopped)
+    lenses = lens_blurs(recording.sets, list(recording.rot_base_from_cam), config)
+    if arguments.lenses:
+        calibration = None
+        print(lenses_text(lenses, recording))
+    else:
+        calibration = _calibrated(recording, config)
+        print(calibration_text(calibration, lenses, recording))
+    written = []
+    if arguments.out is not None:
+        text = corrected_parameters(arguments.params, calibration, recording.sphere, lenses)
+        with written_whole(arguments.out) as (fresh,):
+            fresh.write_text(text, encoding="utf-8")
+        written.append(arguments.out)
+    if arguments.picture is not None and calibration is not None:
+        from horizon_sensor_ros.tools.calibration.figure import draw_calibration  # noqa: PLC0415
+
+        draw_calibration(arguments.picture, calibration, recording.rot_base_from_cam)
+        written.append(arguments.picture)
+    return "\n".join(f"written: {path}" for path in written)
+
+
+def _calibrated(recording: Recording, config: CalibrationConfig) -> Calibration:
+    """The mountings that a recording tells; BagError where it tells none."""
     nominal, sphere = recording.rot_base_from_cam, recording.sphere
     calibration = calibrate(recording.sets, nominal, sphere, config)
     calibration = with_lenses_checked(calibration, nominal, sphere, config)
@@ -64,19 +92,7 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
             hint = _WRONG_ROTATIONS
         told = f"no calibration: {calibration.reason}{hint}"
         raise BagError(f"{told}{'' if told.endswith('?') else '.'} {recording.summary}")
-    print(calibration_text(calibration, nominal, recording.told, recording.summary))
-    written = []
-    if arguments.out is not None:
-        text = corrected_parameters(arguments.params, calibration, sphere)
-        with written_whole(arguments.out) as (fresh,):
-            fresh.write_text(text, encoding="utf-8")
-        written.append(arguments.out)
-    if arguments.picture is not None:
-        from horizon_sensor_ros.tools.calibration.figure import draw_calibration  # noqa: PLC0415
-
-        draw_calibration(arguments.picture, calibration, nominal)
-        written.append(arguments.picture)
-    return "\n".join(f"written: {path}" for path in written)
+    return calibration
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:

@@ -52,12 +52,13 @@ _MAX_GAP_NS = 2_000_000_000
 @dataclass(frozen=True, eq=False)
 class Recording:
     """What a bag holds for self-calibration; summary says what was read, for a person, and hint
-    what to do where that is too little.
+    what to do where that is too little. corner_blur_px : as each camera's is told.
     """
 
     sets: tuple[FrameSet, ...]
     rot_base_from_cam: Mapping[str, np.ndarray]
     told: HorizonConfig
+    corner_blur_px: Mapping[str, float | None]
     sphere: Planet
     summary: str
     hint: str
@@ -248,6 +249,7 @@ def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -
             for camera, quaternion in zip(pipeline.cameras, pipeline.rotations, strict=True)
         },
         pipeline.sensor,
+        {camera.name: camera.corner_blur_px for camera in pipeline.each},
         horizons.sphere,
         horizons.summary(),
         horizons.hint,
@@ -272,13 +274,13 @@ def _settings(arguments: argparse.Namespace) -> HorizonSettings:
     cameras = settings.pipeline.cameras
     if None in settings.pipeline.rotations:
         raise BagError("extrinsics_source is tf; set the rotations to be corrected as parameters")
-    if len(cameras) < 2 and arguments.reference is None:
+    if len(cameras) < 2 and arguments.reference is None and not arguments.lenses:
         raise BagError(
             f"{cameras[0]} is the only camera and has nothing to be compared with; give "
-            "--reference TOPIC with the attitude from elsewhere"
+            "--reference TOPIC with the attitude from elsewhere, or --lenses for its lens alone"
         )
     known = arguments.altitude is not None or settings.pipeline.aiding.altitude_sigma_m > 0.0
-    if known and settings.pipeline.sensor.planet.flattening > 0.0:
+    if known and not arguments.lenses and settings.pipeline.sensor.planet.flattening > 0.0:
         raise BagError("limb height is told on a sphere only: no altitude with planet: wgs84")
     return settings
 

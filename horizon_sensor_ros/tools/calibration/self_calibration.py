@@ -14,6 +14,7 @@ examples:
   horizon_self_calibration flight.mcap --params my_cameras.yaml --out corrected.yaml
   horizon_self_calibration lunar_flight --params lunar.yaml --altitude coarse_pose --drift
   horizon_self_calibration flight --params my_cameras.yaml --reference imu/data --picture fit.png
+  horizon_self_calibration flight --params one_camera.yaml --lenses --out told.yaml
 
 The misalignment printed is a rotation vector in the base frame: corrected rotation = exp(vector)
 times the rotation in FILE. What the recording cannot tell is named and left as it is. A good
@@ -23,6 +24,8 @@ recording turns the craft by 10 deg or more about two axes; see doc/self_calibra
 _MAX_ALTITUDE_M = 1e12
 # Of an altitude (m) and a reference (deg) that are given without one.
 _SIGMAS = {"altitude": 100.0, "reference": 0.05}
+# What tells nothing of how lenses blur.
+_OF_MOUNTINGS = ("altitude", "reference", "drift", "focal", "picture")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -49,6 +52,11 @@ def _parser() -> argparse.ArgumentParser:
     add("--reference-sigma", metavar="DEG", type=float, help="default 0.05")
     add("--drift", action="store_true", help="misalignments may grow linearly in time")
     add("--focal", action="store_true", help="focal lengths may be wrong too")
+    add(
+        "--lenses",
+        action="store_true",
+        help="only how much lenses blur in the corners: one camera will do",
+    )
     add(
         "--max-sigma",
         metavar="DEG",
@@ -91,6 +99,9 @@ def parsed(argv: Sequence[str] | None = None) -> argparse.Namespace:
             setattr(arguments, f"{name}_sigma", default)
         elif getattr(arguments, name) is None:
             parser.error(f"--{name}-sigma has no effect without --{name}")
+    for name in _OF_MOUNTINGS:
+        if arguments.lenses and getattr(arguments, name) not in (None, False):
+            parser.error(f"--{name} has no effect with --lenses")
     return arguments
 
 

@@ -2,58 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
 
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation
-from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.rigid import vector_from_rotation
+from horizon_sensor_ros.core.self_calibration.corner_blur import LensBlur
 from horizon_sensor_ros.core.self_calibration.differences import nadir_differences
 from horizon_sensor_ros.core.self_calibration.result import Calibration
 from horizon_sensor_ros.ros.parameters.ros_yaml import PARAMETERS, read_ros_yaml, ros_scalar
+from horizon_sensor_ros.tools.calibration.recording import Recording
 
 _BLUNDER_RAD = np.radians(5.0)
 # Residuals of sets, over what is claimed, and the share of sets that have no say, that are said.
 _MUCH_SCATTER, _MANY_OUT = 1.5, 0.1
+_SURPRISE = 3.0  # sigmas of a lens's blur off what is told of it
+_SOFT_PX = 0.1  # of it, from where on what is told of it may be wrong by enough to be said
+_DIGITS = 4  # of that blur, in a parameter file
+_HEAD = f"{'':34}{'value':>12}{'sigma':>12}  {'unit':9}observed"
 
 
 def calibration_text(
-    calibration: Calibration, nominal: Mapping[str, np.ndarray], told: HorizonConfig, summary: str
+    calibration: Calibration, lenses: Sequence[LensBlur], recording: Recording
 ) -> str:
-    """Return the table of what was found, and what was not, for a person.
-
-    told : planet and lenses, as they are told.
-    """
+    """Return the table of what was found of a recording, and what was not, for a person."""
+    nominal = recording.rot_base_from_cam
     used, sets = int(calibration.used.sum()), len(calibration.sets)
     length_s = 2.0 * calibration.half_time_s
     lines = [
-        summary,
+        recording.summary,
         f"{sets} frame sets over {length_s:.0f} s can be compared; {sets - used} do not fit the "
         f"others and have no say. Scatter: {calibration.scatter:.2f} of what the limbs claim.",
         "",
-        f"{'':34}{'value':>12}{'sigma':>12}  {'unit':9}observed",
+        _HEAD,
     ]
-    lines += _rows(calibration)
-    lines += ["", "Not observed, and left as it is:"]
-    lines += [f"  - {sentence}" for sentence in calibration.not_observed] or ["  - nothing"]
+    lines += _rows(calibration) + _rows_of_lenses(lenses)
+    lines += _left((*calibration.not_observed, *_not_observed(lenses)))
     lines += ["", "Nadirs apart, RMS (deg): before, after"]
     before = nadir_differences(calibration.sets, nominal)
     after = nadir_differences(calibration.sets, calibration.rot_base_from_cam)
     for one, other in zip(before, after, strict=True):
         was, remains = np.degrees(one.rms_rad), np.degrees(other.rms_rad)
         lines.append(f"  {one.name}: {was:.4f}, {remains:.4f}")
-    lines += _cautions(calibration, told)
+    lines += _cautions(calibration, recording)
+    lines += _surprises(lenses, recording)
     lines += _blunders(calibration, nominal)
     return "\n".join(lines)
 
 
-def _cautions(calibration: Calibration, told: HorizonConfig) -> list[str]:
+def _cautions(calibration: Calibration, recording: Recording) -> list[str]:
     """What the sigmas do not hold."""
     found = []
+    told = recording.told
     if calibration.unknowns.focal:
         found.append("Focal lengths are not written: an error of theirs belongs into camera_info.")
     elif told.lens_sigma_px == 0.0:
@@ -61,6 +66,13 @@ def _cautions(calibration: Calibration, told: HorizonConfig) -> list[str]:
             "Lenses are taken as exact: the limbs show no error of focal length beyond doubt, but "
             "0.3 %, which they\nmay not show under haze, moves the values by some 0.04 deg. "
             "lens_sigma puts it into the sigmas."
+        )
+    soft = [name for name, blur in recording.corner_blur_px.items() if (blur or 0.0) > _SOFT_PX]
+    if soft:
+        found.append(
+            f"The lens of {' and '.join(soft)} blurs more in its corners: what is told of that is "
+            "not all of it, and by\nwhat is left the values may be wrong beyond their sigmas: of "
+            "0.25 px by 0.04 deg about nadir."
         )
     if calibration.scatter > _MUCH_SCATTER:
         found.append(
@@ -126,35 +138,115 @@ def _rows(calibration: Calibration) -> list[str]:
     return rows
 
 
-def corrected_parameters(source: Path | None, calibration: Calibration, sphere: Planet) -> str:
+def lenses_text(lenses: Sequence[LensBlur], recording: Recording) -> str:
+    """Return the same of how lenses blur, and of nothing else."""
+    lines = [recording.summary, "", _HEAD, *_rows_of_lenses(lenses)]
+    lines += _left(_not_observed(lenses)) + _surprises(lenses, recording)
+    return "\n".join(lines)
+
+
+def _left(not_observed: Sequence[str]) -> list[str]:
+    said = [f"  - {sentence}" for sentence in not_observed]
+    return ["", "Not observed, and left as it is:", *(said or ["  - nothing"])]
+
+
+def _not_observed(lenses: Sequence[LensBlur]) -> list[str]:
+    return [
+        f"{lens.camera}'s blur in the corners: {lens.why_not}"
+        for lens in lenses
+        if not lens.observed
+    ]
+
+
+def _rows_of_lenses(lenses: Sequence[LensBlur]) -> list[str]:
+    return [
+        f"{f'{lens.camera} blur in the corners':34}{lens.blur_px:>+12.4f}{lens.sigma_px:>12.4f}  "
+        f"{'px':9}yes"
+        for lens in lenses
+        if lens.observed
+    ]
+
+
+def _surprises(lenses: Sequence[LensBlur], recording: Recording) -> list[str]:
+    """What is to be said of lenses that are not as they are told."""
+    found = []
+    for lens in lenses:
+        was = recording.corner_blur_px[lens.camera]
+        off_px = lens.blur_px - (was or 0.0)
+        if not lens.observed or abs(off_px) < _SURPRISE * lens.sigma_px:
+            continue
+        if was is None and lens.blur_px < 0.0:
+            found.append(
+                f"{lens.camera}'s lens blurs {-lens.blur_px:.2f} px less in its corners, which no "
+                "parameter tells, and which moved\nits horizons."
+            )
+        elif was is None:
+            found.append(
+                f"{lens.camera}'s lens blurs {lens.blur_px:.2f} px more in its corners, which "
+                "moved its horizons, and the\nmountings by them: run this with the file that --out "
+                "writes, in which that is told."
+            )
+        else:
+            found.append(
+                f"{lens.camera}.corner_blur is told as {was:.2f} px, and its limbs show "
+                f"{lens.blur_px:.2f} +- {lens.sigma_px:.2f} px. It stays as it is told."
+            )
+    return [f"\n{surprise}" for surprise in found]
+
+
+def corrected_parameters(
+    source: Path | None,
+    calibration: Calibration | None,
+    sphere: Planet,
+    lenses: Sequence[LensBlur] = (),
+) -> str:
     """Return a ROS parameter file: the source's parameters with the rotations that were found.
 
     The rotations stand under `/**` and nowhere else, so that every node gets them; what else is
-    told of a camera stays. A limb height is set where it was observed.
+    told of a camera stays; without a calibration all of it does. A limb height is set where it was
+    observed, and of lenses of which it was not told how they blur in the corners, that.
     """
     # As ROS reads them: what is text to YAML may be a number to it.
     sections = {} if source is None else read_ros_yaml(source).sections
-    found = {
-        camera: [float(v) for v in quaternion_from_rotation(rot)]
+    found = _of_lenses(lenses, sections.values())
+    comment = "# Rotations by horizon_self_calibration"
+    if calibration is None:
+        comment = "# Blur in the corners by horizon_self_calibration"
+    else:
+        found = {**_of_mountings(calibration, sphere), **found}
+        comment += ", in the middle of the recording" if calibration.unknowns.drift else ""
+    for block in sections.values():
+        for name in found:
+            block.pop(name, None)
+    sections.setdefault("/**", {}).update(found)
+    # A section that is empty by now is none to ROS.
+    content = {pattern: {PARAMETERS: block} for pattern, block in sections.items() if block}
+    written = yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None)
+    return f"{comment}.\n{written}"
+
+
+def _of_mountings(calibration: Calibration, sphere: Planet) -> dict[str, Any]:
+    """Parameters that a calibration changes."""
+    found: dict[str, Any] = {
+        f"{camera}.rotation": [float(v) for v in quaternion_from_rotation(rot)]
         for camera, rot in calibration.rot_base_from_cam.items()
     }
     (height,) = calibration.unknowns.where("limb_height")
-    has_height = calibration.observed(int(height)) == "yes"
-    for block in sections.values():
-        for camera in found:
-            block.pop(f"{camera}.rotation", None)
-        if has_height:
-            block.pop("limb_height", None)
-    everywhere = sections.setdefault("/**", {})
-    for camera, quaternion in found.items():
-        everywhere[f"{camera}.rotation"] = quaternion
-    if has_height:
-        everywhere["limb_height"] = float(sphere.limb_height_m + calibration.values[height])
-    # A section that is empty by now is none to ROS.
-    content = {pattern: {PARAMETERS: block} for pattern, block in sections.items() if block}
-    comment = "# Rotations by horizon_self_calibration"
-    comment += ", in the middle of the recording.\n" if calibration.unknowns.drift else ".\n"
-    return comment + yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None)
+    if calibration.observed(int(height)) == "yes":
+        found["limb_height"] = float(sphere.limb_height_m + calibration.values[height])
+    return found
+
+
+def _of_lenses(lenses: Sequence[LensBlur], sections: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Parameters of lenses that are observed, and of which nothing is told."""
+    found = {f"{lens.camera}.corner_blur": lens.blur_px for lens in lenses if lens.observed}
+    # Below zero it is not known.
+    told = {name for block in sections for name in found if block.get(name, -1.0) >= 0.0}
+    return {
+        name: round(max(blur_px, 0.0), _DIGITS)
+        for name, blur_px in found.items()
+        if name not in told
+    }
 
 
 class _Dumper(yaml.SafeDumper):

@@ -14,6 +14,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.lens_blur import UNEVEN_PX, of_either_lens, of_measured_lens
 from horizon_sensor_ros.core.limb.edge.raster import BLUR_SIGMA_PX
+from horizon_sensor_ros.core.limb_points import CornerBlur
 
 _BLUR_SIGMA_PX = 0.03  # how well a limb's blur is known beforehand
 # Error in common to a sixth of the limb, over one sigma of the lens's part: 2.4 would allow for its
@@ -35,11 +36,12 @@ class Blur:
 
     lacking_px : (N,) true blur less the assumed one at each edge. open_px : one sigma of further
     parts that depend on the limb's direction, or grow away from the optical axis, and were not
-    determined.
+    determined. corner : what is seen of the latter, if motion has no part in it.
     """
 
     lacking_px: np.ndarray
     open_px: float
+    corner: CornerBlur | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,19 +90,21 @@ def blur_along(
         return Blur(np.zeros(len(lacking)), 0.0)
     seen = np.zeros(6)
     seen[_SEEN] = 1.0
-    corners, lens_px = _of_lens(told, causes.corner_px)
-    seen[_LENS] = -corners
+    lens = _of_lens(told, causes.corner_px)
+    corner: CornerBlur | None = lens.seen
+    seen[_LENS] = -lens.corners_px
     found = _of_motion(told, seen, (_RASTER, _LENS), assumed_px)
     if found.sure:
         # What motion explains is not the lens's, which goes with the direction as much.
         seen[_LENS] = 0.0
         found = _of_motion(told, seen, (_RASTER,), assumed_px)
+        corner = None
     else:
-        found.amounts[_LENS] += corners
-        found = found._replace(open_px=math.hypot(found.open_px, lens_px))
+        found.amounts[_LENS] += lens.corners_px
+        found = found._replace(open_px=math.hypot(found.open_px, lens.open_px))
     amounts = found.amounts
     amounts[_COMMON] -= amounts @ told.mean
-    return Blur(amounts[:_SEEN] @ causes.rows, found.open_px)
+    return Blur(amounts[:_SEEN] @ causes.rows, found.open_px, corner)
 
 
 class _Told:
@@ -133,20 +137,29 @@ class _Told:
         return max(1.0, float(rest @ self.parted @ rest) / max(self._num - 3, 1))
 
 
-def _of_lens(told: _Told, corner_px: float | None) -> tuple[float, float]:
-    """How much the lens adds to the blur in the corners, and one sigma of the error that this
-    leaves in common to a sixth of the limb. corner_px : as of `Causes`.
+class _OfLens(NamedTuple):
+    """corners_px : how much the lens adds to the blur in the corners. open_px : one sigma of the
+    error that this leaves in common to a sixth of the limb. seen : by what the limb shows alone.
     """
+
+    corners_px: float
+    open_px: float
+    seen: CornerBlur
+
+
+def _of_lens(told: _Told, corner_px: float | None) -> _OfLens:
+    """What the lens adds to the blur. corner_px : as of `Causes`."""
     (_, raster, lens, *_, raster_seen), (_, _, square, *_, lens_seen) = told.square[1:3].tolist()
     a, c = raster + BLUR_SIGMA_PX**-2.0, square + _LEAST_INFORMATION
     pixels, corners = _solved(a, lens, c, raster_seen, lens_seen)
     rest = np.array([0.0, -pixels, -corners, 0.0, 0.0, 1.0])
     variance = told.repetition(rest) * a / (a * c - lens * lens)
+    seen = CornerBlur(corners, math.sqrt(variance))
     if corner_px is None:
         corners, variance = of_either_lens(corners, variance)
     else:
         corners, variance = of_measured_lens(corners, variance, corner_px)
-    return corners, _OF_SIXTHS * math.sqrt(variance * square / told.total)
+    return _OfLens(corners, _OF_SIXTHS * math.sqrt(variance * square / told.total), seen)
 
 
 class _Motion(NamedTuple):

@@ -5,6 +5,7 @@ pixel or so.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces
 from horizon_sensor_ros.core.limb.sample import LimbSample
 from horizon_sensor_ros.core.limb.texture.kriging import KrigedEdges, Stretches, krige_edges
-from horizon_sensor_ros.core.limb_points import SharedError
+from horizon_sensor_ros.core.limb_points import CornerBlur, SharedError
 
 # Off the predicted place: edges are placed one by one, and kriged about the limb that fits those.
 # Kriging about what it found itself would follow the texture further and further; but once, and for
@@ -22,6 +23,16 @@ _OFF_PX, _NEARBY_PX = 0.1, 0.35
 # further from here on, as measured beside truth.
 _SHORT = 0.3
 _FAR_PX = 1.0  # from the limb about which it is done: no place of its edge
+
+
+class KrigedPlaces(NamedTuple):
+    """Places of edges, their shared error, and corner_blur as of `LimbPoints`; all in pixels of the
+    image that was sampled.
+    """
+
+    places: EdgePlaces
+    shared: SharedError
+    corner_blur: CornerBlur | None
 
 
 class KrigedLimb:
@@ -37,11 +48,8 @@ class KrigedLimb:
         self._stretches = sample.stretches(look.psf_px, rho_rad)
         self.base = self._stretches.base
 
-    def about_prediction(
-        self, good: np.ndarray, *, followed: bool = False
-    ) -> tuple[EdgePlaces | None, SharedError]:
-        """Places of the edges about the predicted limb, and their shared error; None where the limb
-        lies too far from it.
+    def about_prediction(self, good: np.ndarray, *, followed: bool = False) -> KrigedPlaces | None:
+        """The edges about the predicted limb; None where the limb lies too far from it.
 
         good : (M,) profiles that show an edge; the others come back as at the border. followed :
         about the limb that is found, if it lies a little off the prediction.
@@ -52,18 +60,19 @@ class KrigedLimb:
             found, places = self._kriged_about(found.limb, good)
             # From farther off than that, places are found too near.
             off_px = self._off_px(found)
-        return None if off_px > _OFF_PX else places, found.shared
+        if off_px > _OFF_PX:
+            return None
+        return KrigedPlaces(places, found.shared, found.corner_blur)
 
-    def about(
-        self, limb: np.ndarray, good: np.ndarray, odd: np.ndarray
-    ) -> tuple[EdgePlaces, SharedError]:
+    def about(self, limb: np.ndarray, good: np.ndarray, odd: np.ndarray) -> KrigedPlaces:
         """The same about a limb that is moved from the predicted one by (3,), wherever it lies.
 
         odd : (M,) as of `krige_edges`.
         """
         found, places = self._kriged_about(limb, good, odd)
         off_px = self._off_px(found)
-        return places, found.shared.besides(SharedError(min(off_px, _SHORT) * off_px, 0.0))
+        shared = found.shared.besides(SharedError(min(off_px, _SHORT) * off_px, 0.0))
+        return KrigedPlaces(places, shared, found.corner_blur)
 
     def _off_px(self, found: KrigedEdges) -> float:
         """How far the limb that is found lies from that about which it was sought, at most."""

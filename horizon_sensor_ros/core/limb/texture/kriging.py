@@ -23,12 +23,12 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.model import BESIDE_PX, MAX_LEVEL, normal_cdf
 from horizon_sensor_ros.core.limb.edge.raster import PLACE_SIGMA_PX, Raster
-from horizon_sensor_ros.core.limb.edge.smear import Causes, blur_along
+from horizon_sensor_ros.core.limb.edge.smear import Blur, Causes, blur_along
 from horizon_sensor_ros.core.limb.profiles import nearness
 from horizon_sensor_ros.core.limb.texture import ground_texture
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 from horizon_sensor_ros.core.limb.texture.fitted_limb import limb_in_raster
-from horizon_sensor_ros.core.limb_points import SharedError
+from horizon_sensor_ros.core.limb_points import CornerBlur, SharedError
 from horizon_sensor_ros.core.robust import median
 
 # The part of a profile that is used, pixels from the predicted edge into the planet and into space.
@@ -117,7 +117,8 @@ class KrigedEdges:
 
     limb (3,) : unknowns of the limb that fits them. misfit (N,) : cost over the degrees of freedom.
     step (N,) : gray levels from space to the planet beside the limb. shared : of texture's error,
-    what a sixth of the limb has in common, and what the whole of it has.
+    what a sixth of the limb has in common, and what the whole of it has. corner_blur : as of
+    `LimbPoints`.
     """
 
     offset_px: np.ndarray
@@ -126,6 +127,7 @@ class KrigedEdges:
     misfit: np.ndarray
     step: np.ndarray
     shared: SharedError
+    corner_blur: CornerBlur | None
 
 
 def krige_edges(
@@ -151,8 +153,8 @@ def krige_edges(
     unknowns, edge, blur = _on_one_limb(found, usual, limb, tables)
     evidence = -0.5 * (_cost(scaled, edge / over_step, blur / over_step, tables) + tables.log_det)
     share = _shares(evidence, limb.sure(bright.step) / bright.noise, limb)
-    place, spread2, blur, open_px = _averaged(found, share, limb, tables)
-    chi2 = _cost(scaled, place / over_step, blur / over_step, tables)
+    place, spread2, lacking = _averaged(found, share, limb, tables)
+    chi2 = _cost(scaled, place / over_step, lacking.lacking_px / over_step, tables)
     misfit = (share * chi2).sum(axis=1) / (scaled.shape[1] - 3)
     model_error = _SHAPE_ERROR + PLACE_SIGMA_PX * limb.raster.size
     misfit /= 1.0 + np.square(model_error / over_step)
@@ -160,11 +162,12 @@ def krige_edges(
     # What weighs less moves the limb less.
     weight = good / spread2
     textured = (weight * np.square(over_step)) @ share * np.square(tables.textured) / weight.sum()
-    hidden_px = math.hypot(open_px, stretches.blur_open_px)
+    hidden_px = math.hypot(lacking.open_px, stretches.blur_open_px)
     hidden_px *= float(weight @ (share @ tables.lean)) / float(weight.sum())
     shared = _shared_error(textured, limb.count, limb.ground, bright.deviation / bright.usual)
     shared = shared.besides(SharedError(hidden_px, hidden_px))
-    return KrigedEdges(place, np.sqrt(spread2), unknowns, misfit, bright.step, shared)
+    sigma = np.sqrt(spread2)
+    return KrigedEdges(place, sigma, unknowns, misfit, bright.step, shared, lacking.corner)
 
 
 def _tables_of(stretches: Stretches, used: slice) -> _Tables:
@@ -306,19 +309,18 @@ def _shares(evidence: np.ndarray, step: np.ndarray, limb: _Limb) -> np.ndarray:
 
 def _averaged(
     found: _Solved, share: np.ndarray, limb: _Limb, tables: _Tables
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Places (N,) and variances (N,) averaged over the textures, as likely as each is (N, S); what
-    the blur lacks (N,), and one sigma of what it may lack besides.
+) -> tuple[np.ndarray, np.ndarray, Blur]:
+    """Places (N,) and variances (N,) averaged over the textures, as likely as each is (N, S), and
+    what the blur lacks.
     """
     information = found.wider_information * share
     told = information.sum(axis=1)
     lacking = (information * found.wider).sum(axis=1) / np.maximum(told, 1e-30)
-    smeared = blur_along(limb.causes, lacking, told, limb.stretches.psf_px)
-    blur = smeared.lacking_px
-    places = found.places - tables.lean * blur[:, None]
+    blur = blur_along(limb.causes, lacking, told, limb.stretches.psf_px)
+    places = found.places - tables.lean * blur.lacking_px[:, None]
     place = (share * places).sum(axis=1)
     spread2 = (share * (found.variance + np.square(places - place[:, None]))).sum(axis=1)
-    return place, spread2, blur, smeared.open_px
+    return place, spread2, blur
 
 
 def _without_raster(
