@@ -2,6 +2,6 @@
 
 ``measurement`` (what each camera saw), ``unknowns`` (what is to be found), ``normal_equations``
 (the model), ``adjustment`` (the estimate), ``lens_check`` (whether the lenses allow one),
-``result``, ``observability`` (what it cannot tell, in words), ``differences`` (how far the cameras'
-nadirs lie apart).
+``corner_blur`` (how these blur in the corners), ``result``, ``observability`` (what it cannot tell,
+in words), ``differences`` (how far the cameras' nadirs lie apart).
 """
