@@ -39,7 +39,7 @@ _MISJUDGED = 1.6
 # simulated limbs under glow, smeared by 10 px and more and told so, three were off by more than
 # three sigma.
 _LONGEST_PX = 8.0
-_SMEARED = "motion smears the limb too far"
+_SMEARED = "motion smears the limb too far, or it is no limb but the soft edge of clouds"
 
 
 def without_smear(
