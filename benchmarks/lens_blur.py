@@ -17,7 +17,6 @@ from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.self_calibration.corner_blur import LensBlur, lens_blurs
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet, camera_horizon
-from horizon_sensor_ros.core.self_calibration.result import CalibrationConfig
 from horizon_sensor_ros.sim.earth_scene import Imaging
 from horizon_sensor_ros.sim.flight import Flight
 from horizon_sensor_ros.sim.frame_truth import FrameTruth
@@ -81,7 +80,7 @@ def _found(flight: Flight, count: int, name: str) -> tuple[LensBlur, ...]:
             for frame in frames
         ]
         sets.append(FrameSet(time_s, tuple(each for each in alone if each is not None)))
-    return lens_blurs(sets, [view.name for view in flight.views], CalibrationConfig())
+    return lens_blurs(sets, [view.name for view in flight.views], _SPACING_S)
 
 
 def _flown(

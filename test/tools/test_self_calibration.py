@@ -43,7 +43,7 @@ from horizon_sensor_ros.ros.parameters.file import read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
 from horizon_sensor_ros.tools.calibration.recording import Horizons, read_recording
 from horizon_sensor_ros.tools.calibration.self_calibration import main, parsed
-from horizon_sensor_ros.tools.calibration.text import corrected_parameters, lenses_text
+from horizon_sensor_ros.tools.calibration.text import corrected_parameters, lenses_text, untold
 
 SETS = 16
 MISALIGNMENT_DEG = np.array([0.3, -0.2, 0.25])
@@ -472,7 +472,12 @@ def test_one_camera_needs_a_reference(
 @pytest.fixture
 def one_camera(tmp_path: Path) -> Path:
     path = tmp_path / "one.yaml"
-    content = {"cameras": ["camera_1"], "camera_1.rotation": QUATERNIONS["camera_1"]}
+    content = {
+        "cameras": ["camera_1"],
+        "camera_1.rotation": QUATERNIONS["camera_1"],
+        # Its pixels are too large for air, if there were any, to be told from blur.
+        "planet_air": False,
+    }
     path.write_text(yaml.safe_dump({"/**": {"ros__parameters": content}}))
     return path
 
@@ -495,6 +500,17 @@ def test_of_one_camera_its_lens_is_told(
     assert values["camera_1.rotation"] == QUATERNIONS["camera_1"]
 
 
+def test_where_no_limb_shows_a_lens_nothing_is_written(
+    tmp_path: Path, flight: Path, one_camera: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "told.yaml"
+    options = ("--lenses", "--interval", "200", "--out", out)
+    told = refused(capsys, flight, "--params", one_camera, *options)
+    assert "no lens is told. camera_1: " in told
+    assert "limbs beside different clouds show it, 8 are needed" in told
+    assert not out.exists()
+
+
 @pytest.mark.parametrize(
     "option", [("--drift",), ("--focal",), ("--altitude", "5e5"), ("--picture", "fit.png")]
 )
@@ -508,22 +524,29 @@ def test_what_tells_nothing_of_lenses_is_refused(
 
 
 def lens(camera: str, blur_px: float, sigma_px: float = 0.04) -> LensBlur:
-    return LensBlur(camera, blur_px, sigma_px, 30, 0.1)
+    return LensBlur(camera, blur_px, sigma_px, 30)
 
 
-def test_a_lens_is_told_only_where_nothing_is_told_of_it(tmp_path: Path) -> None:
-    source, out = tmp_path / "params.yaml", tmp_path / "told.yaml"
+def test_a_lens_is_told_only_where_nothing_is_told_of_it(
+    tmp_path: Path, flight: Path, params: Path
+) -> None:
+    recording = read_recording(parsed([str(flight), "--params", str(params)]), bool)
+    told = {"camera_1": 0.2, "camera_2": None, "camera_3": None}
+    lenses = [lens("camera_1", 0.3), lens("camera_2", 0.25), lens("camera_3", 0.3, 0.2)]
+    assert untold(lenses, replace(recording, corner_blur_px=told)) == [lenses[1]]
+    source, out = tmp_path / "before.yaml", tmp_path / "told.yaml"
     content = {
         "/**": {"ros__parameters": {"camera_1.corner_blur": 0.2}},
         "attitude_node": {"ros__parameters": {"camera_2": {"corner_blur": -1.0}}},
+        # Of another program, whose parameters are its own.
+        "viewer": {"ros__parameters": {"camera_2.corner_blur": "soft"}},
     }
     source.write_text(yaml.safe_dump(content))
-    lenses = [lens("camera_1", 0.3), lens("camera_2", 0.25), lens("camera_3", 0.3, 0.2)]
-    out.write_text(corrected_parameters(source, None, Planet(), lenses))
+    out.write_text(corrected_parameters(source, None, Planet(), [lenses[1]]))
     values = read_parameter_file(out, "attitude_node")
     assert values["camera_1.corner_blur"] == 0.2
     assert values["camera_2.corner_blur"] == 0.25
-    assert "camera_3.corner_blur" not in values
+    assert read_parameter_file(out, "viewer")["camera_2.corner_blur"] == "soft"
     # Sharper corners no parameter tells.
     out.write_text(corrected_parameters(None, None, Planet(), [lens("camera_1", -0.2)]))
     assert read_parameter_file(out, "attitude_node")["camera_1.corner_blur"] == 0.0

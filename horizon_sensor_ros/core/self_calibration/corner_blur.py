@@ -18,13 +18,14 @@ import numpy as np
 from horizon_sensor_ros.core.limb_points import CornerBlur
 from horizon_sensor_ros.core.robust import median, robust_sigma
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet
-from horizon_sensor_ros.core.self_calibration.result import CalibrationConfig
 
 # One sigma of what all limbs show alike too much or too little, over that: of simulated lenses of
 # .6 and .8 px they showed 1.05 of it beside faint clouds, .7 to 1 beside those of full contrast.
 _MISJUDGED = 0.15
 _SIGMA_PX = 0.01  # in common to all limbs, however even their lens
 _LEAST = 8  # limbs beside other clouds
+_KNOWN_PX = 0.06  # one sigma of what is well enough known to be told
+_AT_ONCE_S = 1e-3  # stamps are rounded
 _OF_MEDIAN = 1.25  # its sigma over that of the mean, of a normal law
 
 
@@ -33,57 +34,55 @@ class LensBlur:
     """What a recording tells of one lens, as of `CameraView.corner_blur_px`.
 
     blur_px, sigma_px : NaN where that is nothing. limbs : beside other clouds each, that showed it.
-    max_sigma_px : less certain than this it is not observed.
     """
 
     camera: str
     blur_px: float
     sigma_px: float
     limbs: int
-    max_sigma_px: float
 
     @property
     def observed(self) -> bool:
         """Whether it is known well enough to be told."""
-        return self.sigma_px <= self.max_sigma_px
+        return self.sigma_px <= _KNOWN_PX
 
     @property
     def why_not(self) -> str:
         """What stands against it, in words."""
         if self.limbs < _LEAST:
             return (
-                f"{self.limbs} limbs beside different clouds show it, {_LEAST} are needed; below "
-                "air that glows none does"
+                f"{self.limbs} limbs beside different clouds show it, {_LEAST} are needed; soft "
+                "and smeared ones, and those below glowing or thin air, do not"
             )
         return f"it comes out as {self.blur_px:.2f} +- {self.sigma_px:.2f} px"
 
 
 def lens_blurs(
-    sets: Sequence[FrameSet], cameras: Sequence[str], config: CalibrationConfig
+    sets: Sequence[FrameSet], cameras: Sequence[str], correlation_s: float
 ) -> tuple[LensBlur, ...]:
-    """What frame sets tell of each camera's lens; limbs of less than ``config.correlation_s`` apart
-    have one say, and the median of these is taken. Its natural unit is a pixel.
+    """What frame sets tell of each camera's lens: the median of limbs, of which those less than a
+    time apart are beside the same clouds, and have one say.
     """
-    return tuple(_of_lens(camera, sets, config) for camera in cameras)
+    return tuple(_of_lens(camera, sets, correlation_s) for camera in cameras)
 
 
-def _of_lens(camera: str, sets: Sequence[FrameSet], config: CalibrationConfig) -> LensBlur:
+def _of_lens(camera: str, sets: Sequence[FrameSet], correlation_s: float) -> LensBlur:
     seen = [
         (frames.time_s, horizon.corner_blur)
         for frames in sorted(sets, key=lambda each: each.time_s)
         for horizon in frames.horizons
         if horizon.camera == camera and horizon.corner_blur is not None
     ]
-    apart = np.array(list(_one_after_the_other(seen, config.correlation_s))).reshape(-1, 2)
+    apart = np.array(list(_one_after_the_other(seen, correlation_s))).reshape(-1, 2)
     limbs = len(apart)
     if limbs < _LEAST:
-        return LensBlur(camera, np.nan, np.nan, limbs, config.max_sigma)
+        return LensBlur(camera, np.nan, np.nan, limbs)
     blur, claimed = apart.T
     middle = median(blur)
     spread = max(robust_sigma(blur - middle), median(claimed))
     by_chance = _OF_MEDIAN * spread / math.sqrt(limbs)
     sigma = math.hypot(by_chance, _MISJUDGED * middle, _SIGMA_PX)
-    return LensBlur(camera, middle, sigma, limbs, config.max_sigma)
+    return LensBlur(camera, middle, sigma, limbs)
 
 
 def _one_after_the_other(
@@ -92,7 +91,7 @@ def _one_after_the_other(
     """Means of limbs that are seen within a time, beside the same clouds, and of their sigmas."""
     start = 0
     for end in range(1, len(seen) + 1):
-        if end == len(seen) or seen[end][0] - seen[start][0] >= apart_s:
+        if end == len(seen) or seen[end][0] - seen[start][0] >= apart_s - _AT_ONCE_S:
             together = np.array([blur for _, blur in seen[start:end]])
             blur, sigma = together.mean(axis=0).tolist()
             yield blur, sigma

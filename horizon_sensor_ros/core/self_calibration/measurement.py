@@ -14,7 +14,8 @@ from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likeliho
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_fix import HorizonFix
-from horizon_sensor_ros.core.limb_points import CornerBlur
+from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
+from horizon_sensor_ros.core.limb_points import CornerBlur, LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.planet_figure import MeanSphere
 
@@ -22,6 +23,10 @@ _FOCAL_STEP = 1e-3
 # Errors of a few hundredths of a pixel are the ground's texture, which changes as it passes; larger
 # ones come of air that glows, much the same everywhere. Measured on simulated recordings.
 _MOST_STEADY, _STEADY_FROM_PX = 0.5, 0.1
+# Limbs that say nothing of how their lens blurs in the corners: softer ones, which motion may have
+# smeared (as it did by 3 px), and those above which air would glow over fewer pixels than that, and
+# pass for blur.
+_SHARP_PX, _THIN_PX = 0.85, 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +42,7 @@ class CameraHorizon:
     : of errors that do so whole: of the lens, as it is told, and of an ellipsoid of which nobody
     knows how it lies.
     focal_slope : (3,) derivative of the same three by the relative error of the focal length.
-    corner_blur : as of `LimbPoints`.
+    corner_blur : as of `LimbPoints`, where nothing but the lens may have caused it.
     Raises ValueError where nadir or rho are not finite, or the covariance is none.
     """
 
@@ -148,8 +153,17 @@ def camera_horizon(
         steady,
         steady_cov,
         slope,
-        limb.corner_blur,
+        _corner_blur(view, limb, fix.fit.rho_rad, sphere),
     )
+
+
+def _corner_blur(
+    view: CameraView, limb: LimbPoints, rho_rad: float, sphere: Planet
+) -> CornerBlur | None:
+    """`CameraHorizon.corner_blur` of a limb with an angular radius."""
+    smeared = not limb.blur_px < _SHARP_PX
+    thin = sphere.has_air and usual_length_px(view, rho_rad) < _THIN_PX
+    return None if smeared or thin else limb.corner_blur
 
 
 def _cov_nadir_rho(

@@ -17,6 +17,7 @@ from horizon_sensor_ros.tools.calibration.text import (
     calibration_text,
     corrected_parameters,
     lenses_text,
+    untold,
 )
 from horizon_sensor_ros.tools.output_files import check_place, written_whole
 
@@ -56,16 +57,21 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
     except ValueError as error:
         raise BagError(f"--max-sigma, --correlation: {error}") from None
     recording = read_recording(arguments, stopped)
-    lenses = lens_blurs(recording.sets, list(recording.rot_base_from_cam), config)
+    cameras = list(recording.rot_base_from_cam)
+    lenses = lens_blurs(recording.sets, cameras, config.correlation_s)
     if arguments.lenses:
         calibration = None
+        if not any(lens.observed for lens in lenses):
+            why_not = "; ".join(f"{lens.camera}: {lens.why_not}" for lens in lenses)
+            raise BagError(f"no lens is told. {why_not}. {recording.summary}")
         print(lenses_text(lenses, recording))
     else:
         calibration = _calibrated(recording, config)
         print(calibration_text(calibration, lenses, recording))
     written = []
     if arguments.out is not None:
-        text = corrected_parameters(arguments.params, calibration, recording.sphere, lenses)
+        fresh_lenses = untold(lenses, recording)
+        text = corrected_parameters(arguments.params, calibration, recording.sphere, fresh_lenses)
         with written_whole(arguments.out) as (fresh,):
             fresh.write_text(text, encoding="utf-8")
         written.append(arguments.out)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,9 @@ def calibration_text(
         _HEAD,
     ]
     lines += _rows(calibration) + _rows_of_lenses(lenses)
-    lines += _left((*calibration.not_observed, *_not_observed(lenses)))
+    lines += ["", "Not observed, and left as it is:"]
+    lines += [f"  - {sentence}" for sentence in calibration.not_observed] or ["  - nothing"]
+    lines += _not_told(lenses)
     lines += ["", "Nadirs apart, RMS (deg): before, after"]
     before = nadir_differences(calibration.sets, nominal)
     after = nadir_differences(calibration.sets, calibration.rot_base_from_cam)
@@ -50,7 +52,7 @@ def calibration_text(
         was, remains = np.degrees(one.rms_rad), np.degrees(other.rms_rad)
         lines.append(f"  {one.name}: {was:.4f}, {remains:.4f}")
     lines += _cautions(calibration, recording)
-    lines += _surprises(lenses, recording)
+    lines += _surprises(lenses, recording, mountings=True)
     lines += _blunders(calibration, nominal)
     return "\n".join(lines)
 
@@ -141,21 +143,13 @@ def _rows(calibration: Calibration) -> list[str]:
 def lenses_text(lenses: Sequence[LensBlur], recording: Recording) -> str:
     """Return the same of how lenses blur, and of nothing else."""
     lines = [recording.summary, "", _HEAD, *_rows_of_lenses(lenses)]
-    lines += _left(_not_observed(lenses)) + _surprises(lenses, recording)
+    lines += _not_told(lenses) + _surprises(lenses, recording, mountings=False)
     return "\n".join(lines)
 
 
-def _left(not_observed: Sequence[str]) -> list[str]:
-    said = [f"  - {sentence}" for sentence in not_observed]
-    return ["", "Not observed, and left as it is:", *(said or ["  - nothing"])]
-
-
-def _not_observed(lenses: Sequence[LensBlur]) -> list[str]:
-    return [
-        f"{lens.camera}'s blur in the corners: {lens.why_not}"
-        for lens in lenses
-        if not lens.observed
-    ]
+def _not_told(lenses: Sequence[LensBlur]) -> list[str]:
+    said = [f"  - {lens.camera}: {lens.why_not}" for lens in lenses if not lens.observed]
+    return ["", "Blur in the corners, not told:", *said] if said else []
 
 
 def _rows_of_lenses(lenses: Sequence[LensBlur]) -> list[str]:
@@ -167,8 +161,16 @@ def _rows_of_lenses(lenses: Sequence[LensBlur]) -> list[str]:
     ]
 
 
-def _surprises(lenses: Sequence[LensBlur], recording: Recording) -> list[str]:
-    """What is to be said of lenses that are not as they are told."""
+def untold(lenses: Sequence[LensBlur], recording: Recording) -> list[LensBlur]:
+    """Return the lenses that are observed, and of which the parameters tell nothing."""
+    told = recording.corner_blur_px
+    return [lens for lens in lenses if lens.observed and told[lens.camera] is None]
+
+
+def _surprises(lenses: Sequence[LensBlur], recording: Recording, *, mountings: bool) -> list[str]:
+    """What is to be said of lenses that are not as they are told. mountings : these were found by
+    them.
+    """
     found = []
     for lens in lenses:
         was = recording.corner_blur_px[lens.camera]
@@ -183,8 +185,13 @@ def _surprises(lenses: Sequence[LensBlur], recording: Recording) -> list[str]:
         elif was is None:
             found.append(
                 f"{lens.camera}'s lens blurs {lens.blur_px:.2f} px more in its corners, which "
-                "moved its horizons, and the\nmountings by them: run this with the file that --out "
-                "writes, in which that is told."
+                "moved its horizons"
+                + (
+                    ", and the\nmountings by them: run this again with the file that --out writes, "
+                    "in which that is told."
+                    if mountings
+                    else ": the\nfile that --out writes tells it."
+                )
             )
         else:
             found.append(
@@ -204,21 +211,26 @@ def corrected_parameters(
 
     The rotations stand under `/**` and nowhere else, so that every node gets them; what else is
     told of a camera stays; without a calibration all of it does. A limb height is set where it was
-    observed, and of lenses of which it was not told how they blur in the corners, that.
+    observed, and how lenses blur in the corners, of those that are given.
     """
     # As ROS reads them: what is text to YAML may be a number to it.
     sections = {} if source is None else read_ros_yaml(source).sections
-    found = _of_lenses(lenses, sections.values())
+    mountings = {} if calibration is None else _of_mountings(calibration, sphere)
+    blurs = {f"{lens.camera}.corner_blur": max(lens.blur_px, 0.0) for lens in lenses}
+    for block in sections.values():
+        for name in mountings:
+            block.pop(name, None)
+        for name in blurs:
+            if _is_untold(block.get(name)):
+                block.pop(name, None)
+    everywhere = sections.setdefault("/**", {})
+    everywhere.update(mountings)
+    everywhere.update({name: round(blur_px, _DIGITS) for name, blur_px in blurs.items()})
     comment = "# Rotations by horizon_self_calibration"
     if calibration is None:
         comment = "# Blur in the corners by horizon_self_calibration"
-    else:
-        found = {**_of_mountings(calibration, sphere), **found}
-        comment += ", in the middle of the recording" if calibration.unknowns.drift else ""
-    for block in sections.values():
-        for name in found:
-            block.pop(name, None)
-    sections.setdefault("/**", {}).update(found)
+    elif calibration.unknowns.drift:
+        comment += ", in the middle of the recording"
     # A section that is empty by now is none to ROS.
     content = {pattern: {PARAMETERS: block} for pattern, block in sections.items() if block}
     written = yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None)
@@ -237,16 +249,11 @@ def _of_mountings(calibration: Calibration, sphere: Planet) -> dict[str, Any]:
     return found
 
 
-def _of_lenses(lenses: Sequence[LensBlur], sections: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Parameters of lenses that are observed, and of which nothing is told."""
-    found = {f"{lens.camera}.corner_blur": lens.blur_px for lens in lenses if lens.observed}
-    # Below zero it is not known.
-    told = {name for block in sections for name in found if block.get(name, -1.0) >= 0.0}
-    return {
-        name: round(max(blur_px, 0.0), _DIGITS)
-        for name, blur_px in found.items()
-        if name not in told
-    }
+def _is_untold(corner_blur: Any) -> bool:
+    """Whether a value of `corner_blur` in a file tells nothing; what is told to another node stays
+    where it is.
+    """
+    return isinstance(corner_blur, int | float) and corner_blur < 0.0
 
 
 class _Dumper(yaml.SafeDumper):
