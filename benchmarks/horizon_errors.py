@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 import cv2
 import numpy as np
+from tables import number, percentile
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.bound import horizon_bound
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.horizon_fix import Frame
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.sim.earth_camera import SimFrame
+from horizon_sensor_ros.sim.frame_truth import FrameTruth
 
 # Squared error of two unknowns in sigmas, as rare as three sigma of one.
 BEYOND_NEES = float(-2.0 * np.log(0.0027))
@@ -38,6 +43,47 @@ def fit_errors(fit: HorizonFit, nadir_true: np.ndarray, altitude_true_m: float) 
         altitude_percent=100.0 * abs(fit.altitude_m / altitude_true_m - 1.0),
         nees=float(across @ np.linalg.solve(cov, across)),
     )
+
+
+@dataclass
+class FixErrors:
+    """Errors of fixes: nadir's, degrees, its NEES, and altitude's over its sigma."""
+
+    COLUMNS: ClassVar = (
+        "fixed",
+        "nadir median",
+        "max",
+        "NEES",
+        "beyond 3 sigma",
+        "altitude / sigma, RMS",
+    )
+
+    tried: int = 0
+    errors: list[tuple[float, float, float]] = field(default_factory=list)
+
+    def add(self, sensor: HorizonSensor, frames: list[Frame], truth: FrameTruth) -> None:
+        """Add what a sensor makes of frames."""
+        fix = sensor.process(frames)
+        self.tried += 1
+        if fix.ok:
+            error = fit_errors(fix.fit, truth.nadir_base, truth.altitude_m)
+            sigma_m = float(np.sqrt(fix.fit.cov_nadir_altitude[3, 3]))
+            off = (fix.fit.altitude_m - truth.altitude_m) / sigma_m
+            self.errors.append((error.nadir_deg, error.nees, off))
+
+    def cells(self) -> tuple[str, ...]:
+        """What stands in `COLUMNS`."""
+        if not self.errors:
+            return (f"0/{self.tried}", *("",) * (len(self.COLUMNS) - 1))
+        nadir, nees, altitude = np.array(self.errors).T
+        return (
+            f"{len(nadir)}/{self.tried}",
+            number(percentile(nadir, 50), 4),
+            number(percentile(nadir, 100), 3),
+            number(float(nees.mean()), 1),
+            str(np.count_nonzero(nees > BEYOND_NEES)),
+            number(float(np.sqrt(np.mean(np.square(altitude)))), 1),
+        )
 
 
 def angle_deg(a: np.ndarray, b: np.ndarray) -> float:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from horizon_errors import BEYOND_NEES, fit_errors
-from tables import Options, Table, number, percentile
+from horizon_errors import FixErrors
+from tables import Options, Table
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
@@ -21,12 +21,7 @@ COLUMNS = (
     "what",
     "told",
     "cameras",
-    "fixed",
-    "nadir median",
-    "max",
-    "NEES",
-    "beyond 3 sigma",
-    "altitude / sigma, RMS",
+    *FixErrors.COLUMNS,
 )
 _KINDS = ("clouds", "air")
 _UNEVEN_M = (0.0, 300.0, 1000.0, 3000.0)
@@ -39,38 +34,6 @@ NOTES = (
     "nadir: angle to the true one, degrees. NEES: mean of the squared nadir error in the fit's own "
     "sigmas (2 is right); beyond 3 sigma: share of it above 11.8.",
 )
-
-
-@dataclass
-class Errors:
-    """Errors of fixes: nadir's, degrees, its NEES, and altitude's over its sigma."""
-
-    tried: int = 0
-    errors: list[tuple[float, float, float]] = field(default_factory=list)
-
-    def add(self, sensor: HorizonSensor, frames: list[Frame], truth: FrameTruth) -> None:
-        """Add what a sensor makes of frames."""
-        fix = sensor.process(frames)
-        self.tried += 1
-        if fix.ok:
-            error = fit_errors(fix.fit, truth.nadir_base, truth.altitude_m)
-            sigma_m = float(np.sqrt(fix.fit.cov_nadir_altitude[3, 3]))
-            off = (fix.fit.altitude_m - truth.altitude_m) / sigma_m
-            self.errors.append((error.nadir_deg, error.nees, off))
-
-    def cells(self) -> tuple[str, ...]:
-        """From the column `fixed` on."""
-        if not self.errors:
-            return (f"0/{self.tried}", "", "", "", "", "")
-        nadir, nees, altitude = np.array(self.errors).T
-        return (
-            f"{len(nadir)}/{self.tried}",
-            number(percentile(nadir, 50), 4),
-            number(percentile(nadir, 100), 3),
-            number(float(nees.mean()), 1),
-            str(np.count_nonzero(nees > BEYOND_NEES)),
-            number(float(np.sqrt(np.mean(np.square(altitude)))), 1),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +86,7 @@ def run(options: Options) -> list[Table]:
     sets.append(("clouds", "soft corners", _soft_corners(count, options.seed)))
     rows = []
     for kind, what, cases in sets:
-        found = {(told, cameras): Errors() for told in ("no", "yes") for cameras in (2, 1)}
+        found = {(told, cameras): FixErrors() for told in ("no", "yes") for cameras in (2, 1)}
         for case in tqdm(cases, total=count, desc=f"{kind}, {what}", unit="scene"):
             for (told, cameras), row in found.items():
                 sensor, frames = case.ways[told]

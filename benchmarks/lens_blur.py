@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from horizon_told import Errors
+from horizon_errors import FixErrors
 from self_calibration import swinging_flight
 from tables import Options, Table, number
 from tqdm import tqdm
@@ -27,12 +27,7 @@ COLUMNS = (
     "found",
     "sigma",
     "told",
-    "fixed",
-    "nadir median",
-    "max",
-    "NEES",
-    "beyond 3 sigma",
-    "altitude / sigma, RMS",
+    *FixErrors.COLUMNS,
 )
 NOTES = (
     "blur in the corners: more than the .6 px in the middle, one sigma of an edge, pixels. found: "
@@ -87,7 +82,7 @@ def _flown(
     flight: Flight, lenses: tuple[LensBlur, ...], count: int, name: str
 ) -> dict[str, tuple[str, ...]]:
     """Errors of each camera by itself, not told of its lens and told."""
-    found = {"no": Errors(), "yes": Errors()}
+    found = {"no": FixErrors(), "yes": FixErrors()}
     sensor = HorizonSensor(HorizonConfig(tracking=False))
     for _, frames, truth in _frames(flight, count, f"{name}: flight"):
         for frame, lens in zip(frames, lenses, strict=True):

@@ -56,6 +56,10 @@ class CornerBlur(NamedTuple):
     seen_px: float
     sigma_px: float
 
+    def times(self, factor: float) -> CornerBlur:
+        """Both multiplied by a factor."""
+        return CornerBlur(factor * self.seen_px, factor * self.sigma_px)
+
 
 @dataclass(frozen=True)
 class LimbPoints:

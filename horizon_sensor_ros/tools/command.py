@@ -75,6 +75,11 @@ def run_computation(name: str, work: Callable[[], int]) -> int:
             signal.signal(number, handler)
 
 
+def is_given(arguments: argparse.Namespace, option: str) -> bool:
+    """Whether an option, "--one-of-these", that has no default of its own was given."""
+    return getattr(arguments, option.removeprefix("--").replace("-", "_")) not in (None, False)
+
+
 def fill_defaults(arguments: argparse.Namespace, defaults: Mapping[str, Any]) -> None:
     """Give the options that were not given their defaults: of those that have none until then, so
     that it shows whether they were.

@@ -512,7 +512,14 @@ def test_where_no_limb_shows_a_lens_nothing_is_written(
 
 
 @pytest.mark.parametrize(
-    "option", [("--drift",), ("--focal",), ("--altitude", "5e5"), ("--picture", "fit.png")]
+    "option",
+    [
+        ("--drift",),
+        ("--focal",),
+        ("--altitude", "5e5"),
+        ("--max-sigma", "0.2"),
+        ("--picture", "fit.png"),
+    ],
 )
 def test_what_tells_nothing_of_lenses_is_refused(
     flight: Path, option: tuple[str, ...], capsys: pytest.CaptureFixture[str]

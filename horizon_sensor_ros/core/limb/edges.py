@@ -213,9 +213,10 @@ def limb_of_edges(
     else:
         steepness = _steepness(_falls(profiles), sample.grid)
         blur_px = np.nan if edges.model_free else sample.factor * looks[0].psf_px
-        points = _points(sample, px, normal_px, places, shared, jumps_px, steepness, blur_px)
-        corner_blur = _in_full_image(edges.corner_blur, sample)
-        points = replace(points, modelled=not no_model, corner_blur=corner_blur)
+        points = _points(
+            sample, px, normal_px, places, shared, jumps_px, steepness, blur_px, edges.corner_blur
+        )
+        points = replace(points, modelled=not no_model)
     return points, () if no_model else tuple(looks)
 
 
@@ -306,8 +307,9 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
         return None
     steepness, blur_px = _steepness(falls, sample.grid), sample.factor * look.psf_px
     shared = _of_sharpness(found.shared, look)
-    points = _points(sample, px, normal_px, places, shared, jumps_px, steepness, blur_px)
-    return replace(points, corner_blur=_in_full_image(found.corner_blur, sample))
+    return _points(
+        sample, px, normal_px, places, shared, jumps_px, steepness, blur_px, found.corner_blur
+    )
 
 
 def _falls(profiles: np.ndarray) -> np.ndarray:
@@ -377,6 +379,7 @@ def _points(
     jumps_px: float,
     steepness: np.ndarray,
     blur_px: float,
+    corner_blur: CornerBlur | None = None,
 ) -> LimbPoints:
     """Limb points (N,) in the full image, of edges near px (N, 2); the rest, but for the blur, in
     pixels of the sample's.
@@ -397,13 +400,8 @@ def _points(
         blur_px=blur_px,
         factor=factor,
         step=places.step,
+        corner_blur=None if corner_blur is None else corner_blur.times(factor),
     )
-
-
-def _in_full_image(seen: CornerBlur | None, sample: LimbSample) -> CornerBlur | None:
-    """The same in pixels of the full image."""
-    factor = sample.factor
-    return None if seen is None else CornerBlur(factor * seen.seen_px, factor * seen.sigma_px)
 
 
 def _to_be_kriged(look: EdgeLook, step: np.ndarray) -> bool:

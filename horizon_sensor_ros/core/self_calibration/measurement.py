@@ -14,6 +14,7 @@ from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likeliho
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_fix import HorizonFix
+from horizon_sensor_ros.core.limb.edge.smear import STILL_PX
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb_points import CornerBlur, LimbPoints
 from horizon_sensor_ros.core.planet import Planet
@@ -23,10 +24,8 @@ _FOCAL_STEP = 1e-3
 # Errors of a few hundredths of a pixel are the ground's texture, which changes as it passes; larger
 # ones come of air that glows, much the same everywhere. Measured on simulated recordings.
 _MOST_STEADY, _STEADY_FROM_PX = 0.5, 0.1
-# Limbs that say nothing of how their lens blurs in the corners: softer ones, which motion may have
-# smeared (as it did by 3 px), and those above which air would glow over fewer pixels than that, and
-# pass for blur.
-_SHARP_PX, _THIN_PX = 0.85, 1.1
+# Air that would glow over fewer pixels than this passes for blur.
+_THIN_PX = 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,8 +159,10 @@ def camera_horizon(
 def _corner_blur(
     view: CameraView, limb: LimbPoints, rho_rad: float, sphere: Planet
 ) -> CornerBlur | None:
-    """`CameraHorizon.corner_blur` of a limb with an angular radius."""
-    smeared = not limb.blur_px < _SHARP_PX
+    """`CameraHorizon.corner_blur` of a limb with an angular radius: nothing where it is as soft as
+    motion may make it (3 px do), or in air so thin that it is not told from blur.
+    """
+    smeared = not limb.blur_px < STILL_PX
     thin = sphere.has_air and usual_length_px(view, rho_rad) < _THIN_PX
     return None if smeared or thin else limb.corner_blur
 

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import argparse
 
+from horizon_sensor_ros.tools.command import is_given
+
 _QUESTIONS = ("--quality", "--mounting", "--figure6")
 _OF_THE_FIELD = ("--min-arc", "--any", "--error", "--trials")
 _OF_A_MAP = ("--axes", "--range", "--y-range", "--step", "--altitude")
@@ -22,12 +24,12 @@ def idle_option(args: argparse.Namespace) -> str:
     """What is wrong with the options that were given together, for a person; empty where nothing
     is.
     """
-    asked = [question for question in _QUESTIONS if _given(args, question)]
+    asked = [question for question in _QUESTIONS if is_given(args, question)]
     if len(asked) > 1:
         return f"{' and '.join(asked)} are several questions; ask one of them"
     for question in asked:
         for option in _IDLE[question]:
-            if _given(args, option):
+            if is_given(args, option):
                 return f"{option} has no effect with {question}; leave one of them out"
     if asked:
         return ""
@@ -41,7 +43,3 @@ def idle_option(args: argparse.Namespace) -> str:
             "noise it is"
         )
     return ""
-
-
-def _given(args: argparse.Namespace, option: str) -> bool:
-    return getattr(args, option.removeprefix("--").replace("-", "_")) not in (None, False)

@@ -70,8 +70,9 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
         print(calibration_text(calibration, lenses, recording))
     written = []
     if arguments.out is not None:
-        fresh_lenses = untold(lenses, recording)
-        text = corrected_parameters(arguments.params, calibration, recording.sphere, fresh_lenses)
+        text = corrected_parameters(
+            arguments.params, calibration, recording.sphere, untold(lenses, recording)
+        )
         with written_whole(arguments.out) as (fresh,):
             fresh.write_text(text, encoding="utf-8")
         written.append(arguments.out)

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from horizon_sensor_ros.tools.command import run_command
+from horizon_sensor_ros.tools.command import fill_defaults, is_given, run_command
 
 EPILOG = """\
 examples:
@@ -22,10 +22,10 @@ recording turns the craft by 10 deg or more about two axes; see doc/self_calibra
 
 # As of the nodes' parameter altitude_prior, whose table takes time to load.
 _MAX_ALTITUDE_M = 1e12
-# Of an altitude (m) and a reference (deg) that are given without one.
-_SIGMAS = {"altitude": 100.0, "reference": 0.05}
+# Sigmas of an altitude (m) and a reference (deg), and the largest one (deg) of what is told.
+_DEFAULTS = {"altitude_sigma": 100.0, "reference_sigma": 0.05, "max_sigma": 0.1}
 # What tells nothing of how lenses blur.
-_OF_MOUNTINGS = ("altitude", "reference", "drift", "focal", "picture")
+_OF_MOUNTINGS = ("--altitude", "--reference", "--drift", "--focal", "--max-sigma", "--picture")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -61,7 +61,6 @@ def _parser() -> argparse.ArgumentParser:
         "--max-sigma",
         metavar="DEG",
         type=float,
-        default=0.1,
         help="a turn less certain than this stays as it is (default 0.1)",
     )
     add(
@@ -93,15 +92,13 @@ def parsed(argv: Sequence[str] | None = None) -> argparse.Namespace:
     """Return what the command line says; a usage error ends the process."""
     parser = _parser()
     arguments = parser.parse_args(argv)
-    for name, default in _SIGMAS.items():
-        given = getattr(arguments, f"{name}_sigma")
-        if given is None:
-            setattr(arguments, f"{name}_sigma", default)
-        elif getattr(arguments, name) is None:
-            parser.error(f"--{name}-sigma has no effect without --{name}")
-    for name in _OF_MOUNTINGS:
-        if arguments.lenses and getattr(arguments, name) not in (None, False):
-            parser.error(f"--{name} has no effect with --lenses")
+    for option in ("--altitude", "--reference"):
+        if is_given(arguments, f"{option}-sigma") and not is_given(arguments, option):
+            parser.error(f"{option}-sigma has no effect without {option}")
+    for option in _OF_MOUNTINGS:
+        if arguments.lenses and is_given(arguments, option):
+            parser.error(f"{option} has no effect with --lenses")
+    fill_defaults(arguments, _DEFAULTS)
     return arguments
 
 

@@ -24,6 +24,13 @@ _MUCH_SCATTER, _MANY_OUT = 1.5, 0.1
 _SURPRISE = 3.0  # sigmas of a lens's blur off what is told of it
 _SOFT_PX = 0.1  # of it, from where on what is told of it may be wrong by enough to be said
 _DIGITS = 4  # of that blur, in a parameter file
+# What to do about a lens that blurs more in its corners: for the mountings, and where these were
+# not asked for.
+_AGAIN = (
+    ", and the\nmountings by them: run this again with the file that --out writes, in which that "
+    "is told."
+)
+_WRITTEN = ": the\nfile that --out writes tells it."
 _HEAD = f"{'':34}{'value':>12}{'sigma':>12}  {'unit':9}observed"
 
 
@@ -52,7 +59,7 @@ def calibration_text(
         was, remains = np.degrees(one.rms_rad), np.degrees(other.rms_rad)
         lines.append(f"  {one.name}: {was:.4f}, {remains:.4f}")
     lines += _cautions(calibration, recording)
-    lines += _surprises(lenses, recording, mountings=True)
+    lines += _surprises(lenses, recording, _AGAIN)
     lines += _blunders(calibration, nominal)
     return "\n".join(lines)
 
@@ -143,7 +150,7 @@ def _rows(calibration: Calibration) -> list[str]:
 def lenses_text(lenses: Sequence[LensBlur], recording: Recording) -> str:
     """Return the same of how lenses blur, and of nothing else."""
     lines = [recording.summary, "", _HEAD, *_rows_of_lenses(lenses)]
-    lines += _not_told(lenses) + _surprises(lenses, recording, mountings=False)
+    lines += _not_told(lenses) + _surprises(lenses, recording, _WRITTEN)
     return "\n".join(lines)
 
 
@@ -167,10 +174,8 @@ def untold(lenses: Sequence[LensBlur], recording: Recording) -> list[LensBlur]:
     return [lens for lens in lenses if lens.observed and told[lens.camera] is None]
 
 
-def _surprises(lenses: Sequence[LensBlur], recording: Recording, *, mountings: bool) -> list[str]:
-    """What is to be said of lenses that are not as they are told. mountings : these were found by
-    them.
-    """
+def _surprises(lenses: Sequence[LensBlur], recording: Recording, to_do: str) -> list[str]:
+    """What is to be said of lenses that are not as they are told, and what to do about it."""
     found = []
     for lens in lenses:
         was = recording.corner_blur_px[lens.camera]
@@ -185,13 +190,7 @@ def _surprises(lenses: Sequence[LensBlur], recording: Recording, *, mountings: b
         elif was is None:
             found.append(
                 f"{lens.camera}'s lens blurs {lens.blur_px:.2f} px more in its corners, which "
-                "moved its horizons"
-                + (
-                    ", and the\nmountings by them: run this again with the file that --out writes, "
-                    "in which that is told."
-                    if mountings
-                    else ": the\nfile that --out writes tells it."
-                )
+                f"moved its horizons{to_do}"
             )
         else:
             found.append(

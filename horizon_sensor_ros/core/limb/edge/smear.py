@@ -26,7 +26,7 @@ _PARTS = 12  # of a limb, in which edges may be wrong about their blur together
 _SURE = 40.0  # times its variance, the square of a smear that chance does not make
 # Blur that needs no motion: of optics and pixels, in a whole frame. What there is more of it may be
 # a smear's, and may go with the direction by so large a share.
-_STILL_PX, _SMEARED_SHARE = 0.85, 0.5
+STILL_PX, _SMEARED_SHARE = 0.85, 0.5
 _UNTOLD = 3.0  # times its sigma, what texture may hide of a smear
 
 
@@ -205,7 +205,7 @@ def _of_motion(
     before = repeated * _SMEAR_SIGMA_PX**-2.0
     smear = _solved_with(normal, before, sees)
     sure = float(smear @ sees) >= _SURE * repeated
-    more = assumed_px + level - _STILL_PX
+    more = assumed_px + level - STILL_PX
     amounts = np.array([level, pixels, 0.0, 0.0, 0.0, 0.0])
     if not sure and more <= 0.0:
         return _Motion(amounts, 0.0, False)
