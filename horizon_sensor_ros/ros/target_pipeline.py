@@ -104,12 +104,14 @@ class TargetPipeline:
         if isinstance(points, Refusal):
             return self._refuse(points)
         frame_id = str(msg.header.frame_id)
+        anew = ""
         if self._frame_id is not None and frame_id != self._frame_id:
             # Poses in one frame say nothing about those in another.
-            self._tracker.reset(f"the clouds' frame is now {quoted(frame_id)}")
-        self._frame_id = frame_id
-        fix = self._tracker.process(points, stamp)
+            anew = f"the clouds' frame is now {quoted(frame_id)}"
+        fix = self._tracker.process(points, stamp, anew)
+        # Of a cloud that shows nothing neither stamp nor frame counts.
         if self._tracker.stamp_ns == stamp:
+            self._frame_id = frame_id
             if self._stamp is not None and stamp < self._stamp:
                 self.counts["time_jumps"] += 1
             self._stamp = stamp

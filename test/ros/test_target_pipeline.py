@@ -291,6 +291,17 @@ def test_clouds_in_another_frame_set_a_new_target_frame() -> None:
     assert output(step, "target/pose").header.frame_id == "other_tof"
 
 
+@pytest.mark.parametrize("name", ["NaN only", "zeros"])
+def test_a_cloud_in_another_frame_that_shows_nothing_leaves_the_track(name: str) -> None:
+    pipeline = pipeline_of()
+    pipeline.on_cloud(good_cloud(0))
+    stray = cloud_of(BAD_CLOUDS[name][0], stamp_of(1))
+    stray.header.frame_id = "other_tof"
+    assert pipeline.on_cloud(stray).outputs == ()
+    assert topics(pipeline.on_cloud(good_cloud(2))) == ALL_TOPICS
+    assert pipeline.counts["target_frames"] == 1
+
+
 def test_a_stamp_that_is_none_is_refused() -> None:
     cloud = good_cloud(0)
     cloud.header.stamp.nanosec = 2_000_000_000

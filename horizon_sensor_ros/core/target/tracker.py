@@ -123,9 +123,12 @@ class TargetTracker:
         there was none yet."""
         return self._stamp_ns
 
-    def process(self, points: np.ndarray, stamp_ns: int) -> TargetFix:
+    def process(self, points: np.ndarray, stamp_ns: int, anew: str = "") -> TargetFix:
         """Take one cloud, (H, W, 3) organised or (N, 3) plain, metres, in the sensor frame, and
         its stamp.
+
+        anew : why it says nothing about those before it, where it does not: one that shows
+        something sets a new target frame, with that as its reason.
 
         Bad data never raises; a refused cloud changes nothing but the count of refused ones, and
         how near the next one has to be to what is predicted. A repeated stamp is refused; one that
@@ -139,7 +142,9 @@ class TargetTracker:
         view = target_view(points, self.config.registration)
         if view.status is not Status.OK:
             return self._refuse(view.status, view.reason, stamp_ns, view, None)
-        if self._stamp_ns is not None and stamp_ns < self._stamp_ns:
+        if anew:
+            self.reset(anew)
+        elif self._stamp_ns is not None and stamp_ns < self._stamp_ns:
             self.reset("time jumped back")
         self._stamp_ns = stamp_ns
         why = self._why
