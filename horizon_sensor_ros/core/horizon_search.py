@@ -92,7 +92,7 @@ class HorizonSearch:
                 if hidden:
                     fix, sighting = hidden
                     detection = sighting.detection
-                fix = replace(fix, contradicting=singles.contradicting(fix))
+                fix = singles.with_contradicting(fix)
                 contradicted = (
                     singles.refusing(fix)
                     or singles.perhaps_of_layer(sighting, fix)

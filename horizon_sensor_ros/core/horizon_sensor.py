@@ -238,6 +238,11 @@ class HorizonSensor:
                     for i in usable
                     if given[i].view.name not in cameras
                 },
+                {
+                    frame.view.name: limb.reason
+                    for frame, limb in zip(given, fix.limbs, strict=True)
+                    if frame.view.name in fix.contradicting
+                },
             )
             self._track = track.after(before, aiding.since_last_s)
         return fix
@@ -278,7 +283,12 @@ class HorizonSensor:
         if not fix.ok or fix.cameras_on_cone(views) != expected:
             return None
         self._track = track.continued(numbers, detection, fix.fit, aiding.since_last_s)
-        return replace(fix, predicted=Disc(figure, nadir, rho))
+        # Near the others' limb there is none of such a camera, which says nothing of why.
+        limbs = tuple(
+            replace(limb, reason=track.elsewhere.get(view.name, limb.reason))
+            for view, limb in zip(views, fix.limbs, strict=True)
+        )
+        return replace(fix, limbs=limbs, predicted=Disc(figure, nadir, rho))
 
     def _sees_more(self, frames: Sequence[Frame], track: Track) -> bool:
         """Whether a camera that is not in the track has come to see what may be a limb.

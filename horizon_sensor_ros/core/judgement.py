@@ -9,7 +9,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.covariance.shared_error import bend_px
-from horizon_sensor_ros.core.fits.assessment import MIN_POINTS
+from horizon_sensor_ros.core.fits.assessment import MIN_POINTS, root_mean_square
 from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
@@ -246,10 +246,11 @@ def _of_cameras(
         residual = rays.residuals_px(fit.nadir_base, fit.rho_rad)
         spread = np.hypot(fit.rms_residual_px, rays.sigma_px)
         if np.mean(np.abs(residual) < 4.0 * spread) < 0.5:
-            off = float(np.median(residual))
+            # A limb that is turned against it lies off it both ways.
+            off_px = root_mean_square(residual)
             return (
                 Status.CAMERAS_DISAGREE,
-                f"the limb in {observation.view.name} lies {off:.1f} px off the common cone",
+                f"the limb in {observation.view.name} lies {off_px:.1f} px off the common cone",
             )
     return None
 

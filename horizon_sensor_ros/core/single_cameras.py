@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
+from itertools import islice
 
 import numpy as np
 
@@ -52,6 +54,7 @@ class SingleCameras:
         any_sigma: HorizonEstimator,
     ) -> None:
         self._frames, self._look, self._look_at_one = frames, look, look_at_one
+        self._names = [frame.view.name for frame in frames]
         self._estimator, self._any_sigma = estimator, any_sigma
         self._seen: dict[int, tuple[Detection, Judged]] = {}
         self._near: dict[int, tuple[Detection, Judged]] = {}
@@ -70,7 +73,7 @@ class SingleCameras:
         if self._about is sighting:
             return
         self._about = sighting
-        number = {frame.view.name: i for i, frame in enumerate(self._frames)}
+        number = {name: i for i, name in enumerate(self._names)}
         for k, frame in enumerate(sighting.frames):
             one = self._look_at_one(sighting, k)
             if one is not None:
@@ -84,17 +87,25 @@ class SingleCameras:
             self._seen[i] = sighting.detection, self._any_sigma.judged(sighting)
         return self._seen[i]
 
-    def contradicting(self, fix: HorizonFix) -> tuple[str, ...]:
-        """Names of the cameras that see a limb, each by itself, elsewhere than the others do."""
+    def with_contradicting(self, fix: HorizonFix) -> HorizonFix:
+        """The fix, and the cameras that see a limb, each by itself, elsewhere than the others do:
+        those that are left out of it for that say so.
+        """
         if not fix.ok:
             seen = zip(self._frames, fix.limbs, strict=True)
             of_limb = tuple(frame.view.name for frame, limb in seen if limb.status is Status.OK)
-            return of_limb if fix.status is Status.CAMERAS_DISAGREE else ()
-        if len(fix.cameras_used) < 2 or fix.airglow_alone:
-            return ()
-        taken = {*fix.cameras_used, *fix.cameras_spared}
-        left_out = [i for i, frame in enumerate(self._frames) if frame.view.name not in taken]
-        return tuple(self._frames[i].view.name for i, _ in self.elsewhere(fix, left_out))
+            disagree = fix.status is Status.CAMERAS_DISAGREE
+            return replace(fix, contradicting=of_limb if disagree else ())
+        agree = _agreeing(fix)
+        if len(agree) < 2 or fix.airglow_alone:
+            return fix
+        left_out = [i for i, name in enumerate(self._names) if name not in agree]
+        limbs, names = list(fix.limbs), []
+        for i, apart_rad in self.elsewhere(fix, left_out):
+            reason = f"by itself it finds nadir {np.degrees(apart_rad):.1f} deg from the others'"
+            limbs[i] = replace(limbs[i], reason=reason)
+            names.append(self._names[i])
+        return replace(fix, limbs=tuple(limbs), contradicting=tuple(names))
 
     def elsewhere(self, fix: HorizonFix, cameras: Sequence[int]) -> Iterator[tuple[int, float]]:
         """Of cameras, by number, those that by themselves have a fix elsewhere, and how far off
@@ -111,23 +122,38 @@ class SingleCameras:
                 yield i, apart_rad
 
     def refusing(self, fix: HorizonFix) -> HorizonFix | None:
-        """Refusal of one camera's fix where another camera, looked at alone, has a fix elsewhere.
+        """Refusal of a fix where as many cameras as agree on it, or more, agree on another, each by
+        itself.
 
         Where the extrinsics are wrong two good limbs lie on no common cone; the consensus keeps
-        one of them, and nothing tells which camera is the one that is mounted as it should be.
+        one of them, and nothing tells which camera is the one that is mounted as it should be: two
+        heads of two cameras each are no better than two cameras.
         """
-        if not fix.ok or len(fix.cameras_used) > 1:
+        if not fix.ok:
             return None
-        unseen = [i for i, limb in enumerate(fix.limbs) if limb.status is not Status.OK]
-        for i, apart in self.elsewhere(fix, unseen):
-            name = self._frames[i].view.name
-            reason = (
-                f"{name} alone finds nadir {np.degrees(apart):.1f} deg "
-                f"from that of {fix.cameras_used[0]}"
-            )
-            refused = self._estimator.refused(Status.CAMERAS_DISAGREE, reason, fix.fit, fix.limbs)
-            return replace(refused, contradicting=(name, *fix.cameras_used))
-        return None
+        agree = _agreeing(fix)
+        if len(agree) > 1:
+            elsewhere = [i for i, name in enumerate(self._names) if name in fix.contradicting]
+        else:
+            unseen = [i for i, limb in enumerate(fix.limbs) if limb.status is not Status.OK]
+            elsewhere = [i for i, _ in islice(self.elsewhere(fix, unseen), 1)]
+        others = max(map(partial(self._on_cone_of, elsewhere), elsewhere), key=len, default=[])
+        if not others or len(others) < len(agree):
+            return None
+        apart_rad = disagreement_rad(self.judged(others[0]).fix.fit, fix.fit)
+        names = [self._names[i] for i in others]
+        reason = (
+            f"{' and '.join(names)} alone {'finds' if len(names) == 1 else 'find'} nadir "
+            f"{np.degrees(apart_rad):.1f} deg from that of {' and '.join(agree)}"
+        )
+        refused = self._estimator.refused(Status.CAMERAS_DISAGREE, reason, fix.fit, fix.limbs)
+        return replace(refused, contradicting=(*names, *agree))
+
+    def _on_cone_of(self, cameras: Sequence[int], i: int) -> list[int]:
+        """Camera `i`, and those of some that by themselves do not find nadir elsewhere than it."""
+        own = self.judged(i).fix.fit
+        rest = [k for k in cameras if k != i]
+        return [i, *(k for k in rest if not disagreement_rad(self.judged(k).fix.fit, own))]
 
     def by_own_limbs(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
         """Fix, or why there is none, by the limbs that cameras find by themselves, where these
@@ -156,8 +182,7 @@ class SingleCameras:
             if limb.status is not Status.BAD_IMAGE and self.judged(i).fix.ok
         }
         # One that is left out by two that agree, each by itself too, is outvoted.
-        agree = {*fix.cameras_used, *fix.cameras_spared}
-        voters = {i: one for i, one in found.items() if self._frames[i].view.name in agree}
+        voters = {i: one for i, one in found.items() if self._names[i] in _agreeing(fix)}
         found = voters if len(voters) > 1 else found
         # Edges in glow and limbs that were separated from it lie on two cones anyway.
         separated = {one.limbs[0].glow_separated for one in found.values()}
@@ -172,7 +197,7 @@ class SingleCameras:
             refused = self._estimator.refused(
                 Status.CAMERAS_DISAGREE, reason, fix.fit, by_own.limbs
             )
-            return replace(refused, contradicting=tuple(self._frames[i].view.name for i in found))
+            return replace(refused, contradicting=tuple(self._names[i] for i in found))
         if not (by_own.ok and by_own.reason):
             return None
         # What contradicts itself already is only followed no longer where it is far worse.
@@ -214,7 +239,7 @@ class SingleCameras:
         if self._undisputed(fix, detection.consensus):
             return None
         self._look_near(sighting)
-        number = {frame.view.name: i for i, frame in enumerate(self._frames)}
+        number = {name: i for i, name in enumerate(self._names)}
         for seen in detection.observations:
             i = number[seen.view.name]
             at_layer = is_at_layer([seen], layer_of(self.found(i)))
@@ -278,6 +303,11 @@ class SingleCameras:
         """
         num = len(self._frames)
         return num < 2 or (consensus.unanimous and len(fix.cameras_used) == num)
+
+
+def _agreeing(fix: HorizonFix) -> tuple[str, ...]:
+    """Names of the cameras whose limbs lie on the cone of a fix."""
+    return (*fix.cameras_used, *fix.cameras_spared)
 
 
 def layer_of(found: Detection) -> Consensus | None:

@@ -37,8 +37,9 @@ class Track:
 
     views : of the frames that were searched. cameras : names of those whose limbs lie on one cone.
     nadir_base, rho_rad : its disc's cone. outside : of the other cameras, by name, how many edges
-    agreed on one disc, a limb or not, when they were searched. step : from the set before; None
-    right after a search that follows none of the same cameras.
+    agreed on one disc, a limb or not, when they were searched. elsewhere : those of them, by name,
+    that saw a limb elsewhere by themselves, in words. step : from the set before; None right after
+    a search that follows none of the same cameras.
     state : what the limb looked like. working : the search's images of the frames, one per frame.
     layer_rad : height of airglow above the limb. airglow : whether it shows. age : sets since the
     search.
@@ -53,6 +54,7 @@ class Track:
     layer_rad: float
     airglow: bool
     outside: Mapping[str, int]
+    elsewhere: Mapping[str, str]
     step: ConeStep | None = None
     age: int = 0
 
@@ -64,9 +66,10 @@ class Track:
         fit: HorizonFit,
         cameras: tuple[str, ...],
         outside: Mapping[str, int],
+        elsewhere: Mapping[str, str],
     ) -> Track:
-        """Track from a fit, with its disc, of what a search found. cameras, outside : as of the
-        track.
+        """Track from a fit, with its disc, of what a search found. cameras, outside, elsewhere : as
+        of the track.
         """
         assert fit.disc is not None
         disc = fit.disc
@@ -80,6 +83,7 @@ class Track:
             layer_rad=detection.layer_rad,
             airglow=detection.airglow,
             outside=outside,
+            elsewhere=elsewhere,
         )
 
     def after(self, before: Track | None, since_s: float | None) -> Track:

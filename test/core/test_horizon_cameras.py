@@ -20,6 +20,7 @@ from horizon_fixes import (
 from limb_frames import as_frames, clouds, draw, limb_views
 from scipy.spatial.transform import Rotation
 
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_fix import Frame
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
@@ -105,14 +106,49 @@ def test_a_limb_below_the_suns_streak() -> None:
 def test_two_cameras_outvote_a_third() -> None:
     views = limb_views(600e3, azimuths_rad=(0.0, 1.5, -1.5))
     drawn = draw(views, 600e3)
-    turn = Rotation.from_rotvec([0.0, np.radians(2.0), 0.0]).as_matrix()
-    wrong = replace(views[2], rot_base_from_cam=turn @ views[2].rot_base_from_cam)
-    fix = SENSOR.process(as_frames((*views[:2], wrong), drawn))
+    fix = SENSOR.process(as_frames((*views[:2], _turned(views[2], 2.0)), drawn))
     if fix.ok:
         assert error_deg(fix, NADIR) < 0.05
         assert fix.cameras_used == ("camera_1", "camera_2")
     else:
         assert_refused(fix, 3)
+
+
+def test_an_outvoted_camera_says_where_it_sees_its_limb_while_the_others_are_followed() -> None:
+    views = limb_views(600e3, azimuths_rad=(0.0, 1.5, 3.0, -1.5))
+    drawn = draw(views, 600e3)
+    frames = as_frames((*views[:3], _turned(views[3], 2.0)), drawn)
+    sensor = HorizonSensor()
+    for followed in (False, True, True):
+        fix = sensor.process(frames)
+        assert (fix.predicted is not None) == followed
+        assert fix.cameras_used == ("camera_1", "camera_2", "camera_3")
+        assert error_deg(fix, NADIR) < 0.05
+        assert fix.limbs[3].reason == "by itself it finds nadir 2.0 deg from the others'"
+
+
+@pytest.mark.parametrize("turned_deg", [1.0, 2.0, 10.0])
+@pytest.mark.parametrize("wrong", [(2, 3), (1, 3), (0, 1)])
+def test_two_cameras_do_not_outvote_two_that_agree(
+    wrong: tuple[int, int], turned_deg: float
+) -> None:
+    """Two heads of two cameras, one of them mounted otherwise than is told."""
+    views = limb_views(600e3, azimuths_rad=(0.0, 0.9, 3.1, 4.0))
+    drawn = draw(views, 600e3)
+    told = [_turned(view, turned_deg * (i in wrong)) for i, view in enumerate(views)]
+    fix = HorizonSensor().process(as_frames(told, drawn))
+    assert_refused(fix, 4)
+    if turned_deg > 1.0:
+        assert fix.status is Status.CAMERAS_DISAGREE
+        assert set(fix.contradicting) == {view.name for view in views}
+    else:
+        # Half a degree off a cone in between, limbs still look like those of one bad fit.
+        assert fix.status in (Status.CAMERAS_DISAGREE, Status.POOR_FIT)
+
+
+def _turned(view: CameraView, angle_deg: float) -> CameraView:
+    turn = Rotation.from_rotvec([0.0, np.radians(angle_deg), 0.0]).as_matrix()
+    return replace(view, rot_base_from_cam=turn @ view.rot_base_from_cam)
 
 
 @pytest.mark.parametrize(
