@@ -12,7 +12,7 @@ from horizon_sensor_ros.core.aiding import AltitudeMeasurement
 from horizon_sensor_ros.core.attitude import nadir_from_roll_pitch
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.rigid import rotation_from_vector, vector_from_rotation
-from horizon_sensor_ros.core.self_calibration.adjustment import calibrate
+from horizon_sensor_ros.core.self_calibration.adjustment import calibrate, sets_alike
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet, NadirReference
 from horizon_sensor_ros.core.self_calibration.result import Calibration, CalibrationConfig
 from horizon_sensor_ros.core.status import Status
@@ -57,6 +57,15 @@ def test_a_reference_that_is_mounted_otherwise_turns_all_cameras() -> None:
         where = found.unknowns.where("rotation", "camera_1")
         squares.append(squared_error(found, np.zeros(3), where))
     assert np.mean(squares) / 3 == pytest.approx(1.0, abs=0.4)
+
+
+def test_how_many_sets_are_alike_is_a_sum_over_all_pairs() -> None:
+    times = rng(0).uniform(0.0, 300.0, 200)
+    pairs = np.exp(-np.abs(times[:, None] - times) / 60.0)
+    assert sets_alike(times, 60.0) == pytest.approx(pairs.sum(axis=1).mean())
+    assert sets_alike(times, 0.0) == 1.0
+    # A day at 10 Hz, whose pairs would take terabytes: 60 s to either side of each.
+    assert sets_alike(0.1 * np.arange(864_000), 60.0) == pytest.approx(1200.0, rel=1e-3)
 
 
 def test_what_is_told_of_a_lens_stays() -> None:

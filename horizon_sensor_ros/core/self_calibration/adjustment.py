@@ -172,7 +172,7 @@ class _Adjustment:
         self._config = config
         self._units = model.unknowns.scales
         times = np.array([s.time_s for s in model.sets])
-        self._alike = _sets_alike(times, config.correlation_s)
+        self._alike = sets_alike(times, config.correlation_s)
         self._free = self._free_unknowns()
         state = model.start(nominal)
         for _ in range(_MAX_ROUNDS):
@@ -387,12 +387,20 @@ def _weights(equations: Sequence[SetEquations]) -> tuple[np.ndarray, float]:
     return np.maximum(1.0 - chi2 / limit**2, 0.0) ** 2, scale
 
 
-def _sets_alike(times_s: np.ndarray, correlation_s: float) -> float:
-    """How many sets there are to each whose shared errors are its own."""
+def sets_alike(times_s: np.ndarray, correlation_s: float) -> float:
+    """Return how many sets, of times (T,), there are to each whose shared errors are its own.
+
+    correlation_s : time over which these stay alike; 0 where each set has its own.
+    """
     if correlation_s == 0.0:
         return 1.0
-    apart = np.abs(times_s[:, None] - times_s)
-    return float(np.mean(np.exp(-apart / correlation_s).sum(axis=1)))
+    # From each set to the next, as a matrix of all pairs of a long recording would fill the memory.
+    # Each pair is counted once by its later set.
+    up_to = total = 1.0
+    for share in np.exp(-np.diff(np.sort(times_s)) / correlation_s).tolist():
+        up_to = 1.0 + share * up_to
+        total += 2.0 * up_to - 1.0
+    return total / len(times_s)
 
 
 def _long_run(scores: np.ndarray) -> np.ndarray:
