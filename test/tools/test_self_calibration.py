@@ -233,6 +233,18 @@ def test_as_many_frames_wait_for_the_other_cameras_as_the_parameters_say() -> No
     assert len(horizons.sets) == 13
 
 
+@pytest.mark.parametrize(("interval", "taken"), [(0.0, 12), (1.0, 12), (2.0, 6), (2.5, 4)])
+def test_one_set_in_so_long_is_used(interval: float, taken: int) -> None:
+    """At intervals of whole periods, the set that comes when the next one is due."""
+    settings = horizon_settings(PARAMETERS).pipeline
+    horizons = Horizons(settings, round(interval * PERIOD_NS), focal=False)
+    dark = np.zeros((4, 4), np.uint8)
+    for index in range(12):
+        for camera in CAMERAS:
+            horizons.on_image(camera, image_of(dark, START_NS + index * PERIOD_NS, camera))
+    assert len(horizons.sets) == taken
+
+
 def rolling_gray(camera: str, nadir: np.ndarray, rate: np.ndarray, readout_s: float) -> np.ndarray:
     """Frame of a craft that turns while it is read out; nadir (3,) at the first row's time."""
     gray = np.empty((HEIGHT, WIDTH), np.uint8)

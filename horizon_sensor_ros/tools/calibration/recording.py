@@ -114,7 +114,7 @@ class Horizons:
         self.unpaired += paired.unpaired
         for members in paired.sets:
             first = members[0][0]
-            if self._next is not None and 0 <= self._next - first < self._interval:
+            if self._next is not None and 0 < self._next - first <= self._interval:
                 continue
             self._next = first + self._interval
             images = zip(self._alone.items(), members, strict=True)
