@@ -211,7 +211,8 @@ class HorizonSensor:
             for frame, limb in zip(frames, unusable, strict=True)
         ]
         views = [given[i].view for i in usable]
-        before = self._track
+        # What raises, or is not followed, leaves no track: the next set is searched.
+        before, self._track = self._track, None
         numbers = None if before is None else before.numbers(views)
         if before is not None and numbers is not None:
             followed = self._follow([frames[i] for i in usable], before, numbers, aiding)
@@ -219,7 +220,6 @@ class HorizonSensor:
                 limbs = iter(followed.limbs)
                 return replace(followed, limbs=tuple(limb or next(limbs) for limb in unusable))
         fix, detection = self._search.fix(frames, unusable, aiding)
-        self._track = None
         if (
             self.config.tracking
             and detection is not None

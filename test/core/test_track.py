@@ -11,6 +11,7 @@ from limb_frames import CAMERA, PLANET, as_frames, clouds, limb_views
 from limb_samples import angle_between
 from scipy.spatial.transform import Rotation
 
+from horizon_sensor_ros.core import horizon_sensor
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
@@ -82,6 +83,20 @@ def test_followed_fixes_are_those_of_a_search(searches: list[int]) -> None:
         assert angle_between(fix.fit.nadir_base, searched.fit.nadir_base) < sigma_rad(searched)
         assert sigma_rad(fix) == pytest.approx(sigma_rad(searched), rel=0.3)
         assert fix.fit.altitude_m == pytest.approx(searched.fit.altitude_m, rel=1e-3)
+
+
+def test_a_track_that_cannot_be_followed_is_not_followed_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def broken(*args: object, **kwargs: object) -> None:
+        raise FloatingPointError("broken")
+
+    sensor = HorizonSensor()
+    assert sensor.process(turned(0)[0]).ok
+    monkeypatch.setattr(horizon_sensor, "follow_limb", broken)
+    with pytest.raises(FloatingPointError, match="broken"):
+        sensor.process(turned(1)[0])
+    assert sensor.process(turned(2)[0]).ok
 
 
 @pytest.mark.parametrize("camera", [0, 1])
