@@ -67,6 +67,16 @@ def test_a_streak_is_taken_off_and_nothing_else(turned: bool, bits: int) -> None
     np.testing.assert_array_equal(found[saturated], with_it[saturated])
 
 
+def test_nothing_is_brighter_for_it() -> None:
+    """Where something darker than its sides lies along the streak's row."""
+    light = streak_light()
+    light[:, 520:560] *= -0.2
+    frame = taken(sky(12.0) + sun_light() + light)
+    found = without_streaks(frame)
+    assert found is not frame
+    assert (found <= frame).all()
+
+
 def test_a_sun_without_a_streak_is_left_alone() -> None:
     frame = taken(sky() + sun_light())
     assert without_streaks(frame) is frame

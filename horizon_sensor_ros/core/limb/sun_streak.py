@@ -108,7 +108,8 @@ def _may_show(
 
 def _take_off(lines: np.ndarray, streak: _Streak, saturated: float) -> None:
     band = lines[streak.first : streak.first + len(streak.level)]
-    less = band - streak.level[:, None] * streak.along
+    # It only adds: where noise alone makes of it less than nothing, nothing is taken.
+    less = band - np.maximum(streak.level[:, None] * streak.along, 0.0)
     np.copyto(band, np.rint(np.maximum(less, 0.0)).astype(lines.dtype), where=band < saturated)
 
 
