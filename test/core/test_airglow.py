@@ -18,6 +18,7 @@ from scipy.ndimage import gaussian_filter1d
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding, AltitudeMeasurement
 from horizon_sensor_ros.core.airglow.nadir import fit_airglow, with_airglow
 from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
@@ -25,6 +26,8 @@ from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.airglow_edge import airglow_edge
+from horizon_sensor_ros.core.limb.search.stars import count_stars
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.mask import Mask
 from horizon_sensor_ros.core.planet import Planet
@@ -422,6 +425,17 @@ def test_self_calibration_takes_no_limb_of_the_layer() -> None:
     fix = fix_by_layer(dark(1))
     assert fix.airglow_alone
     assert camera_horizon(VIEW, fix, PLANET) is None
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
+def test_noise_is_no_stars_whatever_the_frames_type(kind: type) -> None:
+    """Of a followed frame the working image has the frame's own type, which has no sign."""
+    gray = np.random.default_rng(0).integers(0, 6, (48, 64)).astype(kind)
+    star = gray.copy()
+    star[20, 30] = 60
+    view = CameraView("camera_1", Camera(64, 48, 60.0, 60.0, 31.5, 23.5), np.eye(3))
+    for image, stars in ((gray, 0), (star, 1)):
+        assert count_stars(view, WorkingImage(image, 1, 2.0, 1.5), -DOWN, 0.5) == stars
 
 
 def test_without_stars_an_edge_above_the_limb_is_not_the_airglows() -> None:

@@ -45,7 +45,7 @@ def count_stars(
     beside = np.maximum.reduce(
         [small[1:-3, 2:-2], small[3:-1, 2:-2], small[2:-2, 1:-3], small[2:-2, 3:-1]]
     )
-    y, x = np.nonzero((middle >= beside) & (middle - around > _SIGMAS * working.noise))
+    y, x = np.nonzero((middle >= beside) & (middle > around + _SIGMAS * working.noise))
     px = (np.stack([x, y], axis=1) + 2.5) * working.factor - 0.5
     if view.mask is not None:
         px = px[view.mask.clear(px, working.factor)]
