@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import re
 from functools import cache
 from graphlib import TopologicalSorter
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -65,3 +67,17 @@ def test_no_files_import_each_other_in_a_circle() -> None:
     graph = {module_of(path): imports_of(path) for path in ROOT.rglob("*.py")}
     assert frozenset().union(*graph.values()) <= graph.keys()
     TopologicalSorter(graph).prepare()  # raises CycleError, which names them
+
+
+def test_what_holds_arrays_is_compared_by_identity() -> None:
+    """Compared field by field it would raise: an array has no truth value."""
+    of_arrays = [
+        each
+        for module in sorted(map(module_of, (ROOT / "core").rglob("*.py")))
+        for each in vars(import_module(module)).values()
+        if dataclasses.is_dataclass(each)
+        and getattr(each, "__module__", "") == module
+        and any("ndarray" in str(field.type) for field in dataclasses.fields(each))
+    ]
+    assert len(of_arrays) > 50
+    assert [each for each in of_arrays if "__eq__" in vars(each)] == []

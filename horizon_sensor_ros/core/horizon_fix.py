@@ -18,7 +18,7 @@ _LESS_SURE = "the other camera is surer without it"
 _NO_PART = "its limb is off the others' cone, or too short for the fit"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Frame:
     """One image and the camera that took it.
 

@@ -34,7 +34,7 @@ _COARSE_RAD = (
 _COARSE_CIRCLE = _circle(_COARSE_RAD)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LimbCurve:
     """Points of the predicted limb inside the frame, evenly spaced along it.
 

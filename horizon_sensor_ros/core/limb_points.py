@@ -61,7 +61,7 @@ class CornerBlur(NamedTuple):
         return CornerBlur(factor * self.seen_px, factor * self.sigma_px)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LimbPoints:
     """Points of one image that lie on the planet's limb.
 

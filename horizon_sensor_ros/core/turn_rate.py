@@ -12,7 +12,7 @@ import numpy as np
 GYRO_SIGMA_RAD_S = math.radians(0.1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TurnRate:
     """Angular rate (3,) of the base frame in its own axes, rad/s, that moves the horizon in it, and
     one sigma of each component. nadir_base : (3,) about which it is not known; None: it is.

@@ -32,7 +32,7 @@ class CameraFileError(ValueError):
     """The file cannot be used; the message names the file, the key, and what to do."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rig:
     """Cameras on a craft, and the planet below it.
 

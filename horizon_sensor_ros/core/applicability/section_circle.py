@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SectionCircle:
     """The circle at each attitude, as it appears in the image plane at unit distance.
 

@@ -26,7 +26,7 @@ _CELLS_AT_ONCE = 2048
 _EDGE_BISECTIONS = 12
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Visibility:
     """The horizon in one camera's frame, one entry an attitude (M,).
 

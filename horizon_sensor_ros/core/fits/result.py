@@ -10,7 +10,7 @@ from horizon_sensor_ros.core.fits.disc import Disc
 from horizon_sensor_ros.core.status import Status
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HorizonFit:
     """Nadir, disc radius and altitude from limb points of one or more cameras.
 

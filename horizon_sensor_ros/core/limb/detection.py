@@ -69,7 +69,7 @@ class LimbState:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Detection:
     """The limb in each frame, and where the last pass of refinement looked for it.
 

@@ -49,7 +49,7 @@ class ProfileGrid:
         return np.arange(-count, count + 1) * self.grid_px
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class EdgePlaces:
     """The most likely edge of each profile.
 

@@ -49,7 +49,7 @@ def paper_rig() -> Rig:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Figure6:
     """The maps, flat over (yaw, pitch), and what can be said of them.
 

@@ -22,7 +22,7 @@ NOT_SEEN = "0.86"
 EXACT_COLOUR, CIRCLE_COLOUR = "#0072B2", "#D55E00"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AngleGrid:
     """Two angles in degrees, the horizontal one x and the vertical one y, by name."""
 
@@ -42,7 +42,7 @@ class AngleGrid:
         return x.ravel(), y.ravel()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Panel:
     """One map: values (M,) over the grid, NaN where there is nothing to show.
 
@@ -146,7 +146,7 @@ def draw_maps(
     plt.close(figure)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FrameView:
     """The horizon in one frame: exact limb (N, 2) and section circle (K, 2), pixels."""
 

@@ -21,7 +21,7 @@ _LEAST_TILT = 1e-3  # sine of the angle to nadir below which an axis has no dire
 _NEAR_BEST = 1.5  # angles whose worst sigma is up to this many times the best are as good as it
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mountings:
     """What each angle of mounting gives.
 

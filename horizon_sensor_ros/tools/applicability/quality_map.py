@@ -20,7 +20,7 @@ USABLE_DEG = float(np.degrees(HorizonConfig.max_nadir_sigma_rad))
 _SAMPLES = 1440
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Quality:
     """One entry an attitude (M,).
 

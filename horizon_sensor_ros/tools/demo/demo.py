@@ -154,7 +154,7 @@ def _seed(text: str) -> int:
     return int(text)
 
 
-@dataclass
+@dataclass(eq=False)
 class _Flown:
     """What was published: truths and times, by the stamp (ns)."""
 

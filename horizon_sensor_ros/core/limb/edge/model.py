@@ -70,7 +70,7 @@ _NODES = np.linspace(-4.0, 4.0, 33)
 _WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class EdgeTable:
     """Precomputed likelihood of the edge's place, for profiles in units of their noise.
 

@@ -76,7 +76,7 @@ def _by_texture(evidence: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return by_texture, np.maximum(behind, -_MOST_EVIDENCE).sum(axis=0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Scaled:
     """Profiles (N, J) in units of their noise.
 
@@ -106,7 +106,7 @@ class _Scaled:
         return [(level, np.flatnonzero(self.level == level)) for level in levels]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Costs:
     """Squares of residuals, costs and steps (N, L, T, G, E) of profiles: for some looks, their
     textures and glows, and every place of the edge.
@@ -157,7 +157,7 @@ class _Costs:
 _FIVE = np.arange(-2, 3)[:, None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Lowest:
     """Minima of curves of costs: place, sigma, cost, its depth below the grid's least value, and
     whether that one is at an end; index : of the grid's value, or its neighbour, in the costs.

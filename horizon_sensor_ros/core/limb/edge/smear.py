@@ -30,7 +30,7 @@ STILL_PX, _SMEARED_SHARE = 0.85, 0.5
 _UNTOLD = 3.0  # times its sigma, what texture may hide of a smear
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Blur:
     """Correction of an assumed blur, pixels.
 

@@ -65,7 +65,7 @@ def usual_bend(log_glow: np.ndarray) -> float:
     return -0.5 * float(log_glow[1]) ** 2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Air:
     """What is common to all stretches of a limb.
 

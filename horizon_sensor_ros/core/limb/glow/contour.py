@@ -33,7 +33,7 @@ _OUTLIER_SIGMAS = 2.0
 _SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES = 0.72, 1.47
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ContourLimb:
     """The limb as the glow's contour draws it.
 

@@ -51,7 +51,7 @@ _FAINT_GLOW = 0.5  # likewise, below which glow does not show by itself where it
 _AGAIN = 2  # derivatives by what the step before takes the ground to be
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GlowStep:
     """Change (P,) of the unknowns and covariance (7, 7) of `KEPT` ones. cost : (M,) of the
     stretches, over the degrees of freedom; infinite of those left out. ripple : how far the glow of

@@ -54,7 +54,7 @@ _ROUNDING = 1e-8  # variance
 _NOTHING = 1e-9  # information, over all of it
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Together:
     """By what the limbs' three unknowns (N, 3) change by what all frames say, and a factor
     (3 N, K) of their covariance: it times its transpose. amplitude : of log A around nadir. step :

@@ -70,7 +70,7 @@ _OF_DROWNED = np.array([0.5, 0.15])
 _POINT_SHARE = 0.5  # sigma of a point by itself, over what would explain all of the limb's
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GlowPoints(LimbPoints):
     """Points of a limb under glowing air. alone : what its frame says by itself."""
 

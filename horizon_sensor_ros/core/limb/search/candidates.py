@@ -37,7 +37,7 @@ _BORDER_PX = 48  # working pixels beyond the frame that may be asked for
 _MASK_CLEARANCE_PX = 4.0  # working pixels that a candidate keeps from a masked part of the frame
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LimbCandidates:
     """Edge points that may lie on the limb.
 
@@ -142,7 +142,7 @@ def candidates_in(
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Edges:
     """Edge pixels u, v (N,) of the working image, and the unit steps (N,) out of the planet."""
 

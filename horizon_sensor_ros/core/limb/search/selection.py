@@ -36,7 +36,7 @@ _LEAST_SEEN = 0.8  # of a camera's candidates that have a ray
 _INNER_TRUST = 0.5  # of a candidate that has another one farther out
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RayCandidates:
     """Candidates of all cameras as rays in the base frame.
 
@@ -73,7 +73,7 @@ class RayCandidates:
         return np.asarray(off > _ON_THE_LIMB * self.pitch_rad)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Consensus:
     """The winning hypothesis; `inliers` is a mask over the ray candidates. Not OK: a reason, and
     NaN but below a layer of airglow without ground. unanimous : it explains nearly all of them, and
@@ -243,7 +243,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Ballot:
     """Candidates as they vote on hypotheses; in single precision, it is a matter of grid steps."""
 

@@ -60,7 +60,7 @@ _PHASE_WEIGHT = 3.0  # by which a stretch's phase in the raster takes from what 
 _SHAPE_ERROR = 0.003  # over the step; no edge is quite the model's
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Stretches:
     """Mean profiles of successive stretches of limb, sampled about predicted places of the edge.
 
@@ -84,7 +84,7 @@ class Stretches:
     corner_px: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Tables:
     """What solves profiles of J samples, over their noise, for each of S textures.
 
@@ -111,7 +111,7 @@ class _Tables:
     rise: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class KrigedEdges:
     """Places (N,) of the edge along the normals from the predicted ones and their sigmas, pixels.
 
