@@ -12,7 +12,9 @@ from limb_frames import as_frames, clouds, limb_views
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.horizon_fix import Frame
+from horizon_sensor_ros.core.doubts import Doubts
+from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
@@ -114,3 +116,17 @@ def test_cameras_that_contradicted_each_other_are_believed_once_they_agree_in_th
     assert flight.fly() == ""
     flight.tell(VIEWS)
     assert [flight.fly() for _ in range(4)] == ["", "", "13", "13"]
+
+
+def test_a_contradiction_of_days_is_outlived_in_minutes() -> None:
+    """What it came from may be gone: of ever so many sets six hundred count."""
+    doubts, nothing = Doubts(), HorizonFit.none(Status.CAMERAS_DISAGREE, "", "ml")
+    both = ("camera_1", "camera_2")
+    apart = HorizonFix(nothing.status, "", nothing, (), (), contradicting=both)
+    alone = HorizonFix(Status.OK, "", nothing, (), both[:1])
+    for _ in range(10_000):
+        doubts.against(apart, followed=False)
+    told = [doubts.against(alone, followed=False) for _ in range(700)]
+    assert told[0].endswith("not believed for another 598 sets, unless they agree")
+    assert "" not in told[:598]
+    assert not any(told[598:])
