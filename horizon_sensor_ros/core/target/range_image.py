@@ -47,8 +47,8 @@ class RangeImage:
         taken out, and directions outside the sensor's frame.
     focal_px : pixels of this image a unit of (x/z, y/z).
     origin : (x/z, y/z) of pixel (column 0, row 0).
-    num_points : finite points in the cloud.  num_used : pixels with a return.
-    centroid_m : (3,) of the finite points, in the view frame.
+    num_points : returns in the cloud, see `range_image`.  num_used : pixels with a return.
+    centroid_m : (3,) of these points, in the view frame.
     range_step_m : of a sensor that tells ranges, depths or disparities in whole steps; 0: none.
     on_grid : whether the pixels are the sensor's own; those made for a cloud that lies on no grid
         were not all looked at.
@@ -95,8 +95,9 @@ def range_image(
 ) -> RangeImage:
     """Bring a cloud into a range image.
 
-    points : (H, W, 3) organised or (N, 3) plain, metres, sensor frame with z forward; not finite:
-        no return.
+    points : (H, W, 3) organised or (N, 3) plain, metres, sensor frame with z forward. No returns
+        are those that are not finite, within a millimetre of the sensor, 10 km off and more, or
+        five times as far to a side of the view as ahead.
     focal_px : focal length of the sensor in pixels; None: estimated from the spacing of the points.
     An organised cloud that is no pinhole image (a scanning lidar's) is treated as a plain one.
     Raises ValueError for another shape or a focal length that is not positive.

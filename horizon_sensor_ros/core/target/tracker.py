@@ -57,7 +57,7 @@ class TargetFix:
         track, odd first cloud, time jumped back).
     registration : the last one tried; None where there was none.  num_keyframes : kept views of
         the target.
-    num_points : finite points of the cloud.
+    num_points : returns in the cloud, see `range_image`.
     Poses and covariances are NaN unless the status is OK.
     """
 
