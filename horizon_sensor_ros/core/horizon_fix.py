@@ -22,8 +22,9 @@ _NO_PART = "its limb is off the others' cone, or too short for the fit"
 class Frame:
     """One image and the camera that took it.
 
-    gray : (H, W) uint8 or uint16. after_s : its time after that of the set of frames. unusable :
-    why it is not to be looked at; empty where it is.
+    gray : (H, W) uint8 or uint16; a sensor keeps it until the camera's next one, which must be
+    another array: one buffer that is filled anew is the very same image again. after_s : its time
+    after that of the set of frames. unusable : why it is not to be looked at; empty where it is.
     """
 
     view: CameraView
