@@ -1,0 +1,69 @@
+"""Errors that points of a limb share by night: larger than by day, by how the limb was found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from limb_samples import PINHOLE, observe, view_at_limb
+
+from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.limb.detection import Detection
+from horizon_sensor_ros.core.limb.night import by_night
+from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError
+from horizon_sensor_ros.core.status import Status
+
+NADIR, RHO = np.array([0.36, -0.48, 0.8]), np.radians(65.0)
+BY_DAY = SharedError(coherent_px=0.1, shift_px=0.2, slope_px=0.05, height_px=0.3)
+LAYER_RAD = np.radians(1.5)
+SEPARATED = np.full((4, 2), 1e-4)
+KINDS = {
+    "modelled": {"modelled": True},
+    "edges": {"modelled": False},
+    "separated": {"modelled": True, "cone_errors": SEPARATED},
+}
+
+
+def limb_by_night(kind: str, *, dark: bool, layer_rad: float = 0.0) -> LimbPoints:
+    """Of one camera, beside another that shows the limb too, or should and does not."""
+    views = [
+        view_at_limb(PINHOLE, NADIR, RHO, azimuth, name=f"camera_{azimuth:.0f}")
+        for azimuth in (1.0, 3.0)
+    ]
+    one, other = (observe(view, NADIR, RHO) for view in views)
+    one = replace(one, limb=replace(one.limb, shared=BY_DAY, **KINDS[kind]))
+    if dark:
+        other = LimbObservation(other.view, LimbPoints.none(Status.NO_LIMB, "dark"))
+    found = Detection((one, other), nadir_base=NADIR, rho_rad=RHO, layer_rad=layer_rad)
+    return by_night(found).limbs[0]
+
+
+def times(limb: LimbPoints) -> float:
+    """By how much the errors of one camera were enlarged."""
+    factors = np.array(limb.shared[:3]) / BY_DAY[:3]
+    np.testing.assert_allclose(factors, factors[0])
+    return float(factors[0])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_where_all_cameras_see_the_limb_it_is_day(kind: str) -> None:
+    assert limb_by_night(kind, dark=False).shared == BY_DAY
+
+
+def test_beside_the_dark_errors_are_larger_and_most_without_a_model() -> None:
+    modelled, edges, separated = (times(limb_by_night(kind, dark=True)) for kind in KINDS)
+    assert 1.2 < modelled < edges
+    assert separated == modelled
+    errors = limb_by_night("separated", dark=True).cone_errors
+    np.testing.assert_allclose(errors, separated * SEPARATED)
+
+
+def test_below_a_layer_errors_are_larger_but_where_it_was_told_from_the_limb() -> None:
+    modelled, edges, separated = (
+        limb_by_night(kind, dark=False, layer_rad=LAYER_RAD) for kind in KINDS
+    )
+    assert separated.shared == BY_DAY
+    assert 1.2 < times(modelled) < times(edges)
+    # Edges lie too far out there, in all cameras alike.
+    assert edges.shared.height_px > 2.0 * BY_DAY.height_px
