@@ -16,8 +16,8 @@ from horizon_sensor_ros.core.rigid import (
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target import tracker as tracker_module
 from horizon_sensor_ros.core.target.config import RegistrationConfig, TrackerConfig
-from horizon_sensor_ros.core.target.registration import TargetView
-from horizon_sensor_ros.core.target.tracker import TargetTracker
+from horizon_sensor_ros.core.target.registration import TargetView, target_view
+from horizon_sensor_ros.core.target.tracker import TargetTracker, _delta_covariance, _Known
 from horizon_sensor_ros.sim.shapes import TARGETS, assembly, box, cylinder
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 
@@ -529,3 +529,40 @@ def test_an_error_of_the_target_frame_turns_the_axes_of_a_step() -> None:
         )
         values.append(error @ np.linalg.solve(covariance, error))
     assert np.mean(values) == pytest.approx(6, abs=0.8)
+
+
+def test_a_steps_covariance_is_that_of_two_poses_that_err_each_by_itself() -> None:
+    """Found from two kept views; far apart, so that the first one's turn moves the step's end."""
+    rng = np.random.default_rng(4)
+
+    def drawn(scale: float) -> np.ndarray:
+        root = rng.normal(size=(6, 6)) * np.repeat([1e-3, scale], 3)[:, None]
+        return root @ root.T
+
+    turns, places = rotation_from_vector(rng.normal(size=(2, 3))), rng.normal(size=(2, 3))
+    poses = [pose_matrix(turn, place) for turn, place in zip(turns, places, strict=True)]
+    covariances = [drawn(1e-4), drawn(1e-4)]
+    # What is wrong with all ranges is one error, and moves both.
+    biases = 1e-3 * rng.normal(size=(2, 6))
+    view = target_view(np.zeros((4, 3)), RegistrationConfig())
+    last, now = (
+        _Known(view, k, poses[k], covariances[k], biases[k], -1 - k, covariances[k])
+        for k in range(2)
+    )
+    said = _delta_covariance(last, now)
+    true = inverse_pose(poses[0]) @ poses[1]
+    errors = []
+    for _ in range(4000):
+        off = rng.normal() * biases + [
+            rng.multivariate_normal(np.zeros(6), covariance) for covariance in covariances
+        ]
+        found = [
+            pose_matrix(rotation_from_vector(e[:3]) @ pose[:3, :3], pose[:3, 3] + e[3:])
+            for e, pose in zip(off, poses, strict=True)
+        ]
+        step = inverse_pose(found[0]) @ found[1]
+        turn = vector_from_rotation(step[:3, :3] @ true[:3, :3].T)
+        errors.append(np.concatenate([turn, step[:3, 3] - true[:3, 3]]))
+    scatter, size = np.cov(np.transpose(errors)), np.sqrt(np.diag(said))
+    scale = np.outer(size, size)
+    np.testing.assert_allclose(scatter / scale, said / scale, atol=0.1)
