@@ -94,6 +94,14 @@ class RateHistory:
         age = (stamp - middle) / max(self._stamps[end - 1] - self._stamps[first], 1)
         return np.median(last, axis=0), max(age, 0.5) * float(np.ptp(last, axis=0).max())
 
+    def off_ns(self, stamp: int) -> int:
+        """How far the sample nearest to a stamp lies after it, or, less than zero, before it; 0
+        where there are none.
+        """
+        at = bisect.bisect_left(self._stamps, stamp)
+        beside = list(islice(self._stamps, max(at - 1, 0), at + 1))
+        return min((told - stamp for told in beside), key=abs, default=0)
+
     def forget_before(self, stamp: int) -> None:
         """Drop what no rotation from `stamp` on, and no rate at it, needs."""
         while len(self._stamps) > _FOR_A_RATE and self._stamps[_FOR_A_RATE] <= stamp:

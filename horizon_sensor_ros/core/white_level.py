@@ -9,7 +9,7 @@ _WHITE = (255, 1023, 4095, 16383, 65535, 65280, 65472, 65520, 65532, 4080)
 NEAR_WHITE = 0.97  # lossy coding and interpolation leave less of it
 
 
-def full_scale(gray: np.ndarray) -> float:
+def full_scale(gray: np.ndarray) -> int:
     """Return the largest gray level that could be in a frame (H, W): 255, or for 16 bits that of
     the fewest bits that hold it, eight or more.
 
@@ -17,8 +17,8 @@ def full_scale(gray: np.ndarray) -> float:
     unused, by its darkness, is taken for one of fewer bits.
     """
     if gray.dtype == np.uint8:
-        return 255.0
-    return float(2 ** max(8, int(gray.max(initial=0)).bit_length()) - 1)
+        return 255
+    return int(2 ** max(8, int(gray.max(initial=0)).bit_length()) - 1)
 
 
 def saturation_level(gray: np.ndarray, sampled: np.ndarray) -> float:

@@ -25,6 +25,7 @@ from horizon_sensor_ros.ros.parameters.horizon_settings import AidingSettings
 COARSE_POSE_TOPIC = "coarse_pose"
 _OF_NO_USE = "not used: planet is sphere; the Earth's ellipsoid is wgs84"
 IMU_TOPIC = "imu"
+_LONGEST_GAP_NS = 5 * NANOSECONDS  # of the imu; stamps that lie farther off are told
 
 
 class AidingSources:
@@ -117,7 +118,7 @@ class AidingSources:
             words = "no set before"
             if self._last_set is not None:
                 rotation = self._rates.rotation(self._last_set, stamp)
-                words = "a gap since the last set" if rotation is None else "used"
+                words = "used" if rotation is not None else self._gap_at(stamp)
             self._say(IMU_TOPIC, words)
             self._rates.forget_before(stamp)
         else:
@@ -131,6 +132,16 @@ class AidingSources:
             rate_spread_rad_s=spread,
             since_last_s=since_last,
         )
+
+    def _gap_at(self, stamp: int) -> str:
+        """Why no rotation is known up to the set of a stamp: another clock looks otherwise than a
+        gap does.
+        """
+        off_ns = self._rates.off_ns(stamp)
+        if abs(off_ns) <= _LONGEST_GAP_NS:
+            return "a gap since the last set"
+        way = "after" if off_ns > 0 else "before"
+        return f"its nearest stamp is {abs(off_ns) / NANOSECONDS:.1f} s {way} the frames'"
 
     def _pose_at(self, stamp: int) -> CoarsePose | None:
         if self._pose is None:

@@ -50,6 +50,7 @@ class Pace:
         if now == _NO_TIME:
             return
         self._latencies_ns.append(now - stamp)
+        self._forget_later_than(now)
         self._published_ns.append(now)
 
     def values(self, now: int) -> dict[str, str]:
@@ -65,13 +66,16 @@ class Pace:
 
     def _rate_hz(self, now: int) -> float:
         """Estimates a second, over the last ones; falls when they stop coming."""
+        self._forget_later_than(now)
         times = self._published_ns
-        while times and times[0] > now:
-            times.popleft()
-        if len(times) < 2:
+        if len(times) < 2 or now == times[0]:
             return 0.0
-        span = max(now, times[-1]) - times[0]
-        return (len(times) - 1) * NANOSECONDS / span if span > 0 else 0.0
+        return (len(times) - 1) * NANOSECONDS / (now - times[0])
+
+    def _forget_later_than(self, now: int) -> None:
+        """Begin anew where the clock was set back, as in a bag that is looped: all was before."""
+        if self._published_ns and self._published_ns[-1] > now:
+            self._published_ns.clear()
 
 
 class Monitor(Generic[Pipeline]):

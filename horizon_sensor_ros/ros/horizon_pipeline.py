@@ -23,6 +23,7 @@ from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.linear_light import linear_light
 from horizon_sensor_ros.core.mask import Mask
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.white_level import full_scale
 from horizon_sensor_ros.ros.aiding_sources import AidingSources
 from horizon_sensor_ros.ros.messages import (
     NANOSECONDS,
@@ -39,6 +40,9 @@ from horizon_sensor_ros.ros.resources import read_mask
 
 # Rotation (3, 3), optical to base frame, of a camera: its name and its images' frame_id.
 Extrinsics = Callable[[str, str], "np.ndarray | Refusal"]
+# Up to here, rad, a rotation that TF composes anew for each frame is the last one: another would be
+# another camera, whose limb is searched for.
+_SAME_ROTATION = 1e-9
 
 
 @dataclass(frozen=True)
@@ -70,18 +74,28 @@ class Step:
 
 @dataclass
 class _CameraState:
-    """What is told of a camera, its latest calibration, and the view made from both."""
+    """What is told of a camera, its latest calibration, and the view made from both; the highest
+    white level that its frames have shown.
+    """
 
     told: CameraSettings
     mask: Mask | None
     info_key: tuple[Any, ...] | None = None
     camera: Camera | Refusal | None = None
     view: CameraView | None = None
+    white: int = 0
 
     @classmethod
     def of(cls, told: CameraSettings) -> _CameraState:
         """Of a camera without a calibration."""
         return cls(told, None if told.mask is None else read_mask(told.mask))
+
+    def light(self, gray: np.ndarray) -> np.ndarray:
+        """Pixels in proportion to light of a frame (H, W)."""
+        if self.told.gamma != 1.0:
+            # From frame to frame the scale must not change with the brightest pixel.
+            self.white = max(self.white, full_scale(gray))
+        return linear_light(gray, self.told.gamma, self.white)
 
 
 class HorizonPipeline:
@@ -217,7 +231,7 @@ class HorizonPipeline:
         if (
             view is None
             or view.camera is not camera
-            or not np.array_equal(view.rot_base_from_cam, rot_base_from_cam)
+            or np.abs(view.rot_base_from_cam - rot_base_from_cam).max() > _SAME_ROTATION
         ):
             view = state.view = CameraView(
                 name,
@@ -228,7 +242,7 @@ class HorizonPipeline:
                 state.told.exposure_s,
                 corner_blur_px=state.told.corner_blur_px,
             )
-        return Frame(view, linear_light(gray, state.told.gamma))
+        return Frame(view, state.light(gray))
 
     def _process(self, members: tuple[tuple[int, Frame], ...]) -> HorizonResult:
         self.counts["sets"] += 1

@@ -22,6 +22,15 @@ def test_encoding_is_undone(dtype: type, white: int) -> None:
     assert back.max() == 65535
 
 
+def test_few_bits_of_sixteen_are_as_many_levels() -> None:
+    """By the law of all sixteen, ten bits of gamma 2.2 came to eight levels."""
+    light = np.linspace(0.0, 1.0, 48).reshape(6, 8)
+    encoded = np.rint(1023 * light ** (1.0 / 2.2)).astype(np.uint16)
+    np.testing.assert_allclose(linear_light(encoded, 2.2, 1023) / 65535.0, light, atol=2.2 / 1023)
+    with pytest.raises(ValueError, match="white must be from 0 to 255 for uint8, got 1023"):
+        linear_light(encoded.astype(np.uint8), 2.2, 1023)
+
+
 def test_nothing_is_done_to_light_that_is_not_encoded() -> None:
     gray = np.arange(12, dtype=np.uint8).reshape(3, 4)
     assert linear_light(gray, 1.0) is gray

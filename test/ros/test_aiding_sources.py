@@ -159,6 +159,22 @@ def test_the_rotation_is_that_since_the_last_set() -> None:
     assert aiding.words["imu"] == "a gap since the last set"
 
 
+@pytest.mark.parametrize(
+    ("off_s", "told"),
+    [
+        (-3600, "its nearest stamp is 3599.7 s before the frames'"),
+        (60, "its nearest stamp is 60.1 s after the frames'"),
+    ],
+)
+def test_an_imu_of_another_clock_is_told_from_one_with_a_gap(off_s: int, told: str) -> None:
+    aiding = sources()
+    for step in range(5):
+        aiding.on_imu(imu_of(START_NS + off_s * S + (step + 2) * S // 20, (0.1, 0.0, 0.0)))
+    aiding.of_set(START_NS)
+    aiding.of_set(START_NS)
+    assert aiding.words["imu"] == told
+
+
 def test_the_rate_and_the_time_since_the_last_set_go_along() -> None:
     aiding = sources()
     first = aiding.of_set(START_NS)

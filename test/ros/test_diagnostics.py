@@ -266,6 +266,17 @@ def test_what_the_message_says() -> None:
     assert float(values["rate_hz"]) == 10.0
 
 
+def test_the_rate_of_a_looped_bag_is_that_of_the_loop() -> None:
+    """A clock that is set back: estimates of the loops before lie before now as well."""
+    monitor = monitor_of()
+    for _ in range(4):
+        for i in range(50):
+            monitor.on_published(i * S // 10, i * S // 10)
+        assert values_of(monitor, 49 * S // 10)["rate_hz"] == "10.00"
+    # Back, and nothing comes.
+    assert values_of(monitor, 3 * S)["rate_hz"] == "0.00"
+
+
 def test_a_replay_says_nothing_of_the_machine() -> None:
     pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
     monitor = monitor_of(live=False)

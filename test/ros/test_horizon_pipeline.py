@@ -96,6 +96,20 @@ def test_one_camera_alone(bits: int) -> None:
     assert angle_deg(result.fix.fit.nadir_base, nadir_of(0, 0)) < 0.1
 
 
+@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+def test_encoded_light_is_undone_whatever_the_bits(bits: int) -> None:
+    """Of 16 bits a camera may use ten: nothing in a message says so."""
+    white, gamma = 2**bits - 1, 2.2
+    pipeline = ready(**{f"{camera}.gamma": gamma for camera in CAMERAS})
+    for camera in CAMERAS:
+        light = horizon_gray(camera, nadir_of(0, 0)) / 255.0
+        gray = np.rint(white * light ** (1.0 / gamma)).astype(np.uint8 if bits == 8 else np.uint16)
+        results = pipeline.on_image(camera, image_of(gray, START_NS, camera)).results
+    fit = results[0].fix.fit
+    assert angle_deg(fit.nadir_base, nadir_of(0, 0)) < 0.01
+    assert abs(fit.altitude_m - ALTITUDE_M) < 4.0 * np.sqrt(fit.cov_nadir_altitude[3, 3])
+
+
 def test_without_camera_info_a_frame_is_refused_by_name() -> None:
     pipeline = pipeline_of()
     step = pipeline.on_image("camera_1", good("camera_1", 0))
@@ -290,6 +304,21 @@ def test_extrinsics_can_come_from_elsewhere_and_be_missing() -> None:
         assert step.refusal == Refusal("no_extrinsics", f"no transform for {camera}")
     known.update(ROTATIONS)
     assert angle_deg(pair(pipeline, 1).fix.fit.nadir_base, nadir_of(*attitude_at(1))) < 0.05
+
+
+def test_a_rotation_that_is_rounded_otherwise_each_time_is_one() -> None:
+    """As TF's are that is composed of several: the limb was searched for in every set."""
+    rng = np.random.default_rng(0)
+
+    def lookup(camera: str, frame_id: str) -> np.ndarray:
+        return ROTATIONS[camera] + 1e-15 * rng.normal(size=(3, 3))
+
+    pipeline = HorizonPipeline(horizon_settings({"extrinsics_source": "tf"}).pipeline, lookup)
+    for camera in CAMERAS:
+        pipeline.on_camera_info(camera, camera_info_of(0, camera))
+    fixes = [pair(pipeline, index).fix for index in range(4)]
+    assert all(fix.ok for fix in fixes)
+    assert fixes[-1].predicted is not None
 
 
 def test_rotations_that_are_to_come_from_elsewhere_must_come() -> None:
