@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -31,6 +32,8 @@ _UNPAIRED = (
     "the cameras' frames do not pair: their stamps are farther apart than slop, or one camera's "
     "arrive more than queue_size frames later than another's"
 )
+# Of so many usable frames, where fewer than this share come into a set, estimates are lost.
+_FRAMES, _PAIRED_SHARE = 40, 0.5
 
 
 @dataclass
@@ -61,6 +64,8 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         self.own_counts = OwnCounts()
         self._last_set_ns: int | None = None
         self._apart_ns: int | None = None
+        # Of the last usable frames, how many came into a set with each.
+        self._paired: deque[int] = deque(maxlen=_FRAMES)
         self._fix: HorizonFix | None = None
         self._views: tuple[CameraView, ...] = ()
 
@@ -76,6 +81,8 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         camera = self._cameras[step.camera]
         camera.last_ns = now
         camera.refusal = step.refusal
+        if step.refusal is None:
+            self._paired.append(sum(len(result.frames) for result in step.results))
         if step.apart_ns is not None:
             known = step.apart_ns if self._apart_ns is None else self._apart_ns
             self._apart_ns = min(known, step.apart_ns)
@@ -136,10 +143,20 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
             return Health(WARN, "waiting", f"no complete set of frames yet{self._nearest()}")
         if fix.status is not Status.OK:
             return Health(WARN, "no_fix", f"{fix.status}: {fix.reason}")
-        degrading = shortcomings(fix, self._views, tuple(self._cameras))
+        degrading = [*self._lost(), *shortcomings(fix, self._views, tuple(self._cameras))]
         if degrading:
             return Health(WARN, "degraded", "; ".join(degrading))
         return Health(OK, "ok", f"fix from {', '.join(fix.cameras_used)}")
+
+    def _lost(self) -> list[str]:
+        """That most frames come into no set, where it is so: estimates are good, but few."""
+        alone = len(self._paired) - sum(self._paired)
+        if len(self._paired) < _FRAMES or alone <= (1.0 - _PAIRED_SHARE) * _FRAMES:
+            return []
+        return [
+            f"{alone} of the last {_FRAMES} frames came into no set: there are no more sets than "
+            "the slowest camera has frames, and none where stamps are farther apart than slop"
+        ]
 
     def _limbs(self) -> dict[str, LimbPoints]:
         """Limbs of the last set, by camera."""

@@ -206,6 +206,25 @@ def test_frames_that_never_pair() -> None:
         assert possible in health.reason
 
 
+@pytest.mark.parametrize(("times", "lost"), [(1, 0), (2, 0), (5, 28)])
+def test_a_camera_slower_than_the_others_costs_their_frames_and_that_is_told(
+    times: int, lost: int
+) -> None:
+    """All was `ok`, and four of five frames of one camera gave no estimate."""
+    monitor = monitor_of()
+    for index in range(100):
+        monitor.on_step(Step("camera_1"), index * S // 10)
+        if index % times == 0:
+            fixed = HorizonResult(index * S // 10, fix_of(), frames_of(CAMERAS))
+            monitor.on_step(Step("camera_2", (fixed,)), index * S // 10)
+    health = monitor.health(10 * S)
+    if lost:
+        assert (health.level, health.state) == (DiagnosticStatus.WARN, "degraded")
+        assert health.reason.startswith(f"{lost} of the last 40 frames came into no set: ")
+    else:
+        assert (health.level, health.state) == (DiagnosticStatus.OK, "ok")
+
+
 def test_how_near_the_stamps_come_is_told_until_there_is_a_set() -> None:
     pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
     monitor = monitor_of()
