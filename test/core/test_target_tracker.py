@@ -322,6 +322,31 @@ def test_a_rate_that_changes_is_followed(steps_deg: tuple[float, float]) -> None
         assert fix.new_frame == (k == 0)
 
 
+@pytest.mark.parametrize(
+    ("turned_deg", "moved_m", "told"),
+    [
+        (0.0, 0.8, "0.80 m away from where constant velocity predicts it"),
+        (9.0, 0.0, "turned 9 deg away from the 1 deg that constant velocity predicts, 5 allowed"),
+    ],
+    ids=["aside", "turned"],
+)
+def test_a_jump_away_from_a_steady_motion_is_none(
+    turned_deg: float, moved_m: float, told: str
+) -> None:
+    """A truss found a bay off, or a stage whose roll jumped, was let through with a small sigma."""
+    rng = np.random.default_rng(2)
+    start = Rotation.random(random_state=1).as_matrix()
+    tracker, fixes = TargetTracker(), []
+    for k in range(9):
+        jumps = k in (5, 6)
+        turn = rotation_from_vector(np.radians([0.0, 0.0, k + jumps * turned_deg]))
+        pose = pose_matrix(turn @ start, np.array([jumps * moved_m, 0.01 * k, 5.3]))
+        fixes.append(tracker.process(CAMERA.scan(MESHES["n1"], pose, rng).points, k * STEP_NS))
+    assert [fix.status is Status.OK for fix in fixes] == [True] * 5 + [False] * 2 + [True] * 2
+    assert told in fixes[5].reason
+    assert not any(fix.new_frame for fix in fixes[1:])
+
+
 def test_two_stamps_close_together_are_no_velocity() -> None:
     """Those of clouds that arrive two at a time: 3 deg in a millisecond would be 600 in the next
     step."""

@@ -18,6 +18,8 @@ _BLOCK_PX = 12.0
 # Both parts count the noise; this brings the sum to the errors seen on simulated targets of all
 # kinds.
 _MEASURED = 0.72
+# Of clouds on no grid of the camera, whose returns were moved to the pixels' middles.
+_MEASURED_OFF_GRID = 1.44
 
 # Normals lean alike in both views over about half of a window.
 _LEAN_PX = 2.0
@@ -78,7 +80,9 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     # Nothing is less known than to the target's size.
     values = np.maximum(values, 1 / b.size_m**2)
     inverse = (vectors / values) @ vectors.T * np.outer(scale, scale)
-    covariance = _MEASURED * (inverse + inverse @ (sums @ sums.T) @ inverse)
+    on_grid = a.image.on_grid and b.image.on_grid
+    measured = _MEASURED if on_grid else _MEASURED_OFF_GRID
+    covariance = measured * (inverse + inverse @ (sums @ sums.T) @ inverse)
     drawn = inverse @ _drawn_back(pairs, weight, a, b)
     covariance += np.outer(drawn, drawn)
     by_range = inverse @ (j * weight) @ _apart_by_range(pairs)

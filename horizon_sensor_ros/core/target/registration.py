@@ -30,6 +30,10 @@ from horizon_sensor_ros.core.target.surfels import SurfaceView, surface_view
 
 # Scores of two motions so near tell nothing, and so far apart much.
 _SAME_SCORE, _OTHER_SCORE = 0.012, 0.03
+# Rivals are aligned coarsely. Beyond the search, where a turn within it is the likelier one, those
+# that are right score up to 0.056 less than a wrong motion, and wrong ones at least 0.1 less than a
+# right one.
+_FAR_SCORE = 0.08
 # Times its own turn, up to which that of a prism by another number of sides is as likely: a target
 # that hardly turned may be a prism of however many.
 _AS_LIKELY = 6.0
@@ -264,11 +268,11 @@ def _doubt(
     Rivals are the same motion turned further, about the target's axes, with which the views agree
     about as well. How much better a rival must agree depends on how likely its turn is:
 
-    - Turned as a prism is like itself (only if the motion found is within the search): up to
-      `_AS_LIKELY` times the turn that was found, within the search, it may even agree a little less
-      well; beyond that it has to agree better. Where views between these two were doubted a rival
-      may be as likely up to `doubted_rad`: a prism that was seen to turn, and then not to, has
-      turned by a side.
+    - Turned as a prism is like itself: up to `_AS_LIKELY` times the turn that was found, within the
+      search, it may even agree a little less well, and less well still if the motion found is
+      beyond the search; beyond that it has to agree better. Where views between these two were
+      doubted a rival may be as likely up to `doubted_rad`: a prism that was seen to turn, and then
+      not to, has turned by a side.
     - Turned by right angles: it has to agree better, and clearly so if its turn is beyond twice the
       search. But if the motion found is itself beyond the search, a rival with a likely turn may
       even agree a little less well, and any other one need only agree better at all. This is not
@@ -280,16 +284,16 @@ def _doubt(
     far = turn > config.search_rad
     odd = odd_share(a, b)
     clear = found.score > BEYOND_DOUBT - SCORE_LOST * odd
-    if not far or turn < doubted_rad:
-        # Turns as likely as its own speak against it and need not be better; others must be.
-        likely_rad = max(min(_AS_LIKELY * turn, config.search_rad), doubted_rad)
-        most_rad = max(_BEYOND_SEARCH * config.search_rad, doubted_rad)
-        starts = prism_turned(b, rotation, translation, still, min(most_rad, np.pi))
-        for rival in rivals(a, b, rotation, translation, still, starts):
-            likely = rival.turn_rad < likely_rad
-            margin = -_OTHER_SCORE if likely else _SAME_SCORE + _SCORE_NOISE * odd
-            if rival.lead > margin:
-                return _tell_rival(rival, found)
+    # Turns as likely as its own speak against it and need not be better; others must be.
+    likely_rad = max(min(_AS_LIKELY * turn, config.search_rad), doubted_rad)
+    most_rad = max(_BEYOND_SEARCH * config.search_rad, doubted_rad)
+    starts = prism_turned(b, rotation, translation, still, min(most_rad, np.pi))
+    for rival in rivals(a, b, rotation, translation, still, starts):
+        likely = rival.turn_rad < likely_rad
+        less = _FAR_SCORE if far else _OTHER_SCORE
+        margin = -less if likely else _SAME_SCORE + _SCORE_NOISE * odd
+        if rival.lead > margin:
+            return _tell_rival(rival, found)
     if clear and not far:
         return ""
     if far and not clear:

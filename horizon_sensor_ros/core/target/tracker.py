@@ -36,6 +36,12 @@ _OUTVOTE = 3
 # refused for that, by no more than a prior may be off: what looks the same may come to lie nearer
 # as the prediction goes on.
 _UNSTEADY_RAD, _STRAYED_RAD = np.radians([22.0, 10.0])
+# And by no more than some times the turn that is predicted, where that is more than a few degrees:
+# what little holds the roll of a slow target may leave the view.
+_STEADY_RAD, _STEADY = np.radians(5.0), 3.0
+# It may be moved so far from what is predicted, rms radii of what is seen and shares of the range
+# (as if the sensor had turned): farther off it is another bay of a truss, or rung, or panel.
+_ASIDE, _ASIDE_RAD = 0.3, np.radians(3.0)
 # A velocity is carried on for so many times what it was taken over, where enough fixes are kept,
 # and never for more than the second: of stamps as clouds arrive two may lie close together.
 _CARRIED_ON, _MOST_CARRIED_ON, _PATH = 4, 20, 8
@@ -290,25 +296,33 @@ class TargetTracker:
     def _expected(
         self, found: Registration, keyframe: _Known, predicted: np.ndarray
     ) -> Registration:
-        """The motion found from a keyframe; refused where the target would have turned otherwise
-        than constant velocity lets expect.
+        """The motion found from a keyframe; refused where the target would have turned or moved
+        otherwise than constant velocity lets expect.
 
         What a prior does not lead to is searched for about no turn, and on a nearly symmetric
-        target a turn by a side less, or by a right angle, agrees as well.
+        target a turn by a side less, or by a right angle, agrees as well; on a truss a shift by a
+        bay.
         """
-        last = self._last
-        assert last is not None
-        off = _angle(found.pose_b_from_a @ keyframe.pose, predicted)
-        turn = _angle(last.pose, predicted)
-        most = _STRAYED_RAD if self._strayed else _UNSTEADY_RAD
-        if off <= most:
+        now = found.pose_b_from_a @ keyframe.pose
+        reason = self._turned_off(now, predicted) or _moved_off(found, keyframe, now, predicted)
+        if not reason:
             return found
         self._strayed = True
-        reason = (
+        return found.refused(Status.POOR_FIT, reason)
+
+    def _turned_off(self, pose: np.ndarray, predicted: np.ndarray) -> str:
+        """Why a pose (4, 4) is turned too far from the one predicted; empty where it is not."""
+        last = self._last
+        assert last is not None
+        off, turn = _angle(pose, predicted), _angle(last.pose, predicted)
+        most = _STRAYED_RAD if self._strayed else _UNSTEADY_RAD
+        most = min(most, max(_STEADY_RAD, _STEADY * turn))
+        if off <= most:
+            return ""
+        return (
             f"turned {np.degrees(off):.0f} deg away from the {np.degrees(turn):.0f} deg that"
             f" constant velocity predicts, {np.degrees(most):.0f} allowed"
         )
-        return found.refused(Status.POOR_FIT, reason)
 
     def _candidates(self, pose: np.ndarray) -> list[_Known]:
         """Keyframes to try: the oldest that the target has not turned too far from; else, and
@@ -354,6 +368,23 @@ class TargetTracker:
         if len(self._keyframes) > _MAX_KEYFRAMES:
             # The first one defines the target frame; of the others the oldest goes.
             del self._keyframes[1]
+
+
+def _moved_off(
+    found: Registration, keyframe: _Known, pose: np.ndarray, predicted: np.ndarray
+) -> str:
+    """Why what a keyframe shows is, by a pose (4, 4), too far from where it is predicted; empty
+    where it is not.
+    """
+    assert keyframe.view.surface is not None
+    centre = np.append(found.centre_m, 1.0)
+    before = predicted @ inverse_pose(pose) @ centre
+    off_m = float(np.linalg.norm(centre - before))
+    range_m = float(np.linalg.norm(found.centre_m))
+    most_m = _ASIDE * keyframe.view.surface.size_m + _ASIDE_RAD * range_m
+    if off_m <= most_m:
+        return ""
+    return f"{off_m:.2f} m away from where constant velocity predicts it, {most_m:.2f} allowed"
 
 
 def _angle(pose_a: np.ndarray, pose_b: np.ndarray) -> float:
