@@ -70,6 +70,7 @@ def test_defaults_are_the_contracts() -> None:
         ({"planet_radius": -6371000.0}, ["planet_radius", "-6371000"]),
         ({"planet_radius": float("nan")}, ["planet_radius"]),
         ({"planet": "wgs84", "planet_air": False}, ["planet_air", "wgs84"]),
+        ({"planet": "wgs84", "planet_radius": 1737400.0}, ["planet_radius is 1737400 m", "wgs84"]),
         ({"planet_radius": "large"}, ["planet_radius must be a double", "large"]),
         ({"planet": "cube"}, ["planet must be one of sphere, wgs84", "cube"]),
         ({"vertical": "plumb"}, ["vertical must be one of", "plumb"]),

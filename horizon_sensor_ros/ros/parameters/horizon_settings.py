@@ -34,7 +34,7 @@ from horizon_sensor_ros.ros.resources import read_mask, resource_path
 from horizon_sensor_ros.ros.yaml_file import shown
 
 _CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-
+_EARTHS_RADII_M = 6.35e6, 6.39e6  # polar to equatorial, and some more
 
 # Parameters that go into the core's configuration as they are.
 _SENSOR_FIELDS = {
@@ -180,6 +180,12 @@ def _sensor_config(values: Mapping[str, Any]) -> HorizonConfig:
     wgs84 = values["planet"] == "wgs84"
     if wgs84 and not values["planet_air"]:
         raise ParameterError("planet_air is false, but planet is wgs84: the Earth has air")
+    low_m, high_m = _EARTHS_RADII_M
+    if wgs84 and not low_m <= values["planet_radius"] <= high_m:
+        raise ParameterError(
+            f"planet_radius is {values['planet_radius']:.0f} m, but planet is wgs84, the Earth's "
+            "figure: another body is a sphere"
+        )
     try:
         if wgs84:
             planet = Planet.wgs84(limb_height)
