@@ -354,7 +354,7 @@ class TargetTracker:
         if found.overlap < self.config.keyframe_overlap:
             self._keep(now)
         self._path.appendleft((last.stamp_ns, last.pose))
-        self._last, self._odd = now, None
+        self._last, self._odd, self._flat = now, None, None
         self._refused, self._doubted, self._strayed = 0, 0, False
         return TargetFix(
             Status.OK, "", stamp_ns, pose, covariance + np.outer(by_bias, by_bias), delta,
