@@ -86,6 +86,9 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
         if step.apart_ns is not None:
             known = step.apart_ns if self._apart_ns is None else self._apart_ns
             self._apart_ns = min(known, step.apart_ns)
+        if any(len(result.frames) < len(self._cameras) for result in step.results):
+            # What waited for a camera that is silent was lost to that, and that is told.
+            self._paired.clear()
         for result in step.results:
             self._last_set_ns, self._apart_ns = now, None
             self._fix = result.fix

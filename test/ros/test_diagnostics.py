@@ -225,6 +225,16 @@ def test_a_camera_slower_than_the_others_costs_their_frames_and_that_is_told(
         assert (health.level, health.state) == (DiagnosticStatus.OK, "ok")
 
 
+def test_frames_that_waited_for_a_silent_camera_are_not_laid_to_its_rate() -> None:
+    monitor = monitor_of()
+    for index in range(60):
+        if index < 30:
+            monitor.on_step(Step("camera_1"), index * S // 10)
+        else:
+            alone(monitor, index * S // 10)
+    assert "came into no set" not in monitor.health(6 * S).reason
+
+
 def test_how_near_the_stamps_come_is_told_until_there_is_a_set() -> None:
     pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
     monitor = monitor_of()
