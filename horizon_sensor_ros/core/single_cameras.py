@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -54,7 +53,8 @@ class SingleCameras:
         any_sigma: HorizonEstimator,
     ) -> None:
         self._frames, self._look, self._look_at_one = frames, look, look_at_one
-        self._names = [frame.view.name for frame in frames]
+        self._views = [frame.view for frame in frames]
+        self._names = [view.name for view in self._views]
         self._estimator, self._any_sigma = estimator, any_sigma
         self._seen: dict[int, tuple[Detection, Judged]] = {}
         self._near: dict[int, tuple[Detection, Judged]] = {}
@@ -96,7 +96,7 @@ class SingleCameras:
             of_limb = tuple(frame.view.name for frame, limb in seen if limb.status is Status.OK)
             disagree = fix.status is Status.CAMERAS_DISAGREE
             return replace(fix, contradicting=of_limb if disagree else ())
-        agree = _agreeing(fix)
+        agree = fix.cameras_on_cone(self._views)
         if len(agree) < 2 or fix.airglow_alone:
             return fix
         left_out = [i for i, name in enumerate(self._names) if name not in agree]
@@ -131,13 +131,13 @@ class SingleCameras:
         """
         if not fix.ok:
             return None
-        agree = _agreeing(fix)
+        agree = fix.cameras_on_cone(self._views)
         if len(agree) > 1:
             elsewhere = [i for i, name in enumerate(self._names) if name in fix.contradicting]
         else:
             unseen = [i for i, limb in enumerate(fix.limbs) if limb.status is not Status.OK]
             elsewhere = [i for i, _ in islice(self.elsewhere(fix, unseen), 1)]
-        others = max(map(partial(self._on_cone_of, elsewhere), elsewhere), key=len, default=[])
+        others = max((self._on_cone_of(elsewhere, i) for i in elsewhere), key=len, default=[])
         if not others or len(others) < len(agree):
             return None
         apart_rad = disagreement_rad(self.judged(others[0]).fix.fit, fix.fit)
@@ -182,7 +182,8 @@ class SingleCameras:
             if limb.status is not Status.BAD_IMAGE and self.judged(i).fix.ok
         }
         # One that is left out by two that agree, each by itself too, is outvoted.
-        voters = {i: one for i, one in found.items() if self._names[i] in _agreeing(fix)}
+        agree = fix.cameras_on_cone(self._views)
+        voters = {i: one for i, one in found.items() if self._names[i] in agree}
         found = voters if len(voters) > 1 else found
         # Edges in glow and limbs that were separated from it lie on two cones anyway.
         separated = {one.limbs[0].glow_separated for one in found.values()}
@@ -303,11 +304,6 @@ class SingleCameras:
         """
         num = len(self._frames)
         return num < 2 or (consensus.unanimous and len(fix.cameras_used) == num)
-
-
-def _agreeing(fix: HorizonFix) -> tuple[str, ...]:
-    """Names of the cameras whose limbs lie on the cone of a fix."""
-    return (*fix.cameras_used, *fix.cameras_spared)
 
 
 def layer_of(found: Detection) -> Consensus | None:

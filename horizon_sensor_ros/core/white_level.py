@@ -18,7 +18,7 @@ def full_scale(gray: np.ndarray) -> int:
     """
     if gray.dtype == np.uint8:
         return 255
-    return int(2 ** max(8, int(gray.max(initial=0)).bit_length()) - 1)
+    return (1 << max(8, int(gray.max(initial=0)).bit_length())) - 1
 
 
 def saturation_level(gray: np.ndarray, sampled: np.ndarray) -> float:

@@ -32,8 +32,8 @@ _UNPAIRED = (
     "the cameras' frames do not pair: their stamps are farther apart than slop, or one camera's "
     "arrive more than queue_size frames later than another's"
 )
-# Of so many usable frames, where fewer than this share come into a set, estimates are lost.
-_FRAMES, _PAIRED_SHARE = 40, 0.5
+# Of so many usable frames, where more than this come into no set, estimates are lost.
+_FRAMES, _MOST_ALONE = 40, 20
 
 
 @dataclass
@@ -154,7 +154,7 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
     def _lost(self) -> list[str]:
         """That most frames come into no set, where it is so: estimates are good, but few."""
         alone = len(self._paired) - sum(self._paired)
-        if len(self._paired) < _FRAMES or alone <= (1.0 - _PAIRED_SHARE) * _FRAMES:
+        if len(self._paired) < _FRAMES or alone <= _MOST_ALONE:
             return []
         return [
             f"{alone} of the last {_FRAMES} frames came into no set: there are no more sets than "

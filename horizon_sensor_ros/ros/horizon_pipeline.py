@@ -231,7 +231,7 @@ class HorizonPipeline:
         if (
             view is None
             or view.camera is not camera
-            or np.abs(view.rot_base_from_cam - rot_base_from_cam).max() > _SAME_ROTATION
+            or not np.abs(view.rot_base_from_cam - rot_base_from_cam).max() <= _SAME_ROTATION
         ):
             view = state.view = CameraView(
                 name,

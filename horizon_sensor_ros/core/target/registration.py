@@ -287,10 +287,10 @@ def _doubt(
     # Turns as likely as its own speak against it and need not be better; others must be.
     likely_rad = max(min(_AS_LIKELY * turn, config.search_rad), doubted_rad)
     most_rad = max(_BEYOND_SEARCH * config.search_rad, doubted_rad)
+    less = _FAR_SCORE if far else _OTHER_SCORE
     starts = prism_turned(b, rotation, translation, still, min(most_rad, np.pi))
     for rival in rivals(a, b, rotation, translation, still, starts):
         likely = rival.turn_rad < likely_rad
-        less = _FAR_SCORE if far else _OTHER_SCORE
         margin = -less if likely else _SAME_SCORE + _SCORE_NOISE * odd
         if rival.lead > margin:
             return _tell_rival(rival, found)
