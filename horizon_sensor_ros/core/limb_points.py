@@ -47,6 +47,10 @@ class SharedError(NamedTuple):
 
 NOTHING_SHARED = SharedError()
 
+# One sigma of mean, slope and bend of a parabola along a limb, from one end (-1) to the other (1),
+# whose six stretches are off by one each, independently.
+MEAN_OF_STRETCHES, SLOPE_OF_STRETCHES, BEND_OF_STRETCHES = 0.41, 0.72, 1.47
+
 
 class CornerBlur(NamedTuple):
     """What one limb by itself shows of the blur that its lens adds in the corners of the frame, see

@@ -12,7 +12,12 @@ from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.covariance.shared_error import with_shared_error
 from horizon_sensor_ros.core.fits import LimbObservation, fit_horizon
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.limb_points import SharedError
+from horizon_sensor_ros.core.limb_points import (
+    BEND_OF_STRETCHES,
+    MEAN_OF_STRETCHES,
+    SLOPE_OF_STRETCHES,
+    SharedError,
+)
 from horizon_sensor_ros.core.planet import Planet
 
 NADIR, PLANET = np.array([0.0, 0.0, 1.0]), Planet()
@@ -151,3 +156,12 @@ def test_one_cameras_cone_is_known_as_it_says() -> None:
     seen = [limb_of(0, shared=SharedError(0.1, 0.1), cone_errors=to_base @ root)]
     fit = with_shared_error(fit_horizon(seen, PLANET), seen, PLANET)
     assert np.allclose(cov_of_cone(fit.cov_nadir_altitude), root @ root.T, rtol=1e-4, atol=1e-13)
+
+
+def test_six_stretches_bend_a_limb_as_a_parabola_through_their_middles() -> None:
+    u = (np.arange(6) + 0.5) / 3.0 - 1.0
+    each = np.linalg.pinv(np.stack([np.ones(6), u, u * u], axis=1))
+    _, slope, bend = np.linalg.norm(each, axis=1)
+    assert pytest.approx(slope, abs=0.01) == SLOPE_OF_STRETCHES
+    assert pytest.approx(bend, abs=0.01) == BEND_OF_STRETCHES
+    assert pytest.approx(6**-0.5, abs=0.01) == MEAN_OF_STRETCHES

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces
+from horizon_sensor_ros.core.limb_points import BEND_OF_STRETCHES, SLOPE_OF_STRETCHES
 from horizon_sensor_ros.core.robust import median, robust_sigma
 
 _FROM_PX = 1.5  # beyond the edge, where the glow is looked at
@@ -29,8 +30,6 @@ _NEIGHBOURS = 3.0  # edges next to each other that are off together
 _EDGE_SIGMA_PX, _LEAST_SIGMA_PX = 0.1, 0.05  # beyond what modelled edges and contour claim
 _ROUNDS = 8
 _OUTLIER_SIGMAS = 2.0
-# One sigma of slope and of bend of a limb whose six stretches are off independently by one.
-_SLOPE_OF_STRETCHES, _BEND_OF_STRETCHES = 0.72, 1.47
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +105,7 @@ def contour_limb(
         keep,
         (contour - distance) / pitch,
         float(np.hypot(own_px, _LEAST_SIGMA_PX)),
-        max(sigma[1] / _SLOPE_OF_STRETCHES, sigma[2] / _BEND_OF_STRETCHES, _LEAST_SIGMA_PX),
+        max(sigma[1] / SLOPE_OF_STRETCHES, sigma[2] / BEND_OF_STRETCHES, _LEAST_SIGMA_PX),
     )
 
 

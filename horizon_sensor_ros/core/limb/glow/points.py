@@ -20,13 +20,15 @@ from horizon_sensor_ros.core.limb.glow.air import (
 from horizon_sensor_ros.core.limb.glow.brightness import powers
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb
 from horizon_sensor_ros.core.limb.glow.one_sky import Together, under_one_sky
-from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError
+from horizon_sensor_ros.core.limb_points import (
+    BEND_OF_STRETCHES,
+    MEAN_OF_STRETCHES,
+    SLOPE_OF_STRETCHES,
+    LimbPoints,
+    SharedError,
+)
 from horizon_sensor_ros.core.status import Status
 
-# One sigma of the shape of a limb whose six stretches are off independently by one.
-_SLOPE_OF_STRETCHES = 0.72
-_BEND_OF_STRETCHES = 1.47
-_MEAN_OF_STRETCHES = 0.41
 # No model is quite right: errors of the limb's mean, slope and bend beside the truth of simulated
 # limbs, in sigmas that the fit claims, by what they grow with.
 _MISJUDGED = np.array(
@@ -125,9 +127,9 @@ def _points(limb: GlowLimb, together: Together, index: int) -> dict[str, Any]:
     height = np.array([[0.0], [0.0], [higher / rows[:, 2].mean()]])
     errors = np.concatenate([common, own, height], axis=1)
     shape = np.linalg.norm(to_shape @ errors, axis=1)
-    coherent = float(max(shape[1] / _SLOPE_OF_STRETCHES, shape[2] / _BEND_OF_STRETCHES))
+    coherent = float(max(shape[1] / SLOPE_OF_STRETCHES, shape[2] / BEND_OF_STRETCHES))
     mean = rows.mean(axis=0) @ errors
-    shift2 = float(mean @ mean) - (_MEAN_OF_STRETCHES * coherent) ** 2
+    shift2 = float(mean @ mean) - (MEAN_OF_STRETCHES * coherent) ** 2
     each = rows @ errors
     sigma = math.sqrt(float(np.einsum("ij,ij->", each, each)) / 3.0)
     to_cone = np.zeros((4, 3))
