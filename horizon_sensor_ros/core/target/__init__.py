@@ -3,8 +3,9 @@
 The default: ``range_image`` (any cloud as an image of inverse depth; with ``regular``,
 ``pixel_values`` and ``holes``), ``planes``, those of thin ``parts``, ``edges`` and ``surfels``
 (what is in it), ``search``, ``pairs``, ``refinement`` and ``attempts`` (motion between two views),
-``consistency``, ``one_body``, ``alternatives`` and ``judgement`` (whether to believe it),
-``registration`` (all of it), ``tracker`` (clouds in order of time); ``config`` (their parameters).
+``consistency``, ``one_body``, ``layers``, ``alternatives`` and ``judgement`` (whether to believe
+it), ``registration`` (all of it), ``tracker`` (clouds in order of time); ``config`` (their
+parameters).
 
 Paper D: ``inertia_frame``, ``section_pattern``, ``direct_search``.
 """

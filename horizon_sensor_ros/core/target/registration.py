@@ -24,6 +24,7 @@ from horizon_sensor_ros.core.target.attempts import (
 from horizon_sensor_ros.core.target.config import LEAST_POINTS, RegistrationConfig
 from horizon_sensor_ros.core.target.consistency import view_consistency
 from horizon_sensor_ros.core.target.judgement import weak_directions
+from horizon_sensor_ros.core.target.layers import Layer, layer_off
 from horizon_sensor_ros.core.target.one_body import part_off_m
 from horizon_sensor_ros.core.target.range_image import RangeImage, range_image
 from horizon_sensor_ros.core.target.surfels import SurfaceView, surface_view
@@ -202,6 +203,14 @@ def _tell_part(off_m: float) -> str:
     )
 
 
+def _tell_layer(layer: Layer) -> str:
+    which = "nearer" if layer.nearer else "farther"
+    return (
+        f"what is {which} than {layer.depth_m:.2f} m moved otherwise than the rest, by"
+        f" {1e3 * layer.off_m:.1f} mm; is there more than the target in the cloud?"
+    )
+
+
 def _judge(
     found: Found,
     a: TargetView,
@@ -238,6 +247,10 @@ def _judge(
     off_m = part_off_m(a.surface, b.surface, refined.rotation, refined.translation_m)
     if off_m is not None:
         return replace(known, status=Status.POOR_FIT, reason=_tell_part(off_m), part_off_m=off_m)
+    layer = layer_off(refined.pairs, refined.robust, b.surface)
+    if layer is not None:
+        reason = _tell_layer(layer)
+        return replace(known, status=Status.POOR_FIT, reason=reason, part_off_m=layer.off_m)
     doubt = ""
     if not found.expected:
         doubt = _doubt(found, a.surface, b.surface, still, config, doubted_rad)

@@ -1,0 +1,79 @@
+"""Does every layer of a cloud, near to far, move alike? An arm before a target, or a body behind
+it, may be too little off in each place to tell there, but is off all over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from horizon_sensor_ros.core.target.pairs import FACE, Pairs
+from horizon_sensor_ros.core.target.refinement import jacobian
+from horizon_sensor_ros.core.target.surfels import SurfaceView
+
+# The cloud is cut at so many depths less one, into what is nearer and what is farther.
+_LAYERS = 8
+# By how much chi square may fall if a layer moves by itself, six degrees of freedom and the best of
+# all cuts. Of 1340 pairs of single bodies (turns up to 30 deg, 2 to 10 mm of noise) two were beyond
+# that, of 101 wrong motions that an arm in front led to 84 %.
+_MOST_GAIN = 25.0
+# A layer may move by some pixels' widths, in which pairs are found, one sigma.
+_MOVES_PX = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """What would fit better with a motion of its own.
+
+    nearer : whether it is what lies nearer than ``depth_m``, else what lies farther.  off_m : how
+        far it moved otherwise along its normals, RMS.  gain : by how much chi square falls.
+    """
+
+    nearer: bool
+    depth_m: float
+    off_m: float
+    gain: float
+
+
+def layer_off(pairs: Pairs, robust: np.ndarray, b: SurfaceView) -> Layer | None:
+    """Return the layer of view b that moved most clearly otherwise than the pairs of a refined
+    motion do together, or None where all move alike.
+
+    robust : (N,) weights of the pairs. Either side of each cut gets a small motion of its own, by
+    linear least squares over its faces.
+    """
+    # Edges lie where pixels do, alike all along a layer's, and what is behind them is as thick as
+    # nobody knows.
+    faces = np.flatnonzero(pairs.kind == FACE)
+    if not len(faces):
+        return None
+    order = faces[np.argsort(pairs.point_b[2, faces])]
+    weight = robust[order] * pairs.weight[order] / pairs.sigma_m[order] ** 2
+    total = np.cumsum(weight)
+    first = np.searchsorted(total, total[-1] * np.arange(_LAYERS) / _LAYERS)
+    # In units of turns at the target's rms radius, in which all six directions compare.
+    scale = np.array([1.0 / b.size_m] * 3 + [1.0] * 3)
+    centre = b.image.centroid_m
+    rows = scale[:, None] * jacobian(pairs.point_a[:, order], pairs.normal[:, order], centre)
+    weighted, residual = rows * weight, pairs.residual[order]
+    ends = [*first[1:], len(order)]
+    of_layer = [(weighted[:, i:j] @ rows[:, i:j].T) for i, j in zip(first, ends, strict=True)]
+    pull_of_layer = [weighted[:, i:j] @ residual[i:j] for i, j in zip(first, ends, strict=True)]
+    information, pull = _both_sides(np.array(of_layer)), _both_sides(np.array(pull_of_layer))
+    prior = np.eye(6) / (_MOVES_PX * b.footprint_m) ** 2
+    step = np.linalg.solve(information + prior, pull[..., None])[..., 0]
+    gains = np.einsum("ki,ki->k", step, pull)
+    best = int(gains.argmax())
+    if not gains[best] > _MOST_GAIN:
+        return None
+    nearer, cut = best < _LAYERS - 1, first[1 + best % (_LAYERS - 1)]
+    side = slice(None, cut) if nearer else slice(cut, None)
+    off = step[best] @ rows[:, side]
+    off_m = float(np.sqrt(np.average(np.square(off), weights=weight[side])))
+    return Layer(nearer, float(pairs.point_b[2, order[cut]]), off_m, float(gains[best]))
+
+
+def _both_sides(of_layers: np.ndarray) -> np.ndarray:
+    """Sums of what is nearer than each cut between layers (K, ...), then of what is farther."""
+    nearer = np.cumsum(of_layers, axis=0)
+    return np.concatenate([nearer[:-1], nearer[-1] - nearer[:-1]])
