@@ -390,6 +390,27 @@ def test_what_is_wrong_with_a_parameter_file_is_said(
     assert all("[rcl]" in line for line in before), errors
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("camera_1: {rotation: [0.0, 0.0, 0.0, 1.0]}\n", "it has no ros__parameters"),
+        ("/**:\n  ros_parameters:\n    slop: 0.1\n", "it has no ros__parameters"),
+        ("/**:\n  ros__parameters:\n  slop: 0.1\n", "has nothing under ros__parameters"),
+        ("/**: {ros__parameters: {slop: 0.1}}\nb: {slop: 1}\n", "has b/slop outside of"),
+    ],
+)
+def test_what_stands_where_ros_takes_no_parameters_is_said(
+    start: Callable[..., Program], tmp_path: Path, text: str, words: str
+) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    code, errors = start("attitude_node", "--params-file", str(path)).wait()
+    assert code == 1
+    last = errors.splitlines()[-1]
+    assert last.startswith(f"attitude_node: {path}")
+    assert words in last
+
+
 def test_an_argument_that_ros_does_not_know_is_said(start: Callable[..., Program]) -> None:
     code, errors = start("attitude_node", "--bad").wait()
     assert code == 1

@@ -297,6 +297,7 @@ def test_a_value_of_any_length_is_shown_in_a_line() -> None:
         ("a: [1, 2", "not valid YAML"),
         ("slop: 0.1", "no ros__parameters"),
         ("- 1\n- 2", "no ros__parameters"),
+        ("/**:\n  ros__parameters:\n  slop: 0.1", "nothing under ros__parameters"),
         ("/**: {ros__parameters: {}}\nb: {slop: 1}", "has b/slop outside of ros__parameters"),
         ("/**: {ros__parameters: {}, slop: [1]}", r"has \*\*/slop outside of ros__parameters"),
         ("a: &x {ros__parameters: {slop: 1}}\nb: *x", "aliases"),

@@ -25,14 +25,9 @@ def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str
     saying what is wrong with the file.
     """
     found = _read(path)
-    if not found.sections:
-        if not found.stray:
-            return {}
-        raise ParameterError(f"{path} is no ROS parameter file: it has no {PARAMETERS}")
-    if found.stray:
-        raise ParameterError(
-            f"{path} has {found.stray[0]} outside of {PARAMETERS}, as ROS takes none"
-        )
+    misplaced = _misplaced(path, found)
+    if misplaced:
+        raise ParameterError(misplaced)
     full_name = "/".join(["", *namespace.strip("/").split("/"), node]).replace("//", "/")
     values: dict[str, Any] = {}
     for pattern, parameters in found.sections.items():
@@ -55,12 +50,26 @@ def why_refused(path: Path) -> str:
         found = _read(path)
     except ParameterError as error:
         return str(error)
+    misplaced = _misplaced(path, found)
+    if misplaced:
+        return misplaced
     for pattern, parameters in found.sections.items():
         for name, value in parameters.items():
             fault = list_fault(value)
             if fault:
                 return f"{path}: {name} (of {pattern}) {fault}"
     return ""
+
+
+def _misplaced(path: Path, found: ParameterFile) -> str:
+    """What stands where ROS takes no parameters, for a person; empty where nothing does."""
+    if not found.stray:
+        return ""
+    if any(name.rpartition("/")[2] == PARAMETERS for name in found.stray):
+        return f"{path} has nothing under {PARAMETERS}: what belongs there has to be indented more"
+    if not found.sections:
+        return f"{path} is no ROS parameter file: it has no {PARAMETERS}"
+    return f"{path} has {found.stray[0]} outside of {PARAMETERS}, as ROS takes none"
 
 
 def misspelt_sections(path: Path, nodes: Sequence[str]) -> list[tuple[str, str]]:
