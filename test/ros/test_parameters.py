@@ -91,6 +91,7 @@ def test_defaults_are_the_contracts() -> None:
         ({"cameras": []}, ["cameras is empty"]),
         ({"cameras": ["camera_1", "camera_1"]}, ["cameras names one twice"]),
         ({"cameras": ["camera 1"]}, ["camera 1"]),
+        ({"cameras": ["stereo/left"]}, ["'stereo/left'", "letters, digits and _", "remap"]),
         ({"cameras": "camera_1"}, ["cameras must be a list"]),
         ({"queue_size": 2.5}, ["queue_size must be an integer"]),
         ({"queue_size": int("9" * 400)}, ["queue_size must be an integer", "999..."]),

@@ -208,7 +208,8 @@ def _camera_name_problems(cameras: Sequence[str]) -> list[str]:
     if len(set(cameras)) != len(cameras):
         problems.append(f"cameras names one twice: {', '.join(cameras)}")
     problems += [
-        f"cameras has {shown(name)}, which is no name for a topic"
+        f"cameras has {shown(name)}: a camera's name is of letters, digits and _, a letter first; "
+        "remap image_raw and camera_info of one that publishes elsewhere"
         for name in cameras
         if not _CAMERA_NAME.fullmatch(name)
     ]
