@@ -13,10 +13,10 @@ from horizon_sensor_ros.ros.parameters.horizon import CAMERAS, horizon_parameter
 from horizon_sensor_ros.ros.parameters.parameter import Parameter
 from horizon_sensor_ros.ros.parameters.target import TARGET_PARAMETERS
 
-# Declared by rclpy itself, and the same in every node.
+# Declared by rclpy itself, and the same in every node; overrides by the topic's full name.
 _OF_RCLPY = re.compile(
     r"use_sim_time|start_type_description_service"
-    r"|qos_overrides\..+\.(publisher|subscription)\.(history|depth|reliability)"
+    r"|qos_overrides\./.+\.(publisher|subscription)\.(history|depth|reliability)"
 )
 _OF_SOME_CAMERA = tuple(of("").name for of in OF_A_CAMERA)
 # The shipped file has these, whichever cameras are used.
