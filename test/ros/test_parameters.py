@@ -30,7 +30,7 @@ from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.ros.parameters.reference import parameter_file, parameter_reference
 from horizon_sensor_ros.ros.parameters.target import TARGET_PARAMETERS, target_parameters
 from horizon_sensor_ros.ros.parameters.target_settings import target_settings
-from horizon_sensor_ros.ros.parameters.unknown import unknown_parameters
+from horizon_sensor_ros.ros.parameters.unknown import ignored_parameters, unknown_parameters
 
 ALL_PARAMETERS = (
     *HORIZON_PARAMETERS,
@@ -435,6 +435,17 @@ def test_typing_errors_in_names_are_found() -> None:
     values.update(dict.fromkeys(ignored, 3))
     for own in (horizon_parameters(values), target_parameters()):
         assert unknown_parameters(values, own) == ["planet_raduis", *ignored]
+
+
+def test_a_known_altitude_without_its_sigma_is_said_to_be_ignored() -> None:
+    values = {**PARAMETERS, "altitude_prior": 5e5}
+    (told,) = ignored_parameters(values, horizon_parameters(values))
+    assert "altitude_prior is ignored" in told
+    assert "altitude_prior_sigma" in told
+    # The target's node has the same file.
+    assert ignored_parameters(values, target_parameters()) == []
+    values["altitude_prior_sigma"] = 100.0
+    assert ignored_parameters(values, horizon_parameters(values)) == []
 
 
 def test_typing_errors_in_cameras_names_are_found() -> None:

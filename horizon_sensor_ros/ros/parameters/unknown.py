@@ -42,7 +42,7 @@ def unknown_parameters(values: Mapping[str, Any], own: Sequence[Parameter]) -> l
 
 def ignored_parameters(values: Mapping[str, Any], own: Sequence[Parameter]) -> list[str]:
     """What is to be said of each of `unknown_parameters`: that it is ignored, and what may have
-    been meant.
+    been meant. And that a known altitude without its sigma is ignored too.
     """
     known = _known(values, own)
     told = []
@@ -51,6 +51,8 @@ def ignored_parameters(values: Mapping[str, Any], own: Sequence[Parameter]) -> l
         told.append(
             f"unknown parameter {name} is ignored" + (f"; did you mean {near[0]}?" if near else "")
         )
+    if CAMERAS in own and values.get("altitude_prior") and not values.get("altitude_prior_sigma"):
+        told.append("altitude_prior is ignored: its altitude_prior_sigma is 0, which is not known")
     return told
 
 
