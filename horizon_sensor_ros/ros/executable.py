@@ -196,7 +196,8 @@ def _renames_all() -> bool:
 def _nodes_parameter(node: Any) -> list[str]:
     parameter = _load("horizon_sensor_ros.ros.parameters.common:NODES_PARAMETER")
     descriptor = _load("horizon_sensor_ros.ros.managed_node:descriptor_of")(parameter)
-    # An empty list is none to rclpy.
+    # Of any kind, as horizon_replay takes it: one name is no list. An empty list is none to rclpy.
+    descriptor.dynamic_typing = True
     given = node.declare_parameter(parameter.name, parameter.default, descriptor).value
     return list(nodes_of(given))
 

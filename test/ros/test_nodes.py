@@ -477,10 +477,11 @@ def test_whole_numbers_and_unknown_parameters(
         assert any(told in line for line in lines), errors
 
 
+@pytest.mark.parametrize("given", ["[attitude_node]", "attitude_node"])
 def test_the_nodes_of_a_process_are_a_parameter_that_all_know(
-    start: Callable[..., Program], craft: Craft, params: list[str]
+    start: Callable[..., Program], craft: Craft, params: list[str], given: str
 ) -> None:
-    program = start("horizon_sensor", *params, "-p", "nodes:=[attitude_node]")
+    program = start("horizon_sensor", *params, "-p", f"nodes:={given}")
     craft.match(("attitude_node",))
     request = DescribeParameters.Request(names=["nodes"])
     answer = craft.call(DescribeParameters, "/horizon_sensor/describe_parameters", request)
