@@ -46,6 +46,14 @@ def test_unknown_options_are_named(name: str, capsys: pytest.CaptureFixture[str]
     assert f"\n{name}: error: " in said
 
 
+@pytest.mark.parametrize("name", ["horizon_replay", "horizon_report", "horizon_self_calibration"])
+def test_a_second_parameter_file_is_not_taken_for_the_first(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(name, "bag", "out", "--params", "base.yaml", "--params", "mine.yaml") == 2
+    assert f"{name}: error: argument --params: is there twice" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", [name for name in TOOLS if name != "horizon_demo"])
 def test_a_missing_input_is_named(
     name: str, capsys: pytest.CaptureFixture[str], tmp_path: Path

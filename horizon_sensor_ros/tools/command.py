@@ -75,6 +75,24 @@ def run_computation(name: str, work: Callable[[], int]) -> int:
             signal.signal(number, handler)
 
 
+class Once(argparse.Action):
+    """Stores an option that may be given but once: a node merges several parameter files, and here
+    all but the last would be dropped without a word.
+    """
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        """Store the value; an error where there is one already."""
+        if getattr(namespace, self.dest) is not None:
+            raise argparse.ArgumentError(self, "is there twice, and only one is read; join them")
+        setattr(namespace, self.dest, values)
+
+
 def is_given(arguments: argparse.Namespace, option: str) -> bool:
     """Whether an option, "--one-of-these", that has no default of its own was given."""
     return getattr(arguments, option.removeprefix("--").replace("-", "_")) not in (None, False)

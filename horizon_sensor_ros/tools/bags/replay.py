@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from horizon_sensor_ros.tools.command import run_command
+from horizon_sensor_ros.tools.command import Once, run_command
 
 EPILOG = """\
 examples:
@@ -28,7 +28,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("in_bag", metavar="IN_BAG", type=Path, help="directory, .mcap or .db3")
     parser.add_argument("out_bag", metavar="OUT_BAG", type=Path, help="directory to be made")
-    parser.add_argument("--params", metavar="FILE", type=Path, help="ROS parameter file")
+    parser.add_argument(
+        "--params", metavar="FILE", type=Path, action=Once, help="ROS parameter file"
+    )
     parser.add_argument("--namespace", default="/", help="the nodes' namespace")
     parser.add_argument(
         "--remap", metavar="FROM:=TO", action="append", default=[], help="other name for a topic"

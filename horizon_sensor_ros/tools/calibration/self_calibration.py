@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from horizon_sensor_ros.tools.command import fill_defaults, is_given, run_command
+from horizon_sensor_ros.tools.command import Once, fill_defaults, is_given, run_command
 
 EPILOG = """\
 examples:
@@ -37,7 +37,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("in_bag", metavar="IN_BAG", type=Path, help="directory, .mcap or .db3")
-    add("--params", metavar="FILE", type=Path, help="ROS parameter file with the rotations")
+    add(
+        "--params",
+        metavar="FILE",
+        type=Path,
+        action=Once,
+        help="ROS parameter file with the rotations",
+    )
     add("--out", metavar="FILE", type=Path, help="write FILE again with corrected rotations")
     add("--picture", metavar="FILE", type=Path, help="the cameras' nadirs before and after (png)")
     add("--force", action="store_true", help="replace these files if they exist")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
-from horizon_sensor_ros.tools.command import run_command
+from horizon_sensor_ros.tools.command import Once, run_command
 from horizon_sensor_ros.tools.output_files import check_place
 
 EPILOG = """\
@@ -32,9 +32,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("bag", metavar="BAG", type=Path, help="directory, .mcap or .db3, with the answers")
-    add("--input", metavar="BAG", type=Path, help="bag with the frames and clouds")
+    add("--input", metavar="BAG", type=Path, action=Once, help="bag with the frames and clouds")
     add("--out", metavar="FILE", type=Path, default=Path("report.html"), help="the page")
-    add("--params", metavar="FILE", type=Path, help="ROS parameter file of the nodes")
+    add("--params", metavar="FILE", type=Path, action=Once, help="ROS parameter file of the nodes")
     add("--imu", metavar="TOPIC", help="accelerometer to compare with (default: imu, if there)")
     add("--title", help="heading of the page")
     add("--force", action="store_true", help="replace FILE if it exists")
