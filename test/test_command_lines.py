@@ -65,6 +65,8 @@ def test_a_missing_input_is_named(
         "horizon_bag_to_csv": [nowhere, out],
         "horizon_bag_from_images": [out, "--clouds", nowhere],
         "horizon_self_calibration": [nowhere, "--params", nowhere],
+        # Not the report.html that the README's command may have left.
+        "horizon_report": [nowhere, "--out", out],
     }.get(name, [nowhere])
     assert run(name, *arguments) == 1
     said = capsys.readouterr().err
