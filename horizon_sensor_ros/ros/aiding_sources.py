@@ -25,6 +25,8 @@ from horizon_sensor_ros.ros.parameters.horizon_settings import AidingSettings
 COARSE_POSE_TOPIC = "coarse_pose"
 _OF_NO_USE = "not used: planet is sphere; the Earth's ellipsoid is wgs84"
 IMU_TOPIC = "imu"
+# How the words of a topic begin that somebody publishes, and not as it is wanted.
+OF_NO_AVAIL = ("refused: ", "too old: ", "of the future: ", "of another time: ")
 _LONGEST_GAP_NS = 5 * NANOSECONDS  # of the imu; stamps that lie farther off are told
 
 
@@ -141,7 +143,8 @@ class AidingSources:
         if abs(off_ns) <= _LONGEST_GAP_NS:
             return "a gap since the last set"
         way = "after" if off_ns > 0 else "before"
-        return f"its nearest stamp is {abs(off_ns) / NANOSECONDS:.1f} s {way} the frames'"
+        seconds = abs(off_ns) / NANOSECONDS
+        return f"of another time: its nearest stamp is {seconds:.1f} s {way} the frames'"
 
     def _pose_at(self, stamp: int) -> CoarsePose | None:
         if self._pose is None:

@@ -9,13 +9,13 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
+from horizon_sensor_ros.ros.aiding_sources import OF_NO_AVAIL
 from horizon_sensor_ros.ros.diagnostics import ERROR, OK
 
 # Their reasons change with what each frame shows: the state alone makes them news.
 _BY_FRAME = ("ok", "degraded", "no_fix", "new_target_frame")
 # Nothing comes in, or not from all.
 _WANTING = ("waiting", "stale", "silent")
-_REFUSED = "refused: "
 _NUMBER = re.compile(r"\d[\d.]*")
 
 
@@ -35,7 +35,7 @@ class StateLog:
         missing : returns the topics that nobody publishes; a change of them is news.
         """
         state = _state(status)
-        line = "; ".join([f"now {state}: {status.message}", *_refused(status)])
+        line = "; ".join([f"now {state}: {status.message}", *_of_no_avail(status)])
         topics = ", ".join(missing()) if state in _WANTING else ""
         if topics:
             line += f"; nobody publishes {topics}"
@@ -67,12 +67,16 @@ def _state(status: DiagnosticStatus) -> str:
     return next(pair.value for pair in status.values if pair.key == "state")
 
 
-def _refused(status: DiagnosticStatus) -> list[str]:
-    """Topics that help, whose messages are refused while all else may be well."""
-    return [f"{pair.key} {pair.value}" for pair in status.values if pair.value.startswith(_REFUSED)]
+def _of_no_avail(status: DiagnosticStatus) -> list[str]:
+    """Topics that help, whose messages are refused or of another time, and why; all else may be
+    well.
+    """
+    return [
+        f"{pair.key} {pair.value}" for pair in status.values if pair.value.startswith(OF_NO_AVAIL)
+    ]
 
 
 def _key(status: DiagnosticStatus) -> tuple[str, ...]:
     state = _state(status)
     words = [] if state in _BY_FRAME else [status.message]
-    return state, *(_NUMBER.sub("", each) for each in (*words, *_refused(status)))
+    return state, *(_NUMBER.sub("", each) for each in (*words, *_of_no_avail(status)))

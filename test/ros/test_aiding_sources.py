@@ -162,8 +162,8 @@ def test_the_rotation_is_that_since_the_last_set() -> None:
 @pytest.mark.parametrize(
     ("off_s", "told"),
     [
-        (-3600, "its nearest stamp is 3599.7 s before the frames'"),
-        (60, "its nearest stamp is 60.1 s after the frames'"),
+        (-3600, "of another time: its nearest stamp is 3599.7 s before the frames'"),
+        (60, "of another time: its nearest stamp is 60.1 s after the frames'"),
     ],
 )
 def test_an_imu_of_another_clock_is_told_from_one_with_a_gap(off_s: int, told: str) -> None:

@@ -95,3 +95,6 @@ def test_a_topic_that_helps_and_is_refused_is_said(capfd: pytest.CaptureFixture[
         "now ok: fix from camera_1",
         "now ok: fix from camera_1; imu refused: header frame is 'imu_link'",
     ]
+    # It grows older with each report, which is no news.
+    old = [status_of(OK, "ok", "a fix", coarse_pose=f"too old: 7{n}.2 s") for n in range(4)]
+    assert lines_of(old, capfd) == ["now ok: a fix; coarse_pose too old: 71.2 s"]

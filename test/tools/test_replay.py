@@ -259,6 +259,20 @@ def test_a_gyro_in_a_frame_of_its_own_is_said_to_be_refused(
     assert "  imu refused: header frame is 'imu_link', not 'base_link'" in errors
 
 
+def test_topics_that_help_by_another_clock_are_said(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    late = START_NS - 10**12
+    pose = coarse_pose_of(late, np.array([7e6, 0.0, 0.0]), np.eye(3))
+    gyro = imu_of(late, (0, 0.01, 0))
+    aids = [("/imu", START_NS - 2, gyro), ("/coarse_pose", START_NS - 1, pose)]
+    bag = write_bag(tmp_path / "in", [*aids, *recording(2)])
+    assert run(bag, tmp_path / "out", "--params", params) == 0
+    errors = capsys.readouterr().err
+    assert "  coarse_pose too old: 1000.1 s\n" in errors
+    assert "  imu of another time: its nearest stamp is 1000.1 s before the frames'\n" in errors
+
+
 def test_unreadable_messages_are_skipped_and_counted(
     tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

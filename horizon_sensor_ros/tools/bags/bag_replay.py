@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from rosbags.serde import SerdeError
 
-from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
+from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC, OF_NO_AVAIL
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.node_names import (
     HORIZON_NODES,
@@ -164,7 +164,7 @@ def _ignored(pipeline: HorizonPipeline) -> list[str]:
     """Return what became of the messages of topics that help, where some were not used."""
     lines = [f"  ignored, {why}: {count}" for why, count in sorted(pipeline.aiding.ignored.items())]
     words = pipeline.aiding.words.items()
-    return lines + [f"  {topic} {said}" for topic, said in words if said.startswith("refused: ")]
+    return lines + [f"  {topic} {said}" for topic, said in words if said.startswith(OF_NO_AVAIL)]
 
 
 def _hand_on(
