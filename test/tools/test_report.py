@@ -320,6 +320,16 @@ def text_of_replay(tmp_path: Path, flown: Path, source: Path) -> str:
     return Reader(page).text
 
 
+def test_a_recording_by_another_clock_than_the_stamps_is_said(tmp_path: Path) -> None:
+    """As where frames were drawn more slowly than they would have come."""
+    flown = [(topic, 2 * t - START_NS + 5 * 10**9, msg) for topic, t, msg in recording(11)]
+    bag = write_bag(tmp_path / "in", flown)
+    assert "a clock that was 5.0 to 6.0 s ahead" in text_of_replay(tmp_path, bag, bag)
+    usual = write_bag(tmp_path / "usual", recording(3))
+    (tmp_path / "again").mkdir()
+    assert "a clock that was" not in text_of_replay(tmp_path / "again", usual, usual)
+
+
 def test_a_camera_of_another_namespace_is_not_ours(tmp_path: Path) -> None:
     ours = write_bag(tmp_path / "ours", recording(3))
     both = recording(3) + [(f"/other{topic}", time, msg) for topic, time, msg in recording(5)]

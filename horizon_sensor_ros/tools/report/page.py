@@ -23,6 +23,8 @@ from horizon_sensor_ros.tools.report.residuals import refusal_blocks, residuals_
 from horizon_sensor_ros.tools.report.target import target_section
 
 _NUMBER = re.compile(r"[-+]?[\d.,]+(e[-+]?\d+)?( %)?|-|nan")
+# From here on who compares /diagnostics with the frames has to know of it.
+_LATE_S = 1.0
 
 
 def write_page(
@@ -75,7 +77,18 @@ def write_page(
 
 def _lead(recorded: Recorded) -> str:
     bags = " and ".join(path.name for path in recorded.bags)
-    return f"From {bags}. Times count from stamp {recorded.start_ns * 1e-9:.3f} s."
+    lead = f"From {bags}. Times count from stamp {recorded.start_ns * 1e-9:.3f} s."
+    late_s = [
+        (received - stamp) * 1e-9
+        for each in (recorded.frames_received_ns, recorded.clouds_received_ns)
+        for stamp, received in each.items()
+    ]
+    if not recorded.diagnostics or max(map(abs, late_s), default=0.0) < _LATE_S:
+        return lead
+    return (
+        f"{lead} Those of /diagnostics are when it was recorded, by a clock that was "
+        f"{min(late_s):.1f} to {max(late_s):.1f} s ahead of the frames' stamps."
+    )
 
 
 def _facts(recorded: Recorded) -> list[tuple[str, str]]:
