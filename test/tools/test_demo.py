@@ -447,6 +447,7 @@ def test_a_place_that_cannot_be_written_to_is_said(tmp_path: Path) -> None:
     )
     assert done.returncode == 1
     assert "cannot write to" in done.stderr
+    assert "Errno" not in done.stderr
     assert "--output" in done.stderr
     assert "Traceback" not in done.stderr
 

@@ -93,9 +93,10 @@ def _run(options: argparse.Namespace) -> int:
         return 1
     except OSError as failure:
         # A full disk, a directory that is none.
+        why = failure.strerror or in_one_line(failure)
         print(
-            f"horizon_demo: cannot write to {options.output}: {in_one_line(failure)}; choose "
-            "another directory with --output",
+            f"horizon_demo: cannot write to {options.output}: {why}; choose another directory with "
+            "--output",
             file=sys.stderr,
         )
         return 1
