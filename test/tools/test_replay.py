@@ -259,6 +259,21 @@ def test_a_gyro_in_a_frame_of_its_own_is_said_to_be_refused(
     assert "  imu refused: header frame is 'imu_link', not 'base_link'" in errors
 
 
+def test_what_the_summary_sends_to_the_tuning_guide_for_is_there(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    guide = (Path(__file__).parents[2] / "doc" / "tuning.md").read_text()
+    flight = recording(3)
+    for lost, words in (("/camera_2/", "no frames from"), ("/camera_info", "no camera_info yet")):
+        kept = [each for each in flight if lost not in each[0]]
+        bag = write_bag(tmp_path / lost.strip("/"), kept)
+        assert run(bag, tmp_path / f"{bag.name}_out", "--params", params) == 0
+        errors = capsys.readouterr().err
+        assert "(doc/tuning.md: what to do)" in errors
+        assert words in errors.partition("at the end: ")[2]
+        assert f"| {words} " in guide
+
+
 def test_topics_that_help_by_another_clock_are_said(
     tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
