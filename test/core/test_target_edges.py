@@ -78,3 +78,24 @@ def test_a_line_is_as_rough_as_its_returns_scatter(reach_m: float) -> None:
     rough = np.median(edges.rough_m[thin])
     assert rough == 0 if reach_m == 0 else 0.008 < rough < 0.03
     assert (edges.rough_m[~thin] == 0).all()
+
+
+@pytest.mark.parametrize("fall_m", [0.0, 0.04])
+def test_the_end_of_a_steep_strip_is_known_to_a_pixel(fall_m: float) -> None:
+    """A plate seen nearly edge on, two rows high, that falls back by ``fall_m`` a row: its ends lie
+    anywhere in their rows, and all along them alike, so that they scatter little."""
+    rng = np.random.default_rng(2)
+    depth = np.full((SIDE_PX, SIDE_PX), np.nan)
+    depth[80:82, 40:120] = DEPTH_M + fall_m * np.arange(2)[:, None]
+    depth[130:150, 60:100] = DEPTH_M
+    u, v = np.meshgrid(*2 * [np.arange(float(SIDE_PX))])
+    depth += rng.normal(0, 0.004, depth.shape)
+    rays = np.stack([u / FOCAL_PX - 0.25, v / FOCAL_PX - 0.25, np.ones_like(u)], axis=-1)
+    image = range_image(rays * depth[..., None], FOCAL_PX)
+    edges = find_edges(image, local_planes(image))
+    strip = np.isfinite(edges.fronts[:, 0]) & (np.abs(edges.sides[:, 1]) > 0.9)
+    column, row = (edges.points[strip, :2] / edges.points[strip, 2:] + 0.25).T * FOCAL_PX
+    some = (np.abs(row - 80.5) < 5) & (np.abs(column - 80) < 35)
+    assert np.count_nonzero(some) > 60
+    rough = edges.rough_m[strip][some]
+    assert abs(np.median(rough) - fall_m / np.sqrt(12)) < 0.004

@@ -34,6 +34,8 @@ _FEWEST_ON_LINE, _FEWEST_OBLIQUE, _WIDEST_LINE, _SHORTEST_LINE = 5, 8, 0.25, 1.0
 # Returns of a thin part lie on a line to their noise and this, in pixels' widths. Their mean square
 # is beyond it where it is by so many of its standard deviations.
 _STRAIGHT_PX, _BY_CHANCE = 0.07, 2.0
+# Standard deviation of where in its last pixel a surface ends.
+_WITHIN_PIXEL = 12**-0.5
 # Planes of a crease: least difference of their slopes, and largest distance of where they meet
 # from the pixels between which they change.
 _MIN_BEND = 0.5
@@ -111,13 +113,15 @@ def _none() -> Edges:
 @dataclass(frozen=True, eq=False)
 class _Places:
     """Half way between a surface's last pixel and the next one: that pixel (flat) and which of
-    _WAYS leads outwards, (P,), in the order of the ways; pixel coordinates (2, P); inverse depth;
-    whether it is a face's; whether the surface is but a few pixels wide there."""
+    _WAYS leads outwards, (P,), in the order of the ways; pixel coordinates (2, P); inverse depth,
+    and how much more it is a pixel inwards, NaN where the surface is one pixel wide; whether it is
+    a face's; whether the surface is but a few pixels wide there."""
 
     pixel: np.ndarray
     way: np.ndarray
     spot: np.ndarray
     inverse_depth: np.ndarray
+    inwards: np.ndarray
     sharp: np.ndarray
     thin: np.ndarray
 
@@ -185,7 +189,8 @@ def _ends(image: RangeImage, planes: Planes) -> Edges:
     row, column = np.divmod(k, width)
     spot = np.array([column, row]) + 0.5 * _WAYS[way].T
     end = np.where(sharp, own[keep] + 0.5 * slope[keep], inverse[k]).astype(float)
-    return _lines(image, planes, _Places(k, way, spot, end, sharp, thin))
+    inwards = np.where(gap[0], np.nan, inverse[k - step[keep]] - inverse[k]).astype(float)
+    return _lines(image, planes, _Places(k, way, spot, end, inwards, sharp, thin))
 
 
 def _neighbours(places: _Places, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -232,9 +237,12 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     same = np.flatnonzero(np.abs(w[j] - w[i]) < reach[i])
     i, j = i[same], j[same]
     out_u, out_v = _WAYS[places.way].T
+    wider = np.isfinite(places.inwards)
+    inwards = np.where(wider, places.inwards, 0)
     own = np.column_stack(
-        [np.ones(size), u, v, w, u * u, v * v, u * v, u * w, v * w, out_u, out_v, w * w]
-    )
+        [np.ones(size), u, v, w, u * u, v * v, u * v, u * w, v * w, out_u, out_v, w * w,
+         wider, wider * out_u, wider * out_v, inwards]
+    )  # fmt: skip
     first = np.zeros(size + 1, np.int32)
     np.cumsum(np.bincount(i, minlength=size), out=first[1:])
     near = csr_matrix((np.ones(len(j)), j, first), shape=(size, size))
@@ -246,6 +254,7 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
         sums[:, place] = _of_one_side(sums[:, place], own, places.way, place, i, j)
     n = sums[0]
     mean_u, mean_v, level, xw, yw, out_u, out_v, square = sums[[1, 2, 3, *range(7, 12)]] / n
+    wider, wider_u, wider_v, inwards = sums[12:]
     wide, long, angle = _widths(sums)
     along = np.array([np.cos(angle), np.sin(angle)])
     turn = along[0] * out_v - along[1] * out_u
@@ -273,7 +282,12 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     scatter = (square[k] - level * level - slope * slope * long) * n / (n - 2)
     chance = 1 + _BY_CHANCE * np.sqrt(2 / (n - 2))
     noise2 = chance * (planes.sigma_m**2 + (_STRAIGHT_PX * planes.footprint_m) ** 2)
-    depth = np.sqrt(np.maximum(scatter / smooth**4 - noise2, 0))
+    # And where in its pixel a steep surface ends nobody knows: alike for all of a line along the
+    # rows, which then scatters little.
+    count = np.maximum(wider[k], 1)
+    fall = (inwards[k] + slope * (along[0] * wider_u[k] + along[1] * wider_v[k])) / count
+    within = np.maximum(fall * fall / smooth**4 - 2 * noise2 / count, 0) * _WITHIN_PIXEL**2
+    depth = np.sqrt(np.maximum(scatter / smooth**4 - noise2, 0) + within)
     rough = np.where(sharp, 0, depth * -_dot(front, ray))
     front[:, sharp] = np.nan
     tilt = rough * smooth * image.focal_px / np.sqrt(n * long)
@@ -296,7 +310,7 @@ def _of_one_side(
     i: np.ndarray,
     j: np.ndarray,
 ) -> np.ndarray:
-    """The (12, B) sums of the places ``place`` (B,) without the neighbours that lie on the other
+    """The (16, B) sums of the places ``place`` (B,) without the neighbours that lie on the other
     side of a part, if that makes a narrower line.
 
     Where a part is a few pixels thin and runs obliquely, a place that differs in its way by a right
