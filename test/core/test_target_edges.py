@@ -99,3 +99,19 @@ def test_the_end_of_a_steep_strip_is_known_to_a_pixel(fall_m: float) -> None:
     assert np.count_nonzero(some) > 60
     rough = edges.rough_m[strip][some]
     assert abs(np.median(rough) - fall_m / np.sqrt(12)) < 0.004
+
+
+def test_a_gap_in_a_scan_is_no_end_of_a_face() -> None:
+    """Returns strewn over a face at random, but for a band that the scan left out, on no grid."""
+    rng = np.random.default_rng(3)
+    place = rng.uniform(-0.5, 0.5, (12000, 2))
+    place = place[np.abs(place @ (0.8, 0.6) - 0.05) > 0.04]
+    points = np.column_stack([place, DEPTH_M + 0.3 * place[:, 0]])
+    points *= 1 + rng.normal(0, 0.002, len(points))[:, None] / DEPTH_M
+    image = range_image(points)
+    assert not image.on_grid
+    edges = find_edges(image, local_planes(image))
+    assert len(edges) > 100
+    outermost = np.abs(edges.points[:, :2]).max(axis=1)
+    # But for where the gap meets the outline; without it two thirds lay along the gap.
+    assert np.mean(outermost > 0.46) > 0.9

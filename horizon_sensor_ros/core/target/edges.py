@@ -23,6 +23,8 @@ _OFF_PLANE, _BEHIND = 2.5, 4.0
 _BEHIND_PX = 1.5
 _MIN_SHARP_COSINE = 0.25
 _THIN_PX, _HOLE_PX = 7, 2
+# Where pixels are not the sensor's own, a scan may leave as many of them out of a surface.
+_GAP_PX = 16
 _FEWEST_PLACES, _MOST_PLACES = 8, 6000
 _EDGE_REACH_PX = 4.6
 # So far along both steps outwards may lie two places with different ones.
@@ -166,9 +168,7 @@ def _ends(image: RangeImage, planes: Planes) -> Edges:
     beyond = q[dark] + step[dark]
     keep[dark] &= ~unknown[beyond] & (inverse[beyond] < behind[dark] + 2 * slope[dark])
     # A small hole in a surface that goes on behind it is no end of it.
-    ahead = np.arange(2, _HOLE_PX + 2)[:, None]
-    on = np.abs(inverse[k + ahead * step] - own - ahead * slope) < _OFF_PLANE * noise[k]
-    keep &= ~on.any(axis=0)
+    keep &= ~_goes_on(image, planes, k, way)
     # Where the next pixel's plane comes to lie in front, both meet in a crease.
     lead = level[q] - du * slope_u[q] - dv * slope_v[q] > own
     keep &= ~(next_found & found[k] & lead)
@@ -191,6 +191,31 @@ def _ends(image: RangeImage, planes: Planes) -> Edges:
     end = np.where(sharp, own[keep] + 0.5 * slope[keep], inverse[k]).astype(float)
     inwards = np.where(gap[0], np.nan, inverse[k - step[keep]] - inverse[k]).astype(float)
     return _lines(image, planes, _Places(k, way, spot, end, inwards, sharp, thin))
+
+
+def _goes_on(image: RangeImage, planes: Planes, k: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """Whether the planes of flat pixel indices k (N,) meet returns beyond a gap that begins there.
+
+    Where the pixels are not the sensor's own that may be one of its scan, however wide: of a
+    rosette between two petals.
+    """
+    ahead = np.arange(2, (_HOLE_PX if image.on_grid else _GAP_PX) + 2)[:, None]
+    height, width = image.inverse_depth.shape
+    row, column = np.divmod(k, width)
+    du, dv = _WAYS[way].T
+    column, row = column + ahead * du, row + ahead * dv
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    beyond = image.inverse_depth.ravel().take(row * width + column, mode="clip")
+    level, slope_u, slope_v, noise = (
+        each.ravel()[k] for each in (planes.level, planes.slope_u, planes.slope_v, planes.noise)
+    )
+    off = beyond - level - ahead * (du * slope_u + dv * slope_v)
+    # Farther on a plane is known as well as its slope.
+    if not image.on_grid:
+        noise = np.hypot(
+            noise, ahead * level * np.float32(planes.normal_noise_rad / image.focal_px)
+        )
+    return (inside & (np.abs(off) < _OFF_PLANE * noise)).any(axis=0)
 
 
 def _neighbours(places: _Places, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
