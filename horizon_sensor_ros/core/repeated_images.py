@@ -13,8 +13,9 @@ from horizon_sensor_ros.core.horizon_fix import Frame
 from horizon_sensor_ros.core.turn_rate import GYRO_SIGMA_RAD_S
 
 # An image is frozen when another camera's has changed so often meanwhile, or the craft has turned
-# by more than a pixel and what a gyro may be off by in that time, so many sigmas.
-_OTHERS_CHANGED, _SURE = 2, 3.0
+# by more than a part of a pixel and what a gyro may be off by in that time, so many sigmas. A limb
+# is known to some hundredths of a pixel: a whole one would be many sigmas of its fix.
+_OTHERS_CHANGED, _SURE, _LEAST_PX = 2, 3.0, 0.1
 _ROWS = 16  # that are compared one by one before all are: images that differ do so in most of them
 
 
@@ -106,7 +107,8 @@ def _frozen(shown: _Shown, frame: Frame) -> str:
     """Why an image that is shown again cannot be of now; empty where it may be."""
     cosine = 0.5 * (float(np.trace(shown.rot_now_from_first)) - 1.0)
     turn_rad = math.acos(min(max(cosine, -1.0), 1.0))
-    if turn_rad > frame.view.camera.pixel_rad + _SURE * GYRO_SIGMA_RAD_S * shown.time_s:
+    least_rad = _LEAST_PX * frame.view.camera.pixel_rad
+    if turn_rad > least_rad + _SURE * GYRO_SIGMA_RAD_S * shown.time_s:
         moved = f"the craft has turned by {math.degrees(turn_rad):.1f} deg since"
     elif shown.others >= _OTHERS_CHANGED:
         moved = f"other cameras' images have changed {shown.others} times since"

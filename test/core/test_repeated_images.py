@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -54,15 +53,15 @@ def test_a_gyros_glitch_is_no_turn() -> None:
         assert not any(one.unusable for one in images.marked(FRAMES, told))
 
 
-@pytest.mark.parametrize("rate_deg_s", [1.0, 5.0])
+@pytest.mark.parametrize("rate_deg_s", [0.5, 1.0, 5.0])
 def test_a_camera_is_frozen_where_the_craft_turns(rate_deg_s: float) -> None:
     sensor = HorizonSensor()
     fixes = [sensor.process(FRAMES[:1], turning(rate_deg_s)) for _ in range(6)]
-    # No fix is of an image by which the craft had turned a pixel beyond what the gyro leaves open.
+    # No fix is of an image since which the craft had turned far beyond what the gyro leaves open:
+    # the limb is known to some hundredths of a pixel.
     ok = [fix.ok for fix in fixes]
     assert ok[0]
-    assert not any(ok[3:])
-    assert all(before or not after for before, after in pairwise(ok))
+    assert not any(ok[1:])
     assert fixes[-1].status is Status.BAD_IMAGE
     assert "the very same image again, though the craft has turned by" in fixes[-1].reason
     # A live image ends it. (With the gyro this one, too, would be of what does not turn.)
