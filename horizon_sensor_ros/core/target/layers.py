@@ -7,16 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from horizon_sensor_ros.core.rigid import vector_from_rotation
 from horizon_sensor_ros.core.target.pairs import FACE, Pairs
 from horizon_sensor_ros.core.target.refinement import jacobian
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 
 # The cloud is cut at so many depths less one, into what is nearer and what is farther.
 _LAYERS = 8
-# By how much chi square may fall if a layer moves by itself, six degrees of freedom and the best of
-# all cuts. Of 1340 pairs of single bodies (turns up to 30 deg, 2 to 10 mm of noise) two were beyond
-# that, of 101 wrong motions that an arm in front led to 84 %.
-_MOST_GAIN = 25.0
+# Chi square of the motion that a layer has by itself, six degrees of freedom and the largest of all
+# cuts.
+_MOST_CHI2 = 22.0
+# Layers of one body are off by some such share of a pixel's width, however many pixels they have,
+# and by more where the sensor has come to see them from elsewhere, for each radian.
+_ALIKE_PX, _TURNED_PX = 0.03, 0.2
 # A layer may move by some pixels' widths, in which pairs are found, one sigma.
 _MOVES_PX = 3.0
 
@@ -26,13 +29,12 @@ class Layer:
     """What would fit better with a motion of its own.
 
     nearer : whether it is what lies nearer than ``depth_m``, else what lies farther.  off_m : how
-        far it moved otherwise along its normals, RMS.  gain : by how much chi square falls.
+        far it moved otherwise along its normals, RMS.
     """
 
     nearer: bool
     depth_m: float
     off_m: float
-    gain: float
 
 
 def layer_off(pairs: Pairs, robust: np.ndarray, b: SurfaceView) -> Layer | None:
@@ -60,17 +62,19 @@ def layer_off(pairs: Pairs, robust: np.ndarray, b: SurfaceView) -> Layer | None:
     of_layer = [(weighted[:, i:j] @ rows[:, i:j].T) for i, j in zip(first, ends, strict=True)]
     pull_of_layer = [weighted[:, i:j] @ residual[i:j] for i, j in zip(first, ends, strict=True)]
     information, pull = _both_sides(np.array(of_layer)), _both_sides(np.array(pull_of_layer))
-    prior = np.eye(6) / (_MOVES_PX * b.footprint_m) ** 2
-    step = np.linalg.solve(information + prior, pull[..., None])[..., 0]
-    gains = np.einsum("ki,ki->k", step, pull)
-    best = int(gains.argmax())
-    if not gains[best] > _MOST_GAIN:
+    covariance = np.linalg.inv(information + np.eye(6) / (_MOVES_PX * b.footprint_m) ** 2)
+    step = np.einsum("kij,kj->ki", covariance, pull)
+    turn_rad = float(np.linalg.norm(vector_from_rotation(pairs.rotation)))
+    covariance += np.eye(6) * ((_ALIKE_PX + _TURNED_PX * turn_rad) * b.footprint_m) ** 2
+    chi2 = np.einsum("ki,ki->k", step, np.linalg.solve(covariance, step[..., None])[..., 0])
+    best = int(chi2.argmax())
+    if not chi2[best] > _MOST_CHI2:
         return None
     nearer, cut = best < _LAYERS - 1, first[1 + best % (_LAYERS - 1)]
     side = slice(None, cut) if nearer else slice(cut, None)
     off = step[best] @ rows[:, side]
     off_m = float(np.sqrt(np.average(np.square(off), weights=weight[side])))
-    return Layer(nearer, float(pairs.point_b[2, order[cut]]), off_m, float(gains[best]))
+    return Layer(nearer, float(pairs.point_b[2, order[cut]]), off_m)
 
 
 def _both_sides(of_layers: np.ndarray) -> np.ndarray:
