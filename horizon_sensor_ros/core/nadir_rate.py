@@ -52,8 +52,9 @@ class NadirRate:
         time_s = 0.0
         if self._fixes and since_last_s is not None:
             time_s = self._fixes[-1].time_s + since_last_s
-            # The last one always counts, however long ago it was.
-            while len(self._fixes) > 1 and time_s - self._fixes[0].time_s > _WINDOW_S:
+            # The last one always counts, however long ago it was, and one more tells how the rate
+            # changes.
+            while len(self._fixes) > 2 and time_s - self._fixes[1].time_s > _WINDOW_S:
                 self._fixes.popleft()
         self._fixes.append(_Fix(time_s, fit))
 
@@ -64,11 +65,36 @@ class NadirRate:
         if len(self._fixes) < 2:
             return None
         *earlier, last = self._fixes
-        sigma_rad = nadir_sigma_rad(last.fit)
-        rates = [_rate(fix, last, sigma_rad) for fix in earlier]
-        # Of a fast craft what is recent is surest, of a slow one what is even.
-        surest = min(rates, key=lambda rate: rate.sigma_rad_s)
-        return surest if surest.sigma_rad_s < known_rad_s else None
+        since_s = [last.time_s - fix.time_s for fix in earlier]
+        change = self._change_rad_s2()
+        recent = [
+            (fix, span_s)
+            for fix, span_s in zip(earlier, since_s, strict=True)
+            if span_s <= _WINDOW_S or fix is earlier[-1]
+        ]
+        # Of a fast craft what is recent is surest, of a slow one what is even. A mean rate is that
+        # of the middle of its time, and is asked for after its end.
+        rates = [_rate(fix, last, change * (0.5 * span_s + since_s[-1])) for fix, span_s in recent]
+        best = min(range(len(rates)), key=lambda i: rates[i].sigma_rad_s)
+        # What changes fast is still better told by the fixes than not at all.
+        steady = _rate(recent[best][0], last)
+        return rates[best] if steady.sigma_rad_s < known_rad_s else None
+
+    def _change_rad_s2(self) -> float:
+        """By how much the rate changes in a second, beyond what the fixes' own errors make of it;
+        0 where fewer than three are known.
+
+        A craft that swings is slow where it turns back, and its rate changes fastest there.
+        """
+        first, *inner, last = self._fixes
+        if not inner:
+            return 0.0
+        middle_s = 0.5 * (first.time_s + last.time_s)
+        middle = min(inner, key=lambda fix: abs(fix.time_s - middle_s))
+        before, after = _rate(first, middle), _rate(middle, last)
+        change = float(np.linalg.norm(after.rate_base_rad_s - before.rate_base_rad_s))
+        noise = math.hypot(_noise_rad_s(first, middle), _noise_rad_s(middle, last))
+        return math.sqrt(max(change**2 - noise**2, 0.0)) / (0.5 * (last.time_s - first.time_s))
 
 
 def contradicted(rate: TurnRate, by_fixes: TurnRate) -> bool:
@@ -80,15 +106,21 @@ def contradicted(rate: TurnRate, by_fixes: TurnRate) -> bool:
     return float(np.linalg.norm(off)) > _SURE * math.hypot(rate.sigma_rad_s, by_fixes.sigma_rad_s)
 
 
-def _rate(before: _Fix, last: _Fix, sigma_rad: float) -> TurnRate:
-    """The rate from one fix to the last, by that one's sigma."""
+def _noise_rad_s(before: _Fix, last: _Fix) -> float:
+    """What the fixes' own errors make of the rate between them."""
+    # A fix of which no rate was known is far off, and says so.
+    noise_rad = math.hypot(nadir_sigma_rad(last.fit), nadir_sigma_rad(before.fit))
+    return noise_rad / (last.time_s - before.time_s)
+
+
+def _rate(before: _Fix, last: _Fix, late_rad_s: float = 0.0) -> TurnRate:
+    """The rate from one fix to another. late_rad_s : one sigma of what it has changed by since."""
     span_s = last.time_s - before.time_s
     # Nadir stands still outside, so that in the base frame it moves by -rate x nadir.
     axis = np.cross(last.fit.nadir_base, before.fit.nadir_base)
     sine = float(np.linalg.norm(axis))
     angle = math.atan2(sine, float(last.fit.nadir_base @ before.fit.nadir_base))
     rate = axis * (angle / (span_s * sine)) if sine > 0.0 else axis
-    # A fix of which no rate was known is far off, and says so.
-    noise = math.hypot(sigma_rad, nadir_sigma_rad(before.fit)) / span_s
-    sigma = math.hypot(noise, _CHANGE_PER_S * angle, _LEAST_RAD_S)
+    noise = _noise_rad_s(before, last)
+    sigma = math.hypot(noise, _CHANGE_PER_S * angle, _LEAST_RAD_S, late_rad_s)
     return TurnRate(rate, sigma, last.fit.nadir_base)

@@ -100,6 +100,28 @@ def test_a_steady_rate_is_found_but_for_its_part_about_nadir(rate: np.ndarray) -
     assert now.sigma_rad_s > 0.02 * np.linalg.norm(across)
 
 
+@pytest.mark.parametrize(("amplitude_deg", "period_s"), [(6.0, 3.8), (3.0, 2.0), (10.0, 8.0)])
+def test_a_rate_that_changes_is_claimed_where_a_swing_turns_back(
+    amplitude_deg: float, period_s: float
+) -> None:
+    """The rate of a swing by its own derivative, for the set after the last fix."""
+    nadir, axis = np.array([0.0, 0.6, 0.8]), np.array([1.0, 0.0, 0.0])
+    amplitude_rad, turn = np.radians(amplitude_deg), 2.0 * np.pi / period_s
+    found, off = NadirRate(), []
+    for step in range(100):
+        time_s = step * PERIOD_S
+        angle = amplitude_rad * np.sin(turn * time_s)
+        still = Rotation.from_rotvec(-angle * axis).apply(nadir)
+        found.add(fit_at(still), PERIOD_S if step else None)
+        told = found.now(np.inf)
+        if step >= 3:
+            assert told is not None
+            rate = amplitude_rad * turn * np.cos(turn * (time_s + PERIOD_S)) * axis
+            off.append(np.linalg.norm(told.rate_base_rad_s - rate) / told.sigma_rad_s)
+    assert max(off) < 3.0
+    assert np.median(off) > 0.2  # nor is far more claimed than that
+
+
 @given(st.lists(st.floats(1e-3, 2.0), min_size=1, max_size=30), rates)
 def test_a_rate_is_found_however_the_sets_come(spans_s: list[float], rate: np.ndarray) -> None:
     """The fix before the last counts also where it is long ago, to the last bit of its time."""
