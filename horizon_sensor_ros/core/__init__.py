@@ -5,8 +5,8 @@ Start at ``horizon_sensor``, the whole chain: frames in, a ``horizon_fix`` out. 
 makes a fix of limbs that were found. Whom to believe: ``judgement`` (a fit), ``agreement`` (of the
 cameras), ``single_cameras`` (what each finds by itself), ``hidden_sky`` (a frame with a part of the
 craft before the sky), ``doubts`` (about cameras that contradicted others), ``craft_fixed`` (a
-limb that does not turn as the gyro says), ``repeated_images`` (frozen cameras), ``lost_rows``
-(frames that are not whole).
+limb that does not turn as the gyro says), ``leaps`` (where no craft comes so soon),
+``repeated_images`` (frozen cameras), ``lost_rows`` (frames that are not whole).
 
 The folders these use, in the order of the data: ``lens`` (rays to the image plane), ``limb`` (image
 to limb points), ``fits`` (limb points to nadir and altitude), ``covariance`` (what else may be

@@ -19,6 +19,7 @@ from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Sighting
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_search import HorizonSearch
 from horizon_sensor_ros.core.judgement import nadir_sigma_rad
+from horizon_sensor_ros.core.leaps import Leaps
 from horizon_sensor_ros.core.limb.detector import follow_limb
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS
 from horizon_sensor_ros.core.limb.sun_streak import without_streaks
@@ -59,6 +60,7 @@ class HorizonSensor:
         self._nadir_rate = NadirRate()
         self._doubts = Doubts()
         self._craft_fixed = CraftFixed()
+        self._leaps = Leaps()
         self._images = RepeatedImages()
         self._timed_by, self._time_s = "", 0.0  # the last fix's, its time after that of its set
 
@@ -68,6 +70,7 @@ class HorizonSensor:
         self._nadir_rate.reset()
         self._doubts.reset()
         self._craft_fixed.reset()
+        self._leaps.reset()
         self._images.reset()
         self._timed_by, self._time_s = "", 0.0
 
@@ -85,9 +88,9 @@ class HorizonSensor:
         A camera whose frame shows no trustworthy limb, or that is frozen (`RepeatedImages`), is
         left out and the others decide; its entry in `limbs` says why. One that contradicted the
         others before is not believed alone (`Doubts`), nor one whose limb does not move when the
-        craft turns (`CraftFixed`). Raises ValueError for no frames at all, or
-        an image that is not (H, W) uint8 or uint16; a frame of another size than its camera's is
-        refused with status BAD_IMAGE.
+        craft turns (`CraftFixed`), or lies where no craft comes so soon (`Leaps`). Raises
+        ValueError for no frames at all, or an image that is not (H, W) uint8 or uint16; a frame of
+        another size than its camera's is refused with status BAD_IMAGE.
         """
         if len(frames) == 0:
             raise ValueError("frames must hold at least one frame")
@@ -106,6 +109,10 @@ class HorizonSensor:
             fix = _told_besides(fix, still)
         elif still:
             fix = self._not_believed(fix, Status.POOR_FIT, still)
+            self._leaps.reset()
+        leap = self._leaps.against(fix, aiding)
+        if leap:
+            fix = self._not_believed(fix, Status.POOR_FIT, leap)
         since_last_s = aiding.since_last_s
         if since_last_s is not None:
             # From fix to fix, each at the time of its own first camera.
