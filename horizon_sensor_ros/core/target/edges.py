@@ -84,6 +84,8 @@ class Edges:
         where there is none.  tilt_rad : (E,) error of the front that comes of it.
     creases : (E,) bool, where the face meets another one that is seen as well. Each is there
         twice, as the end of either face.
+    run : (E,) number of the run of places whose error across is the same, and alike_m : (E,) one
+        sigma of it; 0 where there is none to speak of.
     """
 
     points: np.ndarray
@@ -94,6 +96,8 @@ class Edges:
     rough_m: np.ndarray
     tilt_rad: np.ndarray
     creases: np.ndarray
+    run: np.ndarray
+    alike_m: np.ndarray
 
     def __len__(self) -> int:
         return len(self.points)
@@ -109,7 +113,8 @@ def find_edges(image: RangeImage, planes: Planes) -> Edges:
 def _none() -> Edges:
     empty = np.empty((0, 3))
     none = np.empty(0)
-    return Edges(empty, empty, empty, none, empty, none, none, np.empty(0, bool))
+    one = np.empty(0, np.int32)
+    return Edges(empty, empty, empty, none, empty, none, none, np.empty(0, bool), one, none)
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,8 +328,33 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     edge_px = np.where(sharp, np.hypot(_EDGE_PX, _RIM_PX * np.maximum(rim, 0)), _THIN_EDGE_PX)
     edge_px = np.where(oblique[k], np.maximum(edge_px, _OBLIQUE_EDGE_PX), edge_px)
     sigma = edge_px / (smooth * image.focal_px)
+    run, alike_px = _runs(places, i, j)
+    # Of a bar both sides show.
+    alike = np.where(places.thin[k], 0.0, alike_px[k]) / (smooth * image.focal_px)
     creases = np.zeros(len(k), bool)
-    return Edges(points.T, side.T, direction.T, sigma, front.T, rough, tilt, creases)
+    return Edges(points.T, side.T, direction.T, sigma, front.T, rough, tilt, creases, run[k], alike)
+
+
+def _runs(places: _Places, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which run of places with the same way outwards each is of, and by how many pixels all of a
+    run is off alike (one sigma); (P,) each.
+
+    i, j : of neighbours on one edge. Where in its pixels an edge lies shows by the steps from one
+    row of them to the next. Along the rows there is none, and all of it may lie anywhere in a
+    pixel; of S rows it is known to an S-th of that.
+    """
+    from scipy.sparse import csr_matrix  # noqa: PLC0415  heavy to import, and only used here
+    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
+
+    size = len(places.way)
+    same = places.way[i] == places.way[j]
+    graph = csr_matrix((np.ones(np.count_nonzero(same)), (i[same], j[same])), shape=(size, size))
+    count, run = connected_components(graph, directed=False)
+    row = np.where(_WAYS[places.way, 0] != 0, *places.spot)
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(low, run, row)
+    np.maximum.at(high, run, row)
+    return run, (_WITHIN_PIXEL / (high - low + 1.0))[run]
 
 
 def _of_one_side(
@@ -430,6 +460,8 @@ def _creases(image: RangeImage, planes: Planes) -> Edges:
         none,
         none,
         np.ones(2 * len(w), bool),
+        np.zeros(2 * len(w), np.int32),
+        none,
     )
 
 

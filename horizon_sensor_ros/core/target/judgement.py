@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizon_sensor_ros.core.rigid import skew
+from horizon_sensor_ros.core.target.edges import Edges
 from horizon_sensor_ros.core.target.pairs import THIN, Pairs
 from horizon_sensor_ros.core.target.refinement import jacobian
 from horizon_sensor_ros.core.target.surfels import SurfaceView
@@ -49,7 +50,8 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     normals, and lets a body of revolution look observable about its axis. To the inverse of that
     comes a sandwich of the residuals, summed over blocks of surface within which they err alike;
     it carries what no noise model knows. And, squared, by how much the motion may have been drawn
-    towards none.
+    towards none, and what edges along the sensor's rows are off by, all of one alike: the motion
+    takes that up, and leaves no residual.
     """
     centre = b.image.centroid_m
     weight = robust * pairs.weight / pairs.sigma_m**2
@@ -85,6 +87,8 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     covariance = measured * (inverse + inverse @ (sums @ sums.T) @ inverse)
     drawn = inverse @ _drawn_back(pairs, weight, a, b)
     covariance += np.outer(drawn, drawn)
+    alike = inverse @ _of_runs(pairs, j * weight, a.edges, b.edges)
+    covariance += alike @ alike.T
     by_range = inverse @ (j * weight) @ _apart_by_range(pairs)
     return Uncertainty((covariance + covariance.T) / 2, by_range, centre, rms)
 
@@ -95,6 +99,17 @@ def _apart_by_range(pairs: Pairs) -> np.ndarray:
     seen_a, seen_b = pairs.point_a - pairs.translation_m[:, None], pairs.point_b
     rays_a, rays_b = (seen / np.sqrt((seen * seen).sum(axis=0)) for seen in (seen_a, seen_b))
     return np.einsum("ij,ij->j", rays_a - rays_b, pairs.normal)
+
+
+def _of_runs(pairs: Pairs, rows: np.ndarray, a: Edges, b: Edges) -> np.ndarray:
+    """(6, K) gradients of what each run of places on an edge may be off by, one sigma."""
+    at, *of_edges = pairs.sides
+    gradients = []
+    for edges, which in zip((a, b), of_edges, strict=True):
+        run = edges.run[which]
+        off = rows[:, at] * edges.alike_m[which]
+        gradients.append(np.array([np.bincount(run, each) for each in off]).reshape(6, -1))
+    return np.concatenate(gradients, axis=1)
 
 
 def _drawn_back(pairs: Pairs, weight: np.ndarray, a: SurfaceView, b: SurfaceView) -> np.ndarray:

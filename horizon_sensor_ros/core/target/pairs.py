@@ -52,6 +52,7 @@ class Pairs:
     sides_m : (K,) standard deviation of what bars of direction k lie off by, as they show other
         sides.
     rotation, translation_m : the motion that moved a's points.
+    sides : (3, M) which pairs are of edges, across them, and of which edge of a and of b each.
     """
 
     point_a: np.ndarray
@@ -67,6 +68,7 @@ class Pairs:
     sides_m: np.ndarray
     rotation: np.ndarray
     translation_m: np.ndarray
+    sides: np.ndarray
 
     @cached_property
     def _behind(self) -> list[tuple[np.ndarray, float, float]]:
@@ -148,8 +150,11 @@ class Matcher:
                 shift,
             ),
         ]
+        sides = np.empty((3, 0), np.intp)
         if len(a.edges) and len(b.edges):
-            found = self._edges(rotation, translation, gate_m, step)
+            found, of_edges = self._edges(rotation, translation, gate_m, step)
+            first = sum(len(each[0]) for each in sets)
+            sides = np.stack([first + np.arange(len(of_edges[0])), *of_edges])
             sets += [_counted(each, self._share_a) for each in found]
         # From afar a bar may be taken for the next side of it.
         if step == 1 and len(a.parts) and len(b.parts):
@@ -162,7 +167,7 @@ class Matcher:
         return Pairs(
             point_a, point_b, normal_a, normal_b, sigma, weight, tilt2, kind,
             _PLATE_PX * b.footprint_m, self._directions, self._sides_m(rotation), rotation,
-            translation,
+            translation, sides,
         )  # fmt: skip
 
     def _sides_m(self, rotation: np.ndarray) -> np.ndarray:
@@ -177,7 +182,9 @@ class Matcher:
 
     def _edges(
         self, rotation: np.ndarray, translation: np.ndarray, gate_m: float, step: int
-    ) -> list[_Set]:
+    ) -> tuple[list[_Set], tuple[np.ndarray, np.ndarray]]:
+        """Pairs across edges, then, if there are bars, along their fronts; and of which edges of a
+        and of b the former are."""
         a, b = self.a.edges, self.b.edges
         point = a.points[::step] @ rotation.T + translation
         reach = max(3 * self.b.footprint_m, gate_m)
@@ -202,9 +209,10 @@ class Matcher:
         sigma_a, sigma_b = a.sigma_m[of_a], b.sigma_m[of_b]
         sigma = np.sqrt(sigma_a * sigma_a + sigma_b * sigma_b)
         sides = (point, other, side, n, sigma, *_alike(len(of_a), EDGE, step))
+        of_edges = of_a, of_b
         keep = np.flatnonzero(thin[keep])
         if not len(keep):
-            return [sides]
+            return [sides], of_edges
         front_a = a.fronts.take(of_a[keep], axis=0) @ rotation.T
         front_b = b.fronts.take(of_b[keep], axis=0)
         same = np.flatnonzero(_dots(front_a, front_b) > 0.7)
@@ -215,7 +223,7 @@ class Matcher:
         fronts = (point[keep], other[keep], front_a, front_b, sigma,
                   *_alike(len(keep), THIN, step, a.tilt_rad[of_a] * b.tilt_rad[of_b]))  # fmt: skip
         fronts[-1][:] += self._direction[of_b]
-        return [sides, fronts]
+        return [sides, fronts], of_edges
 
     def _parts(self, rotation: np.ndarray, translation: np.ndarray, gate_m: float) -> _Set:
         """a's parts, moved into b's frame, against those that b sees in the same direction."""
