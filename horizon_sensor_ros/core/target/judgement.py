@@ -10,7 +10,7 @@ import numpy as np
 from horizon_sensor_ros.core.rigid import skew
 from horizon_sensor_ros.core.target.edges import Edges
 from horizon_sensor_ros.core.target.pairs import THIN, Pairs
-from horizon_sensor_ros.core.target.refinement import jacobian
+from horizon_sensor_ros.core.target.refinement import comparable, jacobian
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 
 # Surfaces err alike over some such distance (windows overlap, edges are made of pixels).
@@ -76,8 +76,7 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     first = np.flatnonzero(np.diff(key[order], prepend=-1))
     score = j * (weight * residual)
     sums = np.add.reduceat(score[:, order], first, axis=1) if len(first) else score
-    # In units of turns at the target's rms radius, in which all six directions compare.
-    scale = np.array([1 / b.size_m] * 3 + [1.0] * 3)
+    scale = comparable(b.size_m)
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     # Nothing is less known than to the target's size.
     values = np.maximum(values, 1 / b.size_m**2)

@@ -4,12 +4,13 @@ it, may be too little off in each place to tell there, but is off all over."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from horizon_sensor_ros.core.rigid import vector_from_rotation
 from horizon_sensor_ros.core.target.pairs import FACE, Pairs
-from horizon_sensor_ros.core.target.refinement import jacobian
+from horizon_sensor_ros.core.target.refinement import comparable, jacobian
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 
 # The cloud is cut at so many depths less one, into what is nearer and what is farther.
@@ -53,15 +54,12 @@ def layer_off(pairs: Pairs, robust: np.ndarray, b: SurfaceView) -> Layer | None:
     weight = robust[order] * pairs.weight[order] / pairs.sigma_m[order] ** 2
     total = np.cumsum(weight)
     first = np.searchsorted(total, total[-1] * np.arange(_LAYERS) / _LAYERS)
-    # In units of turns at the target's rms radius, in which all six directions compare.
-    scale = np.array([1.0 / b.size_m] * 3 + [1.0] * 3)
-    centre = b.image.centroid_m
-    rows = scale[:, None] * jacobian(pairs.point_a[:, order], pairs.normal[:, order], centre)
+    rows = jacobian(pairs.point_a[:, order], pairs.normal[:, order], b.image.centroid_m)
+    rows *= comparable(b.size_m)[:, None]
     weighted, residual = rows * weight, pairs.residual[order]
-    ends = [*first[1:], len(order)]
-    of_layer = [(weighted[:, i:j] @ rows[:, i:j].T) for i, j in zip(first, ends, strict=True)]
-    pull_of_layer = [weighted[:, i:j] @ residual[i:j] for i, j in zip(first, ends, strict=True)]
-    information, pull = _both_sides(np.array(of_layer)), _both_sides(np.array(pull_of_layer))
+    layers = [slice(i, j) for i, j in pairwise([*first, len(order)])]
+    information = _both_sides(np.array([weighted[:, each] @ rows[:, each].T for each in layers]))
+    pull = _both_sides(np.array([weighted[:, each] @ residual[each] for each in layers]))
     prior = np.eye(6) / (_MOVES_PX * b.footprint_m) ** 2
     step = np.linalg.solve(information + prior, pull[..., None])[..., 0]
     chi2 = np.einsum("ki,ki->k", step, pull)

@@ -58,6 +58,11 @@ def jacobian(point: np.ndarray, normal: np.ndarray, centre: np.ndarray) -> np.nd
     return np.array([y * c - z * b, z * a - x * c, x * b - y * a, a, b, c])
 
 
+def comparable(size_m: float) -> np.ndarray:
+    """(6,) units in which turns and shifts compare: turns at the target's rms radius ``size_m``."""
+    return np.array([1.0 / size_m] * 3 + [1.0] * 3)
+
+
 def _stiffness(
     pairs: Pairs, weighted: np.ndarray, j: np.ndarray, w: np.ndarray, centre: np.ndarray
 ) -> np.ndarray:
