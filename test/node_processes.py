@@ -14,8 +14,10 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 
 PATIENCE_S, ANSWER_S = 20.0, 5.0
 GOALS = {
@@ -114,6 +116,16 @@ class Listener:
             assert time.monotonic() < deadline, f"waited in vain for {words!r}"
             send()
             self.spin(0.1)
+
+    def hear_of_changes_only(self, node: str) -> None:
+        """From now on what is heard of a node on /diagnostics is a change of its state.
+
+        Not to be had from the start: the first changes may be lost, as any first message.
+        """
+        seldom = Parameter("diagnostics_period", value=1000.0).to_parameter_msg()
+        request = SetParameters.Request(parameters=[seldom])
+        assert self.call(SetParameters, f"/{node}/set_parameters", request).results[0].successful
+        self.heard.clear()
 
     def statuses(self, node: str = "") -> list[Any]:
         return [

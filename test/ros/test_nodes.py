@@ -531,12 +531,7 @@ def test_a_node_that_ceases_to_work_says_so_at_once(
     node = "attitude_node"
     start(node, *params, "-p", "stale_after:=1000.0")
     craft.match((node,))
-    # From now on so seldom that what is heard is a change of state; before that the first one may
-    # be lost.
-    seldom = Parameter("diagnostics_period", value=1000.0).to_parameter_msg()
-    request = SetParameters.Request(parameters=[seldom])
-    assert craft.call(SetParameters, f"/{node}/set_parameters", request).results[0].successful
-    craft.heard.clear()
+    craft.hear_of_changes_only(node)
     craft.expect_pair(0, ("attitude",))
     craft.wait_for_state("ok")
     assert craft.transition(node, transition)

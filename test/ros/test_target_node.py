@@ -173,9 +173,9 @@ def test_signals_end_the_node_quietly(
 def test_a_node_that_is_shut_down_says_so_at_once(
     start: Callable[..., Program], chaser: Chaser, params: list[str]
 ) -> None:
-    # So seldom that what is heard meanwhile is a change of state.
-    start(NODE, *params, "-p", "diagnostics_period:=1000.0", "-p", "stale_after:=1000.0")
+    start(NODE, *params, "-p", "stale_after:=1000.0")
     chaser.match()
+    chaser.hear_of_changes_only(NODE)
     chaser.expect(good_cloud(0), 0, POSE)
     assert chaser.transition(NODE, Transition.TRANSITION_ACTIVE_SHUTDOWN)
     chaser.wait_for_state("inactive")
