@@ -16,9 +16,9 @@ What is told and known: ``horizon_config`` (once), ``aiding`` (with each set of 
 (why there is an answer, or none). Cameras: ``camera``, ``camera_view`` (in its place), ``mask``,
 ``linear_light``, ``white_level``, ``derived_camera`` and of it ``stretched_camera``. The planet:
 ``planet``, ``planet_figure`` (an ellipsoid fitted as a sphere), ``limb_curve`` (where a cone's limb
-runs in an image), ``limb_points`` (what was found of it). Motion: ``gyro``, ``turn_rate``,
-``nadir_rate``, ``readout`` (rows and frames of different moments). Mathematics: ``attitude``,
-``rigid``, ``robust``, ``symmetric3``.
+runs in an image), ``limb_points`` (what was found of it). Motion: ``gyro``, ``gyro_trust``,
+``turn_rate``, ``nadir_rate``, ``readout`` (rows and frames of different moments). Mathematics:
+``attitude``, ``rigid``, ``robust``, ``symmetric3``.
 
 Beside the horizon: ``target`` (point clouds to a target's motion), ``self_calibration`` (how the
 cameras are mounted), ``applicability`` (where a mounting sees the horizon).

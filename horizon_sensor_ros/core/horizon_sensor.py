@@ -14,6 +14,7 @@ from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
 from horizon_sensor_ros.core.craft_fixed import CraftFixed
 from horizon_sensor_ros.core.doubts import Doubts
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.gyro_trust import GyroTrust
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator, Sighting
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
@@ -25,7 +26,7 @@ from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS
 from horizon_sensor_ros.core.limb.sun_streak import without_streaks
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.lost_rows import lost_rows
-from horizon_sensor_ros.core.nadir_rate import NadirRate, contradicted
+from horizon_sensor_ros.core.nadir_rate import NadirRate
 from horizon_sensor_ros.core.planet_figure import Disc
 from horizon_sensor_ros.core.readout import view_at_stamp
 from horizon_sensor_ros.core.repeated_images import RepeatedImages
@@ -44,7 +45,9 @@ _OF_SIGMA = 0.3  # of nadir: what an unknown rate makes that is told
 # How frames end that are brought together by a rate that is not theirs.
 _OF_A_WRONG_RATE = (Status.CAMERAS_DISAGREE, Status.POOR_FIT)
 _NOT_THE_GYROS = "with the rate on imu no horizon fits, without it one does: it is not used"
-_NOT_THE_FIXES = "the rate on imu is not the one by which the horizon moves: it is not used"
+_NOT_THE_FIXES = (
+    "the rate on imu is not the one by which the horizon moves, or was not just now: it is not used"
+)
 _NO_TIME = "which cameras see a limb depends on the time at which they are asked"
 _NO_RATE = "frames are not of one moment, and how fast the craft turns is not known"
 
@@ -58,6 +61,7 @@ class HorizonSensor:
         self._search = HorizonSearch(self._estimator)
         self._track: Track | None = None
         self._nadir_rate = NadirRate()
+        self._gyro_trust = GyroTrust()
         self._doubts = Doubts()
         self._craft_fixed = CraftFixed()
         self._leaps = Leaps()
@@ -68,6 +72,7 @@ class HorizonSensor:
         """Forget where the limb was: the next frames are searched."""
         self._track = None
         self._nadir_rate.reset()
+        self._gyro_trust.reset()
         self._doubts.reset()
         self._craft_fixed.reset()
         self._leaps.reset()
@@ -135,7 +140,7 @@ class HorizonSensor:
         told = _by_gyro(aiding)
         if told is None:
             return self._at_rate(frames, by_fixes, aiding)
-        if by_fixes is not None and contradicted(told, by_fixes):
+        if not self._gyro_trust.believes(told, by_fixes, aiding.since_last_s):
             return _without_gyro(self._at_rate(frames, by_fixes, aiding), _NOT_THE_FIXES)
         fix = self._at_rate(frames, told, aiding)
         # A rate by which frames of one moment are no more than smeared bends no horizon.
@@ -146,6 +151,7 @@ class HorizonSensor:
         without = self._at_rate(frames, by_fixes, aiding)
         if not without.ok:
             return fix
+        self._gyro_trust.refute()
         return _without_gyro(without, _NOT_THE_GYROS)
 
     def _at_rate(

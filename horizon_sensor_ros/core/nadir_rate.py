@@ -21,7 +21,6 @@ from horizon_sensor_ros.core.turn_rate import TurnRate
 _WINDOW_S, _MOST_S = 0.3, 2.0
 # One sigma of what rates change by in a second, over the rate, and of the slowest ones.
 _CHANGE_PER_S, _LEAST_RAD_S = 0.7, math.radians(0.05)
-_SURE = 5.0  # times the sigma of both: rates so far apart are not the same
 
 
 class _Fix(NamedTuple):
@@ -95,15 +94,6 @@ class NadirRate:
         change = float(np.linalg.norm(after.rate_base_rad_s - before.rate_base_rad_s))
         noise = math.hypot(_noise_rad_s(first, middle), _noise_rad_s(middle, last))
         return math.sqrt(max(change**2 - noise**2, 0.0)) / (0.5 * (last.time_s - first.time_s))
-
-
-def contradicted(rate: TurnRate, by_fixes: TurnRate) -> bool:
-    """Whether a rate is not the fixes', but for a turn about nadir, which they do not tell."""
-    off = rate.rate_base_rad_s - by_fixes.rate_base_rad_s
-    about = by_fixes.nadir_base
-    if about is not None:
-        off = off - (off @ about) * about
-    return float(np.linalg.norm(off)) > _SURE * math.hypot(rate.sigma_rad_s, by_fixes.sigma_rad_s)
 
 
 def _noise_rad_s(before: _Fix, last: _Fix) -> float:
