@@ -77,7 +77,8 @@ class LimbPoints:
     jumps_px : by how much neighbouring edges differ, one sigma, before any model smooths them;
     infinite where that was not measured.
     predicted : the limb all along which these were looked for; None where it was not drawn.
-    offset_px : (N,) how far outside it these lie, in order along it.
+    offset_px : (N,) how far outside it these lie, in order along it; empty where that was not
+    measured.
     cone_errors : (4, K) where limb and glow were separated by a joint fit (`glow.limb`), else None.
     Errors of (nadir_base, rho_rad) of the cone that the points lie on: each column is one sigma,
     independent of the other columns; column k is the same error in the limbs of all cameras. Such
@@ -134,7 +135,7 @@ class LimbPoints:
             px=self.px[which],
             normal_px=self.normal_px[which],
             sigma_px=self.sigma_px[which],
-            offset_px=self.offset_px[which],
+            offset_px=self.offset_px[which] if len(self.offset_px) else self.offset_px,
             step=self.step[which] if len(self.step) else self.step,
         )
 

@@ -40,12 +40,15 @@ class Mask:
     def clear(self, px: np.ndarray, distance_px: float) -> np.ndarray:
         """Whether points (..., 2), raw pixels, keep a distance from the masked part.
 
-        What lies outside the image is judged by the nearest pixel of the image.
+        What lies outside the image is judged by the nearest pixel of the image; a point that is NaN
+        keeps none.
         """
         height, width = self.shape
+        known = ~np.isnan(px).any(axis=-1)
+        px = np.where(known[..., None], px, 0)
         x = np.clip(np.rint(px[..., 0]), 0, width - 1).astype(np.intp)
         y = np.clip(np.rint(px[..., 1]), 0, height - 1).astype(np.intp)
-        return self.clearance_px[y, x] > distance_px
+        return known & (self.clearance_px[y, x] > distance_px)
 
     def reduced(self, factor: int) -> np.ndarray:
         """(h, w) bool, for an image averaged over blocks: True where all of a block is usable."""

@@ -42,6 +42,15 @@ def test_a_mask_of_another_size_than_the_camera_is_refused() -> None:
         CameraView("camera_1", CAMERA, np.eye(3), Mask(np.ones((10, 20))))
 
 
+def test_a_place_that_is_not_known_keeps_no_distance() -> None:
+    use = np.ones((8, 10))
+    use[:, :2] = 0
+    px = np.array([[7.0, 4.0], [np.nan, 4.0], [7.0, np.nan], [np.inf, 4.0], [0.0, 4.0]])
+    for mask in (Mask(use), Mask(np.ones((8, 10)))):
+        whole = mask.use.all()
+        assert mask.clear(px, 3.0).tolist() == [True, False, False, True, whole]
+
+
 @given(st.integers(0, 2**32 - 1), st.integers(1, 5))
 def test_clearance_and_reduction_against_brute_force(seed: int, factor: int) -> None:
     rng = np.random.default_rng(seed)
