@@ -5,11 +5,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from horizon_sensor_ros.core.target.planes import LIMB_BEND, Planes, limb_reach_px
 from horizon_sensor_ros.core.target.range_image import RangeImage
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 # Standard deviation, in pixels, of the place of a face's end, a thin part, one that runs obliquely,
 # a crease. An oblique one counts little: along the whole of it its places are off alike.
@@ -244,6 +248,15 @@ def _neighbours(places: _Places, shape: tuple[int, int]) -> tuple[np.ndarray, np
     return i, j
 
 
+def _graph(i: np.ndarray, j: np.ndarray, size: int) -> csr_matrix:
+    """(size, size) matrix of ones at the pairs (i, j), i in order."""
+    from scipy.sparse import csr_matrix  # noqa: PLC0415  heavy to import, and only used here
+
+    first = np.zeros(size + 1, np.int32)
+    np.cumsum(np.bincount(i, minlength=size), out=first[1:])
+    return csr_matrix((np.ones(len(j)), j, first), shape=(size, size))
+
+
 def _widths(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean squares (pixels^2) across and along the lines through places, and the angle of these to
     the rows, (P,) each; of `_lines`' sums."""
@@ -256,8 +269,6 @@ def _widths(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     """Fit a short straight line through each place and its neighbours on the same edge."""
-    from scipy.sparse import csr_matrix  # noqa: PLC0415  heavy to import, and only used here
-
     (u, v), w = places.spot, places.inverse_depth
     size = len(w)
     if size < _FEWEST_PLACES:
@@ -273,9 +284,7 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
         [np.ones(size), u, v, w, u * u, v * v, u * v, u * w, v * w, out_u, out_v, w * w,
          wider, wider * out_u, wider * out_v, inwards]
     )  # fmt: skip
-    first = np.zeros(size + 1, np.int32)
-    np.cumsum(np.bincount(i, minlength=size), out=first[1:])
-    near = csr_matrix((np.ones(len(j)), j, first), shape=(size, size))
+    near = _graph(i, j, size)
     # Sums over each place and its neighbours.
     sums = np.ascontiguousarray((near @ own + near.T @ own + own).T)
     oblique = places.thin & (_widths(sums)[0] >= _WIDEST_LINE)
@@ -343,13 +352,11 @@ def _runs(places: _Places, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np
     row of them to the next. Along the rows there is none, and all of it may lie anywhere in a
     pixel; of S rows it is known to an S-th of that.
     """
-    from scipy.sparse import csr_matrix  # noqa: PLC0415  heavy to import, and only used here
     from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
 
     size = len(places.way)
     same = places.way[i] == places.way[j]
-    graph = csr_matrix((np.ones(np.count_nonzero(same)), (i[same], j[same])), shape=(size, size))
-    count, run = connected_components(graph, directed=False)
+    count, run = connected_components(_graph(i[same], j[same], size), directed=False)
     row = np.where(_WAYS[places.way, 0] != 0, *places.spot)
     low, high = np.full(count, np.inf), np.full(count, -np.inf)
     np.minimum.at(low, run, row)
