@@ -54,7 +54,7 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     takes that up, and leaves no residual.
     """
     centre = b.image.centroid_m
-    weight = robust * pairs.weight / pairs.sigma_m**2
+    weight = pairs.information(robust)
     j_a = jacobian(pairs.point_a, pairs.normal_a, centre)
     j_b = jacobian(pairs.point_a, pairs.normal_b, centre)
     product = (j_a * weight) @ j_b.T
@@ -102,11 +102,10 @@ def _apart_by_range(pairs: Pairs) -> np.ndarray:
 
 def _of_runs(pairs: Pairs, rows: np.ndarray, a: Edges, b: Edges) -> np.ndarray:
     """(6, K) gradients of what each run of places on an edge may be off by, one sigma."""
-    at, *of_edges = pairs.sides
     gradients = []
-    for edges, which in zip((a, b), of_edges, strict=True):
+    for edges, which in zip((a, b), pairs.of_edges, strict=True):
         run = edges.run[which]
-        off = rows[:, at] * edges.alike_m[which]
+        off = rows[:, pairs.across_edges] * edges.alike_m[which]
         gradients.append(np.array([np.bincount(run, each) for each in off]).reshape(6, -1))
     return np.concatenate(gradients, axis=1)
 

@@ -51,7 +51,7 @@ def layer_off(pairs: Pairs, robust: np.ndarray, b: SurfaceView) -> Layer | None:
     if not len(faces):
         return None
     order = faces[np.argsort(pairs.point_b[2, faces])]
-    weight = robust[order] * pairs.weight[order] / pairs.sigma_m[order] ** 2
+    weight = pairs.information(robust)[order]
     total = np.cumsum(weight)
     first = np.searchsorted(total, total[-1] * np.arange(_LAYERS) / _LAYERS)
     rows = jacobian(pairs.point_a[:, order], pairs.normal[:, order], b.image.centroid_m)

@@ -52,7 +52,8 @@ class Pairs:
     sides_m : (K,) standard deviation of what bars of direction k lie off by, as they show other
         sides.
     rotation, translation_m : the motion that moved a's points.
-    sides : (3, M) which pairs are of edges, across them, and of which edge of a and of b each.
+    across_edges : which pairs, M of them, lie apart across edges.  of_edges : (M,) numbers of these
+        edges of a, and the same of b.
     """
 
     point_a: np.ndarray
@@ -68,7 +69,8 @@ class Pairs:
     sides_m: np.ndarray
     rotation: np.ndarray
     translation_m: np.ndarray
-    sides: np.ndarray
+    across_edges: slice
+    of_edges: tuple[np.ndarray, np.ndarray]
 
     @cached_property
     def _behind(self) -> list[tuple[np.ndarray, float, float]]:
@@ -92,6 +94,10 @@ class Pairs:
             prior = deviation**-2
             distance[rows] -= (np.median(distance[rows]) * known - mean * prior) / (known + prior)
         return distance
+
+    def information(self, robust: np.ndarray) -> np.ndarray:
+        """(N,) 1/m^2 on the distance along each normal, by the pairs' robust weights (N,)."""
+        return robust * self.weight / self.sigma_m**2
 
     def without_thickness(self, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """(6, 6) information on the motion of ``rows`` (6, N) that the unknown thicknesses take."""
@@ -150,11 +156,11 @@ class Matcher:
                 shift,
             ),
         ]
-        sides = np.empty((3, 0), np.intp)
+        across_edges, of_edges = slice(0), (np.empty(0, np.intp), np.empty(0, np.intp))
         if len(a.edges) and len(b.edges):
             found, of_edges = self._edges(rotation, translation, gate_m, step)
             first = sum(len(each[0]) for each in sets)
-            sides = np.stack([first + np.arange(len(of_edges[0])), *of_edges])
+            across_edges = slice(first, first + len(of_edges[0]))
             sets += [_counted(each, self._share_a) for each in found]
         # From afar a bar may be taken for the next side of it.
         if step == 1 and len(a.parts) and len(b.parts):
@@ -167,7 +173,7 @@ class Matcher:
         return Pairs(
             point_a, point_b, normal_a, normal_b, sigma, weight, tilt2, kind,
             _PLATE_PX * b.footprint_m, self._directions, self._sides_m(rotation), rotation,
-            translation, sides,
+            translation, across_edges, of_edges,
         )  # fmt: skip
 
     def _sides_m(self, rotation: np.ndarray) -> np.ndarray:

@@ -109,7 +109,7 @@ def refine(
         else:
             pairs = pairs.moved(turn, shift)
         robust = robust_weights(pairs)
-        w = robust * pairs.weight / pairs.sigma_m**2
+        w = pairs.information(robust)
         j = jacobian(pairs.point_a, pairs.normal, centre)
         weighted = j * w
         gradient = weighted @ pairs.residual
