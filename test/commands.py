@@ -15,9 +15,9 @@ def called(main: Main, *arguments: Any) -> int:
     return main([str(argument) for argument in arguments])
 
 
-def refusal(main: Main, capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
-    """Call what has to fail; what it says."""
-    assert called(main, *arguments) == 1
+def refusal(main: Main, capsys: pytest.CaptureFixture[str], *arguments: Any, code: int = 1) -> str:
+    """Call what has to fail with an exit code; what it says."""
+    assert called(main, *arguments) == code
     said = capsys.readouterr().err
     assert "Traceback" not in said
     return said

@@ -397,7 +397,7 @@ def test_parameters_that_cannot_be(
     tf = write_parameters(tmp_path / "tf.yaml", extrinsics_source="tf")
     assert "tf" in refused(capsys, flight, out, "--params", tf)
     arguments = ["--params", params, "--remap", "nonsense"]
-    assert "FROM:=TO" in refused(capsys, flight, out, *arguments)
+    assert "FROM:=TO" in refused(capsys, flight, out, *arguments, code=2)
     assert not out.exists()
 
 
@@ -453,7 +453,7 @@ def test_a_node_that_cannot_be_is_said_and_left_out(
 def test_remappings_that_cannot_be(
     tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str], rule: str, words: str
 ) -> None:
-    told = refused(capsys, flight, tmp_path / "out", "--remap", rule)
+    told = refused(capsys, flight, tmp_path / "out", "--remap", rule, code=2)
     assert told.startswith(f"horizon_replay: --remap {rule}: ")
     assert words in told
     assert told.count("\n") == 1
@@ -472,7 +472,7 @@ def test_a_remapping_that_does_nothing_is_said(
 def test_a_namespace_that_cannot_be(
     tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told = refused(capsys, flight, tmp_path / "out", "--namespace", "my craft")
+    told = refused(capsys, flight, tmp_path / "out", "--namespace", "my craft", code=2)
     assert told == "horizon_replay: --namespace 'my craft' is no namespace\n"
 
 

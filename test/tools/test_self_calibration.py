@@ -103,8 +103,8 @@ def params(tmp_path: Path) -> Path:
 run = partial(called, main)
 
 
-def refused(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
-    return refusal(main, capsys, *arguments).split("\r")[-1]
+def refused(capsys: pytest.CaptureFixture[str], *arguments: Any, code: int = 1) -> str:
+    return refusal(main, capsys, *arguments, code=code).split("\r")[-1]
 
 
 def corrected(path: Path, node: str, camera: str) -> np.ndarray:
@@ -155,6 +155,36 @@ def test_the_files_are_written_where_the_table_cannot_be_printed(
         told = refused(capsys, flight, "--params", params, "--out", out)
     assert "cannot write to the standard output: No space left" in told
     assert "ros__parameters" in out.read_text()
+
+
+def test_both_files_are_written_or_neither(
+    tmp_path: Path,
+    flight: Path,
+    params: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out, picture = tmp_path / "corrected.yaml", tmp_path / "fit.png"
+    out.write_text("older")
+    both = ("--params", params, "--out", out, "--picture", picture, "--force")
+
+    def cannot(*_: Any, **__: Any) -> None:
+        raise ValueError("too large")
+
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", cannot)
+    assert "cannot draw fit.png: too large" in refused(capsys, flight, *both)
+    assert out.read_text() == "older"
+    assert {each.name for each in tmp_path.iterdir()} == {params.name, out.name}
+
+
+def test_one_file_for_both_is_refused(
+    tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for other in ("fit.png", "here/../fit.png"):
+        with pytest.raises(SystemExit) as caught:
+            run(flight, "--out", tmp_path / "fit.png", "--picture", tmp_path / other)
+        assert caught.value.code == 2
+        assert "--out and --picture are the same file" in capsys.readouterr().err
 
 
 def test_swapped_cameras_are_no_misalignment(
@@ -315,7 +345,7 @@ def test_what_is_wrong_is_said(
     told = refused(capsys, flight, "--params", params, "--out", params)
     assert "params.yaml exists" in told
     # Before the work, not after it.
-    told = refused(capsys, flight, "--params", params, "--picture", tmp_path / "fit.xyz")
+    told = refused(capsys, flight, "--params", params, "--picture", tmp_path / "fit.xyz", code=2)
     assert "fit.xyz must end in one of" in told
     told = refused(capsys, flight, "--params", params, "--out", params / "corrected.yaml")
     assert "--out: cannot write" in told
@@ -324,12 +354,12 @@ def test_what_is_wrong_is_said(
     assert "/coarse_pose (geometry_msgs/msg/PoseStamped)" in told
     told = refused(capsys, flight, "--params", params, "--reference", "coarse_pose")
     assert "'earth', not in 'local_level'" in told
-    told = refused(capsys, flight, "--params", params, "--max-sigma", "-1")
+    told = refused(capsys, flight, "--params", params, "--max-sigma", "-1", code=2)
     assert "max_sigma must be positive" in told
     uncertain = ("--altitude", "5e5", "--altitude-sigma", "0")
-    told = refused(capsys, flight, "--params", params, *uncertain)
+    told = refused(capsys, flight, "--params", params, *uncertain, code=2)
     assert "--altitude-sigma must be positive" in told
-    told = refused(capsys, flight, "--params", params, "--interval", "inf")
+    told = refused(capsys, flight, "--params", params, "--interval", "inf", code=2)
     assert "--interval must be 0 to" in told
 
 

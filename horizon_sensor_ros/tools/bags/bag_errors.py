@@ -7,6 +7,10 @@ class BagError(Exception):
     """A bag, or what belongs with it, cannot be read or written; the message says which and why."""
 
 
+class UsageError(BagError):
+    """An option asks for what cannot be, whatever is in the files; the message says which."""
+
+
 def in_one_line(error: Exception) -> str:
     """What an exception says; its kind where it says nothing."""
     return " ".join(f"{error or type(error).__name__}".split())

@@ -16,7 +16,7 @@ from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings
 from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS, TargetPipeline, TargetStep
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.bag_errors import UsageError
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag
 
 _TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
@@ -25,27 +25,27 @@ _TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 class TopicNames:
     """Relative names to full ones, as the nodes' namespace and remappings make them.
 
-    Raises BagError for what is no namespace, or no remapping of a topic.
+    Raises UsageError for what is no namespace, or no remapping of a topic.
     """
 
     def __init__(self, namespace: str, remappings: Sequence[str]) -> None:
         self._namespace = "/" + namespace.strip("/")
         if self._namespace != "/" and not _TOPIC.fullmatch(self._namespace):
-            raise BagError(f"--namespace {namespace!r} is no namespace")
+            raise UsageError(f"--namespace {namespace!r} is no namespace")
         self._remapped: dict[str, str] = {}
         self._asked: set[str] = set()
         for rule in remappings:
             source, found, target = rule.partition(":=")
             if not (found and source and target):
-                raise BagError(f"--remap must be FROM:=TO, got {rule!r}")
+                raise UsageError(f"--remap must be FROM:=TO, got {rule!r}")
             if ":" in source or "~" in rule or source.startswith("__"):
-                raise BagError(
+                raise UsageError(
                     f"--remap {rule}: rules are for all nodes and for topics alone; leave out what "
                     "names a node (NODE:, ~ or __)"
                 )
             for name in (source, target):
                 if not _TOPIC.fullmatch(name):
-                    raise BagError(f"--remap {rule}: {name!r} is no name of a topic")
+                    raise UsageError(f"--remap {rule}: {name!r} is no name of a topic")
             # As rcl: of two rules for one name the first one counts.
             self._remapped.setdefault(self._full(source), self._full(target))
 

@@ -11,7 +11,7 @@ from horizon_sensor_ros.core.self_calibration.corner_blur import lens_blurs
 from horizon_sensor_ros.core.self_calibration.lens_check import with_lenses_checked
 from horizon_sensor_ros.core.self_calibration.result import Calibration, CalibrationConfig
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.bag_errors import BagError, UsageError
 from horizon_sensor_ros.tools.calibration.recording import Recording, read_recording
 from horizon_sensor_ros.tools.calibration.text import (
     calibration_text,
@@ -49,13 +49,15 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
     """
     _check_outputs(arguments)
     if not 0.0 <= arguments.interval <= _MAX_INTERVAL_S:
-        raise BagError(f"--interval must be 0 to {_MAX_INTERVAL_S:g} s, got {arguments.interval:g}")
+        raise UsageError(
+            f"--interval must be 0 to {_MAX_INTERVAL_S:g} s, got {arguments.interval:g}"
+        )
     try:
         config = CalibrationConfig(
             arguments.drift, arguments.focal, arguments.max_sigma, arguments.correlation
         )
     except ValueError as error:
-        raise BagError(f"--max-sigma, --correlation: {error}") from None
+        raise UsageError(f"--max-sigma, --correlation: {error}") from None
     recording = read_recording(arguments, stopped)
     cameras = list(recording.rot_base_from_cam)
     lenses = lens_blurs(recording.sets, cameras, config.correlation_s)
@@ -68,20 +70,23 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = b
     else:
         calibration = _calibrated(recording, config)
         print(calibration_text(calibration, lenses, recording))
-    written = []
+    places = [path for path in (arguments.out, arguments.picture) if path is not None]
+    text = ""
     if arguments.out is not None:
         text = corrected_parameters(
             arguments.params, calibration, recording.sphere, untold(lenses, recording)
         )
-        with written_whole(arguments.out) as (fresh,):
-            fresh.write_text(text, encoding="utf-8")
-        written.append(arguments.out)
-    if arguments.picture is not None and calibration is not None:
-        from horizon_sensor_ros.tools.calibration.figure import draw_calibration  # noqa: PLC0415
+    # Both or neither.
+    with written_whole(*places) as fresh:
+        beside = dict(zip(places, fresh, strict=True))
+        if arguments.out is not None:
+            beside[arguments.out].write_text(text, encoding="utf-8")
+        if arguments.picture is not None:
+            from horizon_sensor_ros.tools.calibration.figure import draw_calibration  # noqa: PLC0415
 
-        draw_calibration(arguments.picture, calibration, recording.rot_base_from_cam)
-        written.append(arguments.picture)
-    return "\n".join(f"written: {path}" for path in written)
+            assert calibration is not None  # no --picture with --lenses
+            draw_calibration(beside[arguments.picture], calibration, recording.rot_base_from_cam)
+    return "\n".join(f"written: {path}" for path in places)
 
 
 def _calibrated(recording: Recording, config: CalibrationConfig) -> Calibration:

@@ -19,8 +19,7 @@ from horizon_sensor_ros.core.self_calibration.differences import (
     nadir_differences,
 )
 from horizon_sensor_ros.core.self_calibration.result import Calibration
-from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
-from horizon_sensor_ros.tools.output_files import written_whole
+from horizon_sensor_ros.tools.bags.bag_errors import BagError, UsageError, in_one_line
 
 # Okabe & Ito's colours, which colour-blind readers tell apart; the markers differ as well.
 _BEFORE: dict[str, Any] = {"color": "#D55E00", "marker": "x", "label": "before"}
@@ -28,18 +27,19 @@ _AFTER: dict[str, Any] = {"color": "#0072B2", "marker": "o", "label": "after"}
 
 
 def check_picture(path: Path) -> None:
-    """BagError where the name is not that of a kind of picture."""
+    """UsageError where the name is not that of a kind of picture."""
     kinds = FigureCanvasBase.get_supported_filetypes()
     if path.suffix.removeprefix(".").lower() not in kinds:
-        raise BagError(f"--picture: {path} must end in one of .{', .'.join(sorted(kinds))}")
+        raise UsageError(f"--picture: {path} must end in one of .{', .'.join(sorted(kinds))}")
 
 
 def draw_calibration(
     path: Path, calibration: Calibration, nominal: Mapping[str, np.ndarray]
 ) -> None:
-    """Draw, for each camera, the turn between its nadir and the first one's; BagError if it fails.
+    """Draw, for each camera, the turn between its nadir and the first one's.
 
-    Left over time, right about the two base axes that lie most across nadir.
+    Left over time, right about the two base axes that lie most across nadir. BagError where it
+    cannot be drawn, OSError where it cannot be written.
     """
     before = nadir_differences(calibration.sets, nominal)
     after = nadir_differences(calibration.sets, calibration.rot_base_from_cam)
@@ -53,10 +53,9 @@ def draw_calibration(
         _over_time(left, times, one, other)
         _about_axes(right, axes_shown, one, other)
     try:
-        with written_whole(path) as (fresh,):
-            figure.savefig(fresh, dpi=110)
+        figure.savefig(path, dpi=110)
     except ValueError as error:
-        raise BagError(f"cannot write {path}: {in_one_line(error)}") from None
+        raise BagError(f"cannot draw {path.name}: {in_one_line(error)}") from None
     finally:
         plt.close(figure)
 

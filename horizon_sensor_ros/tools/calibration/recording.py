@@ -32,7 +32,7 @@ from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.pairing import Pairing
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings, PipelineSettings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.bag_errors import BagError, UsageError
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
 from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
@@ -260,7 +260,7 @@ def _settings(arguments: argparse.Namespace) -> HorizonSettings:
     for name in ("altitude_sigma", "reference_sigma"):
         if not 0.0 < getattr(arguments, name) < np.inf:
             option = name.replace("_", "-")
-            raise BagError(f"--{option} must be positive, got {getattr(arguments, name)}")
+            raise UsageError(f"--{option} must be positive, got {getattr(arguments, name)}")
     try:
         values: list[dict[str, Any]] = (
             [{}]

@@ -104,6 +104,9 @@ def parsed(argv: Sequence[str] | None = None) -> argparse.Namespace:
     for option in _OF_MOUNTINGS:
         if arguments.lenses and is_given(arguments, option):
             parser.error(f"{option} has no effect with --lenses")
+    files = [path.resolve() for path in (arguments.out, arguments.picture) if path is not None]
+    if len(files) > len(set(files)):
+        parser.error("--out and --picture are the same file")
     fill_defaults(arguments, _DEFAULTS)
     return arguments
 
