@@ -28,10 +28,15 @@ class ReasonCounts:
         # As it was said, where it was always the same.
         self._shown[form] = reason if self._shown.get(form, reason) == reason else form
 
+    @property
+    def total(self) -> int:
+        """How many were counted."""
+        return self._counts.total()
+
     def lines(self, most: int) -> Iterator[str]:
         """The commonest ones with their counts, and how many the others are."""
         commonest = self._counts.most_common(most)
         yield from (f"{count}: {self._shown[form]}" for form, count in commonest)
-        others = self._counts.total() - sum(count for _, count in commonest)
+        others = self.total - sum(count for _, count in commonest)
         if others:
             yield f"{others}: other reasons"

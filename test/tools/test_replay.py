@@ -469,6 +469,18 @@ def test_a_remapping_that_does_nothing_is_said(
     assert "/right does nothing" not in told
 
 
+def test_remappings_of_two_topics_onto_one_are_said(
+    tmp_path: Path, flight: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rule = ["--remap", "camera_2/image_raw:=camera_1/image_raw"]
+    assert run(flight, tmp_path / "out", "--params", params, *rule) == 0
+    told = "--remap: /camera_1/image_raw and /camera_2/image_raw are all /camera_1/image_raw\n"
+    assert told in capsys.readouterr().err
+    swapped = [*rule, "--remap", "camera_1/image_raw:=camera_2/image_raw"]
+    assert run(flight, tmp_path / "other", "--params", params, *swapped) == 0
+    assert " are all " not in capsys.readouterr().err
+
+
 def test_a_namespace_that_cannot_be(
     tmp_path: Path, flight: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -645,6 +657,20 @@ def test_what_would_help_where_topics_are_missing_is_said(
     assert "--remap" not in errors
 
 
+def test_a_topic_that_is_there_as_something_else_is_said(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    messages = [
+        (topic, t, CompressedImage() if topic == "/camera_1/image_raw" else msg)
+        for topic, t, msg in recording(1)
+    ]
+    bag = write_bag(tmp_path / "bag", messages)
+    assert run(bag, tmp_path / "out", "--params", params) == 0
+    wanted, there = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+    told = f"has no /camera_1/image_raw ({wanted}), but /camera_1/image_raw ({there})\n"
+    assert told in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("encoding", ["mono8", "mono16", "bayer_rggb8", "bgr8", "rgb8"])
 def test_compressed_images_are_read_as_what_they_were_made_of(
     tmp_path: Path, params: Path, encoding: str
@@ -671,7 +697,8 @@ def test_a_jpeg_and_what_is_none(
     broken.data = broken.data[:40]
     bag = write_bag(tmp_path / "squeezed", squeezed)
     assert run(bag, tmp_path / "out", "--params", params) == 0
-    assert "skipped on /camera_1/image_raw: 1" in capsys.readouterr().err
+    told = "skipped on /camera_1/image_raw/compressed: 1\n  1: no image that can be decoded\n"
+    assert told in capsys.readouterr().err
     plain = write_bag(tmp_path / "plain", flight)
     assert run(plain, tmp_path / "plain_out", "--params", params) == 0
     told, found = (read(tmp_path / name)["/local_vertical"] for name in ("plain_out", "out"))

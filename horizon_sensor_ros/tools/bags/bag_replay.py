@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -36,7 +36,7 @@ from horizon_sensor_ros.ros.parameters.target import target_parameters
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings, target_settings
 from horizon_sensor_ros.ros.parameters.unknown import ignored_parameters
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TargetPipeline
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.input_bag import (
     STORAGE,
     InputBag,
@@ -46,7 +46,7 @@ from horizon_sensor_ros.tools.bags.input_bag import (
 )
 from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU, POINT_CLOUD, POSE
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag, check_replaceable
-from horizon_sensor_ros.tools.bags.replay_tally import ReplayTally
+from horizon_sensor_ros.tools.bags.replay_tally import MOST_REASONS, ReplayTally
 from horizon_sensor_ros.tools.bags.replayed_node import (
     ReplayedHorizonNode,
     ReplayedNode,
@@ -54,6 +54,7 @@ from horizon_sensor_ros.tools.bags.replayed_node import (
     TopicNames,
 )
 from horizon_sensor_ros.tools.bags.topic_advice import advice
+from horizon_sensor_ros.tools.reasons import ReasonCounts
 
 # Those of a kind share their sensors.
 _KINDS = (frozenset(HORIZON_NODES), frozenset([TARGET_NODE]))
@@ -82,7 +83,7 @@ class _Replay:
         self._pipelines: list[
             tuple[str, HorizonPipeline | TargetPipeline, ReplayTally, ReplayedNode]
         ] = []
-        self._unreadable: Counter[str] = Counter()
+        self._unreadable: defaultdict[str, ReasonCounts] = defaultdict(ReasonCounts)
         together: dict[PipelineSettings, list[str]] = {}
         for name, settings in plan.horizon.items():
             together.setdefault(settings.pipeline, []).append(name)
@@ -134,8 +135,9 @@ class _Replay:
                     node.advance(time)
                 try:
                     msg = recorded.message(connection, raw)
-                except SerdeError:
-                    self._unreadable[connection.topic] += 1
+                except SerdeError as error:
+                    topic = recorded.recorded_topic(connection)
+                    self._unreadable[topic].add(in_one_line(error))
                     continue
                 for handle in self._handlers[connection.topic, connection.msgtype]:
                     handle(msg)
@@ -153,10 +155,9 @@ class _Replay:
             if not pipeline.counts["fixes"]:
                 where = "tuning" if isinstance(pipeline, HorizonPipeline) else "target"
                 lines.append(f"  at the end: {node.words()} (doc/{where}.md: what to do)")
-        lines += [
-            f"unreadable messages skipped on {topic}: {count}"
-            for topic, count in sorted(self._unreadable.items())
-        ]
+        for topic, why in sorted(self._unreadable.items()):
+            lines.append(f"unreadable messages skipped on {topic}: {why.total}")
+            lines += [f"  {line}" for line in why.lines(MOST_REASONS)]
         return "\n".join(lines)
 
 
@@ -210,8 +211,10 @@ def _taking_part(inputs: dict[str, frozenset[_Input]], recorded: InputBag) -> li
         there = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(present)) or "  nothing"
         lines = [looked_for, "It has:", there, *advice(wanted, present)]
         raise BagError("\n".join([f"{recorded.path} has none of the topics looked for:", *lines]))
+    kinds = dict(sorted(present))
     for topic, kind in sorted(wanted - present):
-        print(f"{recorded.path} has no {topic} ({kind})", file=sys.stderr)
+        other = f", but {topic} ({kinds[topic]})" if topic in kinds else ""
+        print(f"{recorded.path} has no {topic} ({kind}){other}", file=sys.stderr)
     for line in advice(wanted - present, present - wanted):
         print(line, file=sys.stderr)
     return [node for node, listened_to in inputs.items() if listened_to & present]
@@ -308,6 +311,8 @@ def replay(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) ->
             for rule in names.idle_rules:
                 why = "no node that takes part has that topic"
                 print(f"--remap {rule} does nothing: {why}", file=sys.stderr)
+            for topic, sources in names.merged:
+                print(f"--remap: {' and '.join(sources)} are all {topic}", file=sys.stderr)
             run.run(recorded, stopped)
             bag.finish()
         except BaseException:

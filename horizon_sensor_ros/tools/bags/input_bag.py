@@ -44,7 +44,7 @@ class InputBag:
         self._reader = reader
         self._typestore = get_typestore(Stores.ROS2_JAZZY)
         self.recorded = tuple(reader.connections)
-        self._kinds = {each.id: each.msgtype for each in self.recorded}
+        self._recorded = {each.id: each for each in self.recorded}
         there = {connection.topic for connection in self.recorded}
         self.connections = tuple(_as_image(each, there) for each in self.recorded)
 
@@ -76,12 +76,16 @@ class InputBag:
 
     def message(self, connection: Connection, raw: bytes) -> Any:
         """Return a message of one of the connections; SerdeError where it cannot be read."""
-        kind = self._kinds[connection.id]
+        kind = self._recorded[connection.id].msgtype
         msg = self._typestore.deserialize_cdr(raw, kind)
         if kind == connection.msgtype:
             return msg
         with _bounded_memory():
             return decompressed(msg, self._typestore)
+
+    def recorded_topic(self, connection: Connection) -> str:
+        """Topic of one of the connections as it is in the file."""
+        return self._recorded[connection.id].topic
 
     def close(self) -> None:
         """Close the file."""

@@ -11,7 +11,7 @@ from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResu
 from horizon_sensor_ros.ros.target_pipeline import TargetPipeline, TargetStep
 from horizon_sensor_ros.tools.reasons import ReasonCounts
 
-_MOST_REASONS = 3  # of one cause
+MOST_REASONS = 3  # of one cause
 
 
 class ReplayTally:
@@ -69,7 +69,7 @@ class ReplayTally:
             yield f"rejected, {cause}: {count}"
             # What waited for another camera's frame in vain has no reason of its own.
             if cause in self._reasons:
-                yield from (f"  {line}" for line in self._reasons[cause].lines(_MOST_REASONS))
+                yield from (f"  {line}" for line in self._reasons[cause].lines(MOST_REASONS))
         if self._degraded:
             yield f"degraded: {self._degraded}"
-            yield from (f"  {line}" for line in self._degrading.lines(_MOST_REASONS))
+            yield from (f"  {line}" for line in self._degrading.lines(MOST_REASONS))

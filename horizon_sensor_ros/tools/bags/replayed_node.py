@@ -61,6 +61,14 @@ class TopicNames:
         rules = self._remapped.items()
         return [f"{source}:={target}" for source, target in rules if source not in self._asked]
 
+    @property
+    def merged(self) -> list[tuple[str, list[str]]]:
+        """Topics that stand for several of the full names asked for, and these."""
+        names: dict[str, list[str]] = {}
+        for source in sorted(self._asked):
+            names.setdefault(self._remapped.get(source, source), []).append(source)
+        return [(topic, sources) for topic, sources in names.items() if len(sources) > 1]
+
     def of_node(self, name: str) -> str:
         """Full name of a node, which no rule renames."""
         return self._full(name)
