@@ -16,8 +16,8 @@ from rcl_interfaces.msg import (
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
 
+from horizon_sensor_ros.ros.parameters.ignored import ignored_parameters
 from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
-from horizon_sensor_ros.ros.parameters.unknown import ignored_parameters
 from horizon_sensor_ros.ros.qos import check_overrides
 from horizon_sensor_ros.ros.yaml_file import shown
 

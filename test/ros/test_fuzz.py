@@ -54,11 +54,11 @@ from horizon_sensor_ros.ros.messages import (
 from horizon_sensor_ros.ros.parameters.file import read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
+from horizon_sensor_ros.ros.parameters.ignored import unknown_parameters
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.ros.parameters.reference import parameter_file
 from horizon_sensor_ros.ros.parameters.target import target_parameters
 from horizon_sensor_ros.ros.parameters.target_settings import target_settings
-from horizon_sensor_ros.ros.parameters.unknown import unknown_parameters
 from horizon_sensor_ros.ros.point_cloud import points_from_cloud
 from horizon_sensor_ros.ros.target_pipeline import TargetPipeline, TargetStep
 from horizon_sensor_ros.sim.tof_camera import ToFCamera

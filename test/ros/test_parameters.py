@@ -26,11 +26,11 @@ from horizon_sensor_ros.ros.parameters.common import (
 from horizon_sensor_ros.ros.parameters.file import read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon import HORIZON_PARAMETERS, horizon_parameters
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
+from horizon_sensor_ros.ros.parameters.ignored import ignored_parameters, unknown_parameters
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.ros.parameters.reference import parameter_file, parameter_reference
 from horizon_sensor_ros.ros.parameters.target import TARGET_PARAMETERS, target_parameters
 from horizon_sensor_ros.ros.parameters.target_settings import target_settings
-from horizon_sensor_ros.ros.parameters.unknown import ignored_parameters, unknown_parameters
 
 ALL_PARAMETERS = (
     *HORIZON_PARAMETERS,

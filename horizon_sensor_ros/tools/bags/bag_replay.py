@@ -31,10 +31,10 @@ from horizon_sensor_ros.ros.parameters.horizon_settings import (
     cameras_of,
     horizon_settings,
 )
+from horizon_sensor_ros.ros.parameters.ignored import ignored_parameters
 from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
 from horizon_sensor_ros.ros.parameters.target import target_parameters
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings, target_settings
-from horizon_sensor_ros.ros.parameters.unknown import ignored_parameters
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TargetPipeline
 from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.input_bag import (

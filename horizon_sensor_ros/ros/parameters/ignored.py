@@ -1,4 +1,5 @@
-"""Names of parameters that mean nothing to any node."""
+"""Given parameters that a node ignores: names that mean nothing to any, an altitude without its
+sigma."""
 
 from __future__ import annotations
 
