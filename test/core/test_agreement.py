@@ -7,12 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from limb_frames import as_frames, clouds, draw, limb_views
-from limb_samples import nadir_nees
+from limb_samples import PINHOLE, nadir_nees, observe, view_at_limb
 from scipy.spatial.transform import Rotation
 
+from horizon_sensor_ros.core.agreement import each_alone, with_contradiction
 from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.horizon_fix import HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
@@ -150,3 +153,28 @@ def test_what_is_found_around_a_cone_that_is_no_cameras_own_does_not_hide_it(
     fix = HorizonSensor().process(as_frames((views[0], wrong), drawn))
     assert fix.reason
     assert not fix.ok or nadir_nees(fix.fit, drawn[0].truth.nadir_base) < 16.0
+
+
+@pytest.mark.parametrize(("apart", "by_chance"), [(2.6, True), (2.9, True), (3.1, False)])
+def test_altitudes_are_apart_by_chance_up_to_three_sigma(apart: float, by_chance: bool) -> None:
+    """One pair in 370 is farther by the normal law: then all was claimed too small, by Birge's
+    factor, and not only the mountings are wrong."""
+    planet, nadir, altitude_m = Planet(), np.array([0.0, 0.0, 1.0]), 800e3
+    rho_rad = planet.rho_from_altitude(altitude_m)
+    views = [
+        view_at_limb(PINHOLE, nadir, rho_rad, 1.6 * k, name=f"camera_{k + 1}") for k in range(2)
+    ]
+    one = fit_horizon([observe(views[0], nadir, rho_rad)], planet)
+    higher_m = apart * np.sqrt(2.0 * one.cov_nadir_altitude[3, 3])
+    altitudes_m = (altitude_m, altitude_m + higher_m)
+    seen = [
+        observe(view, nadir, planet.rho_from_altitude(each))
+        for view, each in zip(views, altitudes_m, strict=True)
+    ]
+    fit = fit_horizon(seen, planet)
+    told, words = with_contradiction(
+        fit, each_alone(fit, seen, planet, lambda found, _: found), seen, planet
+    )
+    assert "sigma apart" in words
+    times = told.cov_nadir_altitude[3, 3] / fit.cov_nadir_altitude[3, 3]
+    assert (times < 0.99 * apart**2) == by_chance

@@ -347,6 +347,37 @@ def test_a_jump_away_from_a_steady_motion_is_none(
     assert not any(fix.new_frame for fix in fixes[1:])
 
 
+@pytest.mark.parametrize(
+    ("off_deg", "refused_before", "accepted"),
+    [
+        (15.0, False, True),
+        (13.0, True, False),
+        (7.0, True, True),
+    ],
+)
+def test_after_a_turn_that_was_refused_less_is_let_through(
+    off_deg: float, refused_before: bool, accepted: bool
+) -> None:
+    """Of a body like itself what was refused may come to lie nearer as the prediction goes on: 10
+    deg are allowed then, before three times the 6 deg of a step."""
+    rng = np.random.default_rng(1)
+    start = Rotation.from_euler("YXZ", (23.5, 23.5, 1), degrees=True).as_matrix()
+    steady = list(range(0, 25, 6))
+    # By 30 deg off.
+    turns_deg = [*steady, 60.0, 36.0 + off_deg] if refused_before else [*steady, 30.0 + off_deg]
+    tracker, fixes = TargetTracker(), []
+    for k, turn_deg in enumerate(turns_deg):
+        turn = rotation_from_vector(np.radians(turn_deg) * np.array([0.6, 0.0, 0.8]))
+        pose = pose_matrix(turn @ start, np.array([0, 0, 5.3]))
+        cloud = CAMERA.scan(MESHES["n5"], pose, rng).points
+        fixes.append(tracker.process(cloud, k * STEP_NS))
+    assert all(fix.status is Status.OK for fix in fixes[: len(steady)])
+    if refused_before:
+        assert "turned 30 deg away" in fixes[-2].reason
+    assert (fixes[-1].status is Status.OK) == accepted, fixes[-1].reason
+    assert accepted or "10 allowed" in fixes[-1].reason
+
+
 def test_two_stamps_close_together_are_no_velocity() -> None:
     """Those of clouds that arrive two at a time: 3 deg in a millisecond would be 600 in the next
     step."""
@@ -584,6 +615,40 @@ def test_a_steps_covariance_is_that_of_two_poses_that_err_each_by_itself() -> No
         found = [
             pose_matrix(rotation_from_vector(e[:3]) @ pose[:3, :3], pose[:3, 3] + e[3:])
             for e, pose in zip(off, poses, strict=True)
+        ]
+        step = inverse_pose(found[0]) @ found[1]
+        turn = vector_from_rotation(step[:3, :3] @ true[:3, :3].T)
+        errors.append(np.concatenate([turn, step[:3, 3] - true[:3, 3]]))
+    scatter, size = np.cov(np.transpose(errors)), np.sqrt(np.diag(said))
+    scale = np.outer(size, size)
+    np.testing.assert_allclose(scatter / scale, said / scale, atol=0.1)
+
+
+def test_what_two_poses_have_from_one_kept_view_is_not_in_their_step() -> None:
+    """Each registration errs by the noise of both of its views, and that of the kept one is the
+    same in both: it turns the target frame, and not the target in it."""
+    rng = np.random.default_rng(7)
+    root = rng.normal(size=(6, 6)) * np.repeat([1e-3, 1e-3], 3)[:, None]
+    of_view = root @ root.T
+    kept = pose_matrix(rotation_from_vector(rng.normal(size=3)), rng.normal(size=3))
+    turns = [np.array([0.2, 0.3, -0.1]), np.array([0.21, 0.32, -0.1])]
+    motions = [pose_matrix(rotation_from_vector(turn), np.array([0.0, 0.1, 4.0])) for turn in turns]
+    poses = [motion @ kept for motion in motions]
+    # The noise of a view about the axes of the next one.
+    seen = [np.kron(np.eye(2), motion[:3, :3]) for motion in motions]
+    own = [turn @ of_view @ turn.T for turn in seen]
+    view = target_view(np.zeros((4, 3)), RegistrationConfig())
+    last, now = (
+        _Known(view, 1 + k, poses[k], 2 * own[k], np.zeros(6), 0, 2 * own[k]) for k in range(2)
+    )
+    said = _delta_covariance(last, now)
+    true = inverse_pose(poses[0]) @ poses[1]
+    errors = []
+    for _ in range(4000):
+        wrong = small_motion(rng.multivariate_normal(np.zeros(6), of_view), kept[:3, 3]) @ kept
+        found = [
+            small_motion(rng.multivariate_normal(np.zeros(6), noise), pose[:3, 3]) @ motion @ wrong
+            for noise, motion, pose in zip(own, motions, poses, strict=True)
         ]
         step = inverse_pose(found[0]) @ found[1]
         turn = vector_from_rotation(step[:3, :3] @ true[:3, :3].T)

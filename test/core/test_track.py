@@ -17,8 +17,10 @@ from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb import detector
+from horizon_sensor_ros.core.limb.detection import LimbState
 from horizon_sensor_ros.core.planet_figure import disc_of
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.track import ConeStep, Track
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import Imaging
 from horizon_sensor_ros.sim.poses import rot_from_axis
@@ -97,6 +99,27 @@ def test_a_track_that_cannot_be_followed_is_not_followed_again(
     with pytest.raises(FloatingPointError, match="broken"):
         sensor.process(turned(1)[0])
     assert sensor.process(turned(2)[0]).ok
+
+
+@pytest.mark.parametrize(
+    ("since_s", "steps"), [(0.1, 1.0), (0.25, 2.5), (0.3, 3.0), (0.4, 3.0), (60.0, 3.0), (None, 1)]
+)
+def test_a_limb_is_moved_on_by_three_steps_at_most(since_s: float | None, steps: float) -> None:
+    """What a step is off by grows with their number; after a pause it says nothing."""
+    step = Rotation.from_rotvec(np.radians([0.3, -0.4, 0.2]))
+    before, rho_rad, growth_rad = np.array([0.36, 0.48, 0.8]), 1.1, 2e-4
+    track = Track(
+        views=(), cameras=(), nadir_base=step.apply(before), rho_rad=rho_rad,
+        state=LimbState((), (), (), (), (), 0.0), working=(), layer_rad=0.0, airglow=False,
+        outside={}, elsewhere={}, step=ConeStep(before, rho_rad - growth_rad, 0.1),
+    )  # fmt: skip
+    nadir, rho = track.predicted_cone(None, since_s)
+    # On along the great circle, whose axis is at right angles to both.
+    axis = np.cross(before, track.nadir_base)
+    angle_rad = np.arcsin(np.linalg.norm(axis))
+    turn = Rotation.from_rotvec(steps * angle_rad * axis / np.linalg.norm(axis))
+    np.testing.assert_allclose(nadir, turn.apply(track.nadir_base), atol=1e-12)
+    assert rho == pytest.approx(rho_rad + steps * growth_rad)
 
 
 @pytest.mark.parametrize("camera", [0, 1])
