@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from horizon_sensor_ros.ros.parameters.ignored import ignored_parameters
 from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
-from horizon_sensor_ros.ros.qos import check_overrides
+from horizon_sensor_ros.ros.qos import check_overrides, misspelt_topics
 from horizon_sensor_ros.ros.yaml_file import shown
 
 Settings = TypeVar("Settings")
@@ -155,6 +155,7 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
             # Still configured: what the node has made it keeps, for another attempt.
             self.stop()
             return self._failure_of(error)
+        self._say_misspelt_topics()
         return activated
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -185,6 +186,12 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
         if not self.get_parameter("autostart").value:
             self.get_logger().error(self._failure)
         return TransitionCallbackReturn.FAILURE
+
+    def _say_misspelt_topics(self) -> None:
+        # By now each publisher and subscription has declared its own.
+        known = [f"qos_overrides.{name}" for name in self.get_parameters_by_prefix("qos_overrides")]
+        for name, meant in misspelt_topics(self.qos_overrides, known).items():
+            self.get_logger().warning(f"{name} is for no topic; did you mean {meant}?")
 
     # Parameters.
 

@@ -17,6 +17,7 @@ from horizon_messages import (
 )
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -78,6 +79,22 @@ def test_an_override_is_for_its_topic_alone(make: Callable) -> None:
         "/attitude": ReliabilityPolicy.BEST_EFFORT,
         "/attitude_node/debug_image": ReliabilityPolicy.RELIABLE,
     }
+
+
+def test_an_override_of_a_misspelt_topic_is_said(
+    make: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(RcutilsLogger, "warning", lambda _, words, **__: said.append(words))
+    misspelt = "qos_overrides./camera_1/image_ra.subscription.reliability"
+    others = {
+        # Other nodes', and another camera's.
+        "qos_overrides./target/points.subscription.reliability": "reliable",
+        "qos_overrides./camera_7/image_raw.subscription.reliability": "reliable",
+        "qos_overrides./left/image_raw.subscription.depth": 3,
+    }
+    make(AttitudeNode, **RELIABLE, **others, **{misspelt: "reliable"})
+    assert said == [f"{misspelt} is for no topic; did you mean {IMAGES}?"]
 
 
 def test_each_node_has_the_quality_of_service_that_it_was_given(make: Callable) -> None:
