@@ -331,6 +331,8 @@ def test_what_is_wrong_with_the_cameras(tmp_path: Path, folders: Path, refused: 
         ("1\n1\n2\n", "have the same stamp, 1.000000000 s"),
         ("1403636579763555584\n2\n3", "--stamp-unit says"),
         ("-1\n2\n3", "not a time that a ROS stamp can hold"),
+        # To the nanosecond it is 2^31 s.
+        ("1\n2\n2147483647.9999999999", "not a time that a ROS stamp can hold"),
         ("1e999999999\n2\n3", "line 1"),
     ],
 )

@@ -159,9 +159,10 @@ def _stamp(text: str, unit: str, where: str) -> int:
         number = Decimal("nan")
     if not number.is_finite():
         raise BagError(f"{where}: {text[:40]!r} is not a stamp; a number of {unit} is")
-    if not 0 <= number < _LAST_NS:
+    whole = int(number.to_integral_value()) if 0 <= number <= _LAST_NS else -1
+    if not 0 <= whole < _LAST_NS:
         raise BagError(
             f"{where}: {text[:40]} {unit} is not a time that a ROS stamp can hold (0 to 2^31 s); "
             f"--stamp-unit says what the numbers are: {', '.join(UNITS_NS)}"
         )
-    return int(number.to_integral_value())
+    return whole
