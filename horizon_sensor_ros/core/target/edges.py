@@ -259,7 +259,7 @@ def _graph(i: np.ndarray, j: np.ndarray, size: int) -> csr_matrix:
 
 def _widths(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean squares (pixels^2) across and along the lines through places, and the angle of these to
-    the rows, (P,) each; of `_lines`' sums."""
+    the rows, (P,) each; of `_gathered`'s sums."""
     n, u, v, _, uu, vv, uv = sums[:7]
     u, v = u / n, v / n
     uu, vv, uv = uu / n - u * u, vv / n - v * v, uv / n - u * v
@@ -267,12 +267,13 @@ def _widths(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return mean - spread, mean + spread, 0.5 * np.arctan2(2 * uv, uu - vv)
 
 
-def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
-    """Fit a short straight line through each place and its neighbours on the same edge."""
+def _gathered(
+    image: RangeImage, planes: Planes, places: _Places
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Sums (16, P) over each place and its neighbours on the same edge; which places (P,) lie on an
+    oblique thin part; and the neighbours, i in order, and j."""
     (u, v), w = places.spot, places.inverse_depth
     size = len(w)
-    if size < _FEWEST_PLACES:
-        return _none()
     i, j = _neighbours(places, image.inverse_depth.shape)
     reach = 6 * planes.sigma_m * w * w + 3 * w / image.focal_px
     same = np.flatnonzero(np.abs(w[j] - w[i]) < reach[i])
@@ -285,12 +286,20 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
          wider, wider * out_u, wider * out_v, inwards]
     )  # fmt: skip
     near = _graph(i, j, size)
-    # Sums over each place and its neighbours.
     sums = np.ascontiguousarray((near @ own + near.T @ own + own).T)
     oblique = places.thin & (_widths(sums)[0] >= _WIDEST_LINE)
     place = np.flatnonzero(oblique)
     if len(place) >= _FEWEST_OBLIQUE:
         sums[:, place] = _of_one_side(sums[:, place], own, places.way, place, i, j)
+    return sums, oblique, i, j
+
+
+def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
+    """Fit a short straight line through each place and its neighbours on the same edge."""
+    if len(places.pixel) < _FEWEST_PLACES:
+        return _none()
+    sums, oblique, i, j = _gathered(image, planes, places)
+    (u, v), w = places.spot, places.inverse_depth
     n = sums[0]
     mean_u, mean_v, level, xw, yw, out_u, out_v, square = sums[[1, 2, 3, *range(7, 12)]] / n
     wider, wider_u, wider_v, inwards = sums[12:]
