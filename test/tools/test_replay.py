@@ -664,11 +664,21 @@ def test_a_topic_that_is_there_as_something_else_is_said(
         (topic, t, CompressedImage() if topic == "/camera_1/image_raw" else msg)
         for topic, t, msg in recording(1)
     ]
+    # Of what may be missing too.
+    messages.append(("/coarse_pose", messages[0][1], PoseWithCovarianceStamped()))
     bag = write_bag(tmp_path / "bag", messages)
     assert run(bag, tmp_path / "out", "--params", params) == 0
-    wanted, there = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
-    told = f"has no /camera_1/image_raw ({wanted}), but /camera_1/image_raw ({there})\n"
-    assert told in capsys.readouterr().err
+    told = capsys.readouterr().err
+    for topic, wanted, there in (
+        ("/camera_1/image_raw", "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"),
+        (
+            "/coarse_pose",
+            "geometry_msgs/msg/PoseStamped",
+            "geometry_msgs/msg/PoseWithCovarianceStamped",
+        ),
+    ):
+        assert f"has no {topic} ({wanted}), but {topic} ({there})\n" in told
+    assert "/imu" not in told
 
 
 @pytest.mark.parametrize("encoding", ["mono8", "mono16", "bayer_rggb8", "bgr8", "rgb8"])

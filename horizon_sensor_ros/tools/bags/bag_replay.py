@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -211,13 +211,27 @@ def _taking_part(inputs: dict[str, frozenset[_Input]], recorded: InputBag) -> li
         there = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(present)) or "  nothing"
         lines = [looked_for, "It has:", there, *advice(wanted, present)]
         raise BagError("\n".join([f"{recorded.path} has none of the topics looked for:", *lines]))
-    kinds = dict(sorted(present))
     for topic, kind in sorted(wanted - present):
-        other = f", but {topic} ({kinds[topic]})" if topic in kinds else ""
-        print(f"{recorded.path} has no {topic} ({kind}){other}", file=sys.stderr)
+        print(_lacking(topic, kind, recorded), file=sys.stderr)
     for line in advice(wanted - present, present - wanted):
         print(line, file=sys.stderr)
     return [node for node, listened_to in inputs.items() if listened_to & present]
+
+
+def _lacking(topic: str, kind: str, recorded: InputBag) -> str:
+    """That a bag has not a topic with a type, and with which other one it has it."""
+    others = [c.msgtype for c in recorded.connections if c.topic == topic]
+    other = f", but {topic} ({', '.join(others)})" if others else ""
+    return f"{recorded.path} has no {topic} ({kind}){other}"
+
+
+def _say_wrong_types(helping: Iterable[_Input], recorded: InputBag) -> None:
+    """Say which topics that help are there with another type only."""
+    present = {(c.topic, c.msgtype) for c in recorded.connections}
+    topics = {topic for topic, _ in present}
+    for topic, kind in helping:
+        if topic in topics and (topic, kind) not in present:
+            print(_lacking(topic, kind, recorded), file=sys.stderr)
 
 
 def _read_values(params: Path | None, namespace: str) -> dict[str, dict[str, Any]]:
@@ -302,6 +316,8 @@ def replay(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) ->
     try:
         nodes = _taking_part(_inputs_of(values, names), recorded)
         plan = _plan({node: values[node] for node in nodes})
+        if plan.horizon:
+            _say_wrong_types(_aiding_inputs(names), recorded)
         check_replaceable(arguments.out_bag, arguments.in_bag, force=arguments.force)
         bag = OutputBag(
             arguments.out_bag, STORAGE[arguments.storage or storage_of(arguments.in_bag)]
