@@ -344,6 +344,19 @@ def test_what_is_wrong_with_the_stamps(
     assert said in refused(tmp_path / "bag", *given)
 
 
+@pytest.mark.parametrize("force", [[], ["--force"]])
+def test_the_folder_one_is_in_becomes_no_bag(
+    tmp_path: Path,
+    folders: Path,
+    refused: Refused,
+    monkeypatch: pytest.MonkeyPatch,
+    force: list[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    said = refused(".", *arguments(folders), *force)
+    assert ("the current folder is in it" if force else ". exists") in said
+
+
 def test_no_stamp_is_later_than_one_can_be(tmp_path: Path, folders: Path, refused: Refused) -> None:
     given = [*arguments(folders), "--start", "2147483646", "--rate", "1"]
     assert "an earlier start" in refused(tmp_path / "bag", *given)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import filecmp
 import os
 import shutil
@@ -752,6 +753,46 @@ def test_nothing_is_overwritten_but_by_force(
         told = refused(capsys, flight, link, "--params", params, "--force")
         assert "it is a link" in told
         assert "msg/s" not in told
+    assert len(read(out)["/attitude"]) == 5
+
+
+def test_the_folder_one_is_in_is_not_replaced(
+    tmp_path: Path,
+    flight: Path,
+    params: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """An older bag was removed, and then a bag cannot take the place of the current folder."""
+    out = tmp_path / "out"
+    assert run(flight, out, "--params", params) == 0
+    monkeypatch.chdir(out)
+    for here in (".", out, "../out"):
+        told = refused(capsys, flight, here, "--params", params, "--force")
+        assert "the current folder is in it" in told
+    assert len(read(out)["/attitude"]) == 5
+
+
+def test_an_older_bag_stays_where_the_new_one_cannot_take_its_place(
+    tmp_path: Path,
+    flight: Path,
+    params: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "out"
+    assert run(flight, out, "--params", params) == 0
+    before, rename = sorted(tmp_path.iterdir()), Path.rename
+
+    def failing(self: Path, target: Path) -> Path:
+        if self.name == "horizon":
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", failing)
+    told = refused(capsys, flight, out, "--params", params, "--force")
+    assert "Input/output error" in told
+    assert sorted(tmp_path.iterdir()) == before
     assert len(read(out)["/attitude"]) == 5
 
 

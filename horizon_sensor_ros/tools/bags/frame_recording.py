@@ -55,8 +55,8 @@ def record(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) ->
     so; nothing is then left behind.
     """
     out: Path = arguments.out_bag
-    params = out.with_name(out.name + ".params.yaml")
     check_replaceable(out, *_inputs(arguments), force=arguments.force)
+    params = out.with_name(out.name + ".params.yaml")
     if arguments.images and params.exists() and not arguments.force:
         raise BagError(f"{params} exists; choose another OUT_BAG, or --force to replace it")
     rig = _read_rig(arguments.camera_file) if arguments.images else None

@@ -83,15 +83,23 @@ class OutputBag:
             self._writer.write(self._connections[topic, type(msg)], time, raw)
 
     def finish(self) -> None:
-        """Put the bag in its place; an older one there makes room, BagError where it is none."""
+        """Put the bag in its place; an older one there makes room, BagError where it is none, or
+        cannot.
+        """
+        older = self._directory / "older"
         with self._writing():
             self._writer.close()
             if os.path.lexists(self._path):
                 # Meanwhile something else may have come to be there.
                 _require_bag(self._path)
-                shutil.rmtree(self._path)
-            (self._directory / _BAG_NAME).rename(self._path)
-            self._directory.rmdir()
+                self._path.rename(older)
+            try:
+                (self._directory / _BAG_NAME).rename(self._path)
+            except OSError:
+                if older.exists():
+                    older.rename(self._path)
+                raise
+        shutil.rmtree(self._directory, ignore_errors=True)
 
     def discard(self) -> None:
         """Remove what was written."""
@@ -117,6 +125,9 @@ def check_replaceable(path: Path, *sources: Path, force: bool) -> None:
         return
     if not force:
         raise BagError(f"{path} exists; choose another, or --force to replace it")
+    here = Path.cwd()
+    if path.resolve() in (here, *here.parents):
+        raise BagError(f"{path} is not replaced: the current folder is in it; run from another one")
     if any(path.resolve() in (s.resolve(), *s.resolve().parents) for s in sources):
         raise BagError(f"{path} is not replaced: only another bag is, and the input is in it")
     _require_bag(path)
