@@ -20,8 +20,14 @@ class StandardStream:
         self.error: OSError | None = None
 
     def write(self, text: str) -> int:
-        """Write a text; return its length."""
-        self._attempt(self._stream.write, text)
+        """Write a text; return its length. Letters that the stream's encoding lacks are written as
+        Python's standard error has them, by number.
+        """
+        try:
+            self._attempt(self._stream.write, text)
+        except UnicodeEncodeError as error:
+            spelt = text.encode(error.encoding, "backslashreplace").decode(error.encoding)
+            self._attempt(self._stream.write, spelt)
         return len(text)
 
     def flush(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import sys
 
@@ -34,6 +35,18 @@ def test_streams_that_are_none_can_be_printed_to(monkeypatch: pytest.MonkeyPatch
         print("lost", file=sys.stderr, flush=True)
         assert output.error is None
     assert sys.stdout is sys.stderr is None
+
+
+def test_letters_that_an_output_lacks_are_spelt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files were written, and then their names could not be printed: an error, and no output."""
+    for encoding, printed in (("ascii", "m\\xe4h\\udcff"), ("utf-8", "mäh\\udcff")):
+        raw = io.BytesIO()
+        monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding=encoding))
+        with lasting_streams() as output:
+            # The last one is a byte of a file's name that is no letter.
+            print("mäh\udcff")
+        assert output.error is None
+        assert raw.getvalue().decode(encoding) == f"{printed}\n"
 
 
 @pytest.mark.parametrize("reader", [True, False])
