@@ -26,6 +26,10 @@ _NEIGHBOURS = 12
 # next return on its surface, looked for so far along its row or column and up to such a slope; of
 # those on bars up to a fifth. Of lines that a lidar scans with room between, more.
 _LINE_GAPS, _LINE_REACH_PX, _LINE_SLOPE = 0.23, 5, 2.0
+# Of the pixels that hold a return in any of the rows next to the frame, those that do in the last
+# one, and how many at least: of a round outline less than 0.58 do, of a straight one a third that
+# rises by three pixels.
+_FRAME_SHARE, _FRAME_ROWS, _FRAME_LEAST = 0.6, 3, 5
 # Of what is seen, columns that end within a pixel of the same elevation.
 _CUT_SHARE = 0.5
 # By how much their line bends, rounded to pixels: less, and it may be a straight edge.
@@ -387,22 +391,31 @@ def _in_lines(inverse: np.ndarray, focal: float) -> np.ndarray:
 def _likely_frame(inverse: np.ndarray) -> np.ndarray:
     """First column and row, last column and row of the frame, as far as a plain cloud tells.
 
-    Where the returns end in a row or column that is mostly filled, the target leaves the frame.
+    Where the returns end in a row or column that holds most of what the next ones farther in hold,
+    the target leaves the frame: its own outline seldom runs along the pixels.
     """
     seen = inverse > 0
     height, width = seen.shape
+    inner = seen[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX:-_MARGIN_PX]
+    left, right, top, bottom = (
+        _cut_off(side) for side in (inner.T, inner.T[::-1], inner, inner[::-1])
+    )
     edge = _MARGIN_PX
-    last_u, last_v = width - 1 - edge, height - 1 - edge
-    ends = (seen[:, edge], seen[edge], seen[:, last_u], seen[last_v])
-    left, top, right, bottom = (end[edge:-edge].mean() > 0.6 for end in ends)
     return np.array(
         [
             edge if left else 0,
             edge if top else 0,
-            last_u if right else width - 1,
-            last_v if bottom else height - 1,
+            width - 1 - edge if right else width - 1,
+            height - 1 - edge if bottom else height - 1,
         ]
     )
+
+
+def _cut_off(seen: np.ndarray) -> bool:
+    """Whether what is seen (N, M) leaves the frame across row 0."""
+    last = int(np.count_nonzero(seen[0]))
+    around = int(np.count_nonzero(seen[:_FRAME_ROWS].any(axis=0)))
+    return last >= _FRAME_LEAST and last > _FRAME_SHARE * around
 
 
 def _outside_lines(
