@@ -38,6 +38,9 @@ _FAR_SCORE = 0.08
 # Times its own turn, up to which that of a prism by another number of sides is as likely: a target
 # that hardly turned may be a prism of however many.
 _AS_LIKELY = 6.0
+# Where it may have turned by more, on a body whose motion was doubted, what it was like before need
+# not show any more, and the right motion be no rival of the one that looks alike.
+_TURNED_AWAY_RAD = np.radians(90.0)
 # Turns of a prism that are asked for, over the search: it may have turned a little beyond that.
 _BEYOND_SEARCH = 2.0
 # Odd returns in both clouds make two scores differ by so much of their share.
@@ -134,15 +137,17 @@ def register(
     config: RegistrationConfig | None = None,
     prior_b_from_a: np.ndarray | None = None,
     *,
-    doubted_rad: float = 0.0,
+    turned_rad: float = 0.0,
+    doubted: bool = False,
 ) -> Registration:
     """Find the target's motion between two views.
 
     prior_b_from_a : (4, 4) expected motion, good to a few degrees and centimetres; the search
         follows only where it does not hold. Without one, a start from no turn is tried before the
         search.
-    doubted_rad : as far as the target may have turned since view a, if motions from it to views
-        before b were ``doubted``.
+    turned_rad : as far as the target may have turned since view a, if that is more than the search
+        covers, as views between these two led to no motion. doubted : whether a motion to one of
+        them was.
     Bad data never raises: status and reason tell (TOO_FEW_POINTS, NOT_CONVERGED, ILL_CONDITIONED
     where a direction cannot be observed, POOR_FIT where the views contradict each other). Raises
     ValueError for a prior of another shape, or not finite.
@@ -165,7 +170,7 @@ def register(
         prior = (turn_b.T @ prior_b_from_a[:3, :3] @ turn_a, turn_b.T @ prior_b_from_a[:3, 3])
     still = turn_b.T @ turn_a
     found = Finder(a.surface, b.surface, config, still).find(prior)
-    return _judge(found, a, b, still, config, doubted_rad)
+    return _judge(found, a, b, still, config, max(turned_rad, config.search_rad), doubted)
 
 
 def gainsaid(
@@ -217,7 +222,8 @@ def _judge(
     b: TargetView,
     still: np.ndarray,
     config: RegistrationConfig,
-    doubted_rad: float,
+    turned_rad: float,
+    doubted: bool,
 ) -> Registration:
     assert a.surface is not None
     assert b.surface is not None
@@ -253,7 +259,7 @@ def _judge(
         return replace(known, status=Status.POOR_FIT, reason=reason, part_off_m=layer.off_m)
     doubt = ""
     if not found.expected:
-        doubt = _doubt(found, a.surface, b.surface, still, config, doubted_rad)
+        doubt = _doubt(found, a.surface, b.surface, still, config, turned_rad, doubted)
     if doubt:
         return replace(known, status=Status.POOR_FIT, reason=doubt, doubted=True)
     pose = pose_matrix(turn_b @ refined.rotation @ turn_a.T, turn_b @ refined.translation_m)
@@ -272,34 +278,42 @@ def _doubt(
     b: SurfaceView,
     still: np.ndarray,
     config: RegistrationConfig,
-    doubted_rad: float,
+    turned_rad: float,
+    doubted: bool,
 ) -> str:
     """Why a motion nobody expected may be another one, on a target that is nearly symmetric: "" if
     nothing says so.
 
-    still : as of `Finder`. doubted_rad : as of `register`.
+    still : as of `Finder`. turned_rad, doubted : as of `register`, the former not below the search.
     Rivals are the same motion turned further, about the target's axes, with which the views agree
     about as well. How much better a rival must agree depends on how likely its turn is:
 
-    - Turned as a prism is like itself: up to `_AS_LIKELY` times the turn that was found, within the
-      search, it may even agree a little less well, and less well still if the motion found is
-      beyond the search; beyond that it has to agree better. Where views between these two were
-      doubted a rival may be as likely up to `doubted_rad`: a prism that was seen to turn, and then
-      not to, has turned by a side.
-    - Turned by right angles: it has to agree better, and clearly so if its turn is beyond twice the
-      search. But if the motion found is itself beyond the search, a rival with a likely turn may
-      even agree a little less well, and any other one need only agree better at all. This is not
-      asked of a motion within the search with which the views agree beyond doubt; one beyond the
-      search with which they do not is refused without asking.
+    - Turned as a prism is like itself: up to `_AS_LIKELY` times the turn that was found, within
+      what the target may have turned, it may even agree a little less well, and less well still if
+      the motion found is beyond the search; beyond that it has to agree better. Where views between
+      these two were doubted a rival may be as likely whatever was found: a prism that was seen to
+      turn, and then not to, has turned by a side. Beyond `_TURNED_AWAY_RAD` no motion is believed
+      then.
+    - Turned by right angles: the same, where it may have turned by more than the search, as by
+      then a box may have turned by a side. Else it has to agree better, and clearly so if its turn
+      is beyond twice the search. But if the motion found is itself beyond the search, a rival with
+      a likely turn may even agree a little less well, and any other one need only agree better at
+      all. This is not asked of a motion within the search with which the views agree beyond doubt;
+      one beyond the search with which they do not is refused without asking.
     """
+    if doubted and turned_rad > _TURNED_AWAY_RAD:
+        return (
+            f"may have turned by up to {np.degrees(turned_rad):.0f} deg since motions that look"
+            " alike could not be told apart"
+        )
     rotation, translation = found.refined.rotation, found.refined.translation_m
     turn = float(np.linalg.norm(vector_from_rotation(rotation @ still.T)))
     far = turn > config.search_rad
     odd = odd_share(a, b)
     clear = found.score > BEYOND_DOUBT - SCORE_LOST * odd
     # Turns as likely as its own speak against it and need not be better; others must be.
-    likely_rad = max(min(_AS_LIKELY * turn, config.search_rad), doubted_rad)
-    most_rad = max(_BEYOND_SEARCH * config.search_rad, doubted_rad)
+    likely_rad = turned_rad if doubted else min(_AS_LIKELY * turn, turned_rad)
+    most_rad = max(_BEYOND_SEARCH * config.search_rad, turned_rad)
     less = _FAR_SCORE if far else _OTHER_SCORE
     starts = prism_turned(b, rotation, translation, still, min(most_rad, np.pi))
     for rival in rivals(a, b, rotation, translation, still, starts):
@@ -307,7 +321,8 @@ def _doubt(
         margin = -less if likely else _SAME_SCORE + _SCORE_NOISE * odd
         if rival.lead > margin:
             return _tell_rival(rival, found)
-    if clear and not far:
+    missed = turned_rad > config.search_rad
+    if clear and not far and not missed:
         return ""
     if far and not clear:
         return (
@@ -319,6 +334,8 @@ def _doubt(
         margin = (_SAME_SCORE if likely else _OTHER_SCORE) + _SCORE_NOISE * odd
         if far:
             margin = -margin if likely else 0.0
+        if missed and rival.turn_rad < likely_rad:
+            margin = -less
         if rival.lead > margin:
             return _tell_rival(rival, found)
     return ""

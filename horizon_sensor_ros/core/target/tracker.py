@@ -115,7 +115,9 @@ class TargetTracker:
         # Stamps and poses of the fixes before the last one, the latest first.
         self._path: deque[tuple[int, np.ndarray]] = deque(maxlen=_PATH)
         self._refused = 0
-        self._doubted = 0
+        # Clouds since the last fix, of no use or refused; whether motions to some were doubted.
+        self._missed = 0
+        self._doubted = False
         self._strayed = False
         self._odd: TargetView | None = None
         self._flat: TargetView | None = None
@@ -192,8 +194,9 @@ class TargetTracker:
         view: TargetView,
         registration: Registration | None,
     ) -> TargetFix:
-        # A cloud of no use at all says nothing about the track.
+        # A cloud of no use at all says nothing about the track, but the target turned on.
         self._refused += registration is not None
+        self._missed += 1
         return TargetFix(
             status, reason, stamp_ns, registration=registration,
             num_keyframes=len(self._keyframes), num_points=view.image.num_points,
@@ -230,14 +233,14 @@ class TargetTracker:
         tried = Registration(Status.POOR_FIT, "")
         refused_by: list[_Known] = []
         # Nothing tells by how much a target has turned since the last fix that may be like itself.
-        search_rad = self.config.registration.search_rad
-        doubted_rad = (1 + self._doubted) * search_rad if self._doubted else 0.0
+        turned_rad = (1 + self._missed) * self.config.registration.search_rad
         doubted = False
         for keyframe in self._candidates(last.pose if predicted is None else predicted):
             prior = None if predicted is None else predicted @ inverse_pose(keyframe.pose)
             found = register(
-                keyframe.view, view, self.config.registration, prior, doubted_rad=doubted_rad
-            )
+                keyframe.view, view, self.config.registration, prior,
+                turned_rad=turned_rad, doubted=self._doubted,
+            )  # fmt: skip
             doubted = doubted or found.doubted
             if found.status is Status.OK:
                 found = self._believed(found, keyframe, predicted, refused_by, view)
@@ -249,7 +252,7 @@ class TargetTracker:
                 # From one cloud to the next the part would move too little to tell.
                 return None, found
             refused_by.append(keyframe)
-        self._doubted += doubted
+        self._doubted = self._doubted or doubted
         return None, tried
 
     def _believed(
@@ -355,7 +358,8 @@ class TargetTracker:
             self._keep(now)
         self._path.appendleft((last.stamp_ns, last.pose))
         self._last, self._odd, self._flat = now, None, None
-        self._refused, self._doubted, self._strayed = 0, 0, False
+        self._refused, self._missed = 0, 0
+        self._doubted = self._strayed = False
         return TargetFix(
             Status.OK, "", stamp_ns, pose, covariance + np.outer(by_bias, by_bias), delta,
             delta_covariance,
