@@ -70,12 +70,7 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
         bar = np.flatnonzero(pairs.kind == THIN + k)
         place[:, bar] -= np.outer(axis, axis @ place[:, bar])
     coarser_m = max(a.footprint_m, b.footprint_m)
-    block = np.floor(place / (_BLOCK_PX * coarser_m)).astype(np.int64)
-    key = ((block[0] * 4099 + block[1]) * 4099 + block[2]) * 32 + pairs.kind
-    order = np.argsort(key)
-    first = np.flatnonzero(np.diff(key[order], prepend=-1))
-    score = j * (weight * residual)
-    sums = np.add.reduceat(score[:, order], first, axis=1) if len(first) else score
+    sums = block_sums(j * (weight * residual), place, pairs.kind, coarser_m)
     scale = comparable(b.size_m)
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     # Nothing is less known than to the target's size.
@@ -90,6 +85,18 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     covariance += alike @ alike.T
     by_range = inverse @ (j * weight) @ _apart_by_range(pairs)
     return Uncertainty((covariance + covariance.T) / 2, by_range, centre, rms)
+
+
+def block_sums(
+    score: np.ndarray, place: np.ndarray, kind: np.ndarray, footprint_m: float
+) -> np.ndarray:
+    """(6, K) sums of the gradients (6, N) of pairs of a kind at places (3, N) that lie so near each
+    other that they err alike; ``footprint_m`` : a pixel's width."""
+    block = np.floor(place / (_BLOCK_PX * footprint_m)).astype(np.int64)
+    key = ((block[0] * 4099 + block[1]) * 4099 + block[2]) * 32 + kind
+    order = np.argsort(key)
+    first = np.flatnonzero(np.diff(key[order], prepend=-1))
+    return np.add.reduceat(score[:, order], first, axis=1) if len(first) else score
 
 
 def _apart_by_range(pairs: Pairs) -> np.ndarray:

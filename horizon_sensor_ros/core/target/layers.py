@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from horizon_sensor_ros.core.rigid import vector_from_rotation
+from horizon_sensor_ros.core.target.judgement import block_sums
 from horizon_sensor_ros.core.target.pairs import FACE, Pairs
 from horizon_sensor_ros.core.target.refinement import comparable, jacobian
 from horizon_sensor_ros.core.target.surfels import SurfaceView
@@ -43,7 +44,8 @@ def layer_off(pairs: Pairs, robust: np.ndarray, b: SurfaceView) -> Layer | None:
     motion do together, or None where all move alike.
 
     robust : (N,) weights of the pairs. Either side of each cut gets a small motion of its own, by
-    linear least squares over its faces.
+    linear least squares over its faces. Where the rest varies from place to place by more than the
+    noise that is known, as on slanted faces it may, chi square counts for as much less.
     """
     # Edges lie where pixels do, alike all along a layer's, and what is behind them is as thick as
     # nobody knows.
@@ -66,7 +68,13 @@ def layer_off(pairs: Pairs, robust: np.ndarray, b: SurfaceView) -> Layer | None:
     best = int(chi2.argmax())
     if not chi2[best] > _MOST_CHI2:
         return None
-    nearer, cut = best < _LAYERS - 1, first[1 + best % (_LAYERS - 1)]
+    near = best % (_LAYERS - 1)
+    far, nearer, cut = near + _LAYERS - 1, best < _LAYERS - 1, first[1 + near]
+    rest = residual - np.concatenate([step[near] @ rows[:, :cut], step[far] @ rows[:, cut:]])
+    sums = block_sums(weighted * rest, pairs.point_b[:, order], pairs.kind[order], b.footprint_m)
+    varies = np.trace(np.linalg.solve(information[near] + information[far] + prior, sums @ sums.T))
+    if not chi2[best] > _MOST_CHI2 * varies / 6:
+        return None
     side = slice(None, cut) if nearer else slice(cut, None)
     off = step[best] @ rows[:, side]
     off_m = float(np.sqrt(np.average(np.square(off), weights=weight[side])))
