@@ -42,6 +42,13 @@ _FEWEST_ON_LINE, _FEWEST_OBLIQUE, _WIDEST_LINE, _SHORTEST_LINE = 5, 8, 0.25, 1.0
 _STRAIGHT_PX, _BY_CHANCE = 0.07, 2.0
 # Standard deviation of where in its last pixel a surface ends.
 _WITHIN_PIXEL = 12**-0.5
+# An edge that runs along one of these lattice lines (u, v) crosses all pixels alike. All of it may
+# be off by what these lie apart, in pixels; and by as much again where it is the end of rows and of
+# columns, which err together and are runs of their own.
+_LATTICE = np.array([(1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1)])
+_LATTICE_PX = np.where(_LATTICE.all(axis=1), 2**0.5, 1.0) / np.hypot(*_LATTICE.T)
+# Cosine between the lines through two places of one run.
+_SAME_RUN = np.cos(np.radians(10.0))
 # Planes of a crease: least difference of their slopes, and largest distance of where they meet
 # from the pixels between which they change.
 _MIN_BEND = 0.5
@@ -346,31 +353,38 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     edge_px = np.where(sharp, np.hypot(_EDGE_PX, _RIM_PX * np.maximum(rim, 0)), _THIN_EDGE_PX)
     edge_px = np.where(oblique[k], np.maximum(edge_px, _OBLIQUE_EDGE_PX), edge_px)
     sigma = edge_px / (smooth * image.focal_px)
-    run, alike_px = _runs(places, i, j)
+    run, alike_px = _runs(places, angle, i, j)
     # Of a bar both sides show.
     alike = np.where(places.thin[k], 0.0, alike_px[k]) / (smooth * image.focal_px)
     creases = np.zeros(len(k), bool)
     return Edges(points.T, side.T, direction.T, sigma, front.T, rough, tilt, creases, run[k], alike)
 
 
-def _runs(places: _Places, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _runs(
+    places: _Places, angle: np.ndarray, i: np.ndarray, j: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Which run of places with the same way outwards each is of, and by how many pixels all of a
     run is off alike (one sigma); (P,) each.
 
-    i, j : of neighbours on one edge. Where in its pixels an edge lies shows by the steps from one
-    row of them to the next. Along the rows there is none, and all of it may lie anywhere in a
-    pixel; of S rows it is known to an S-th of that.
+    angle : (P,) of the line through a place.  i, j : of neighbours on one edge. Where in its pixels
+    an edge lies shows by the steps from one row of them to the next. Along the rows there is none,
+    and all of it may lie anywhere in a pixel; of S rows it is known to an S-th of that. Nor is
+    there one along a diagonal, from one diagonal row to the next.
     """
     from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
 
     size = len(places.way)
     same = places.way[i] == places.way[j]
+    same &= np.abs(np.cos(angle[i] - angle[j])) > _SAME_RUN
     count, run = connected_components(_graph(i[same], j[same], size), directed=False)
-    row = np.where(_WAYS[places.way, 0] != 0, *places.spot)
-    low, high = np.full(count, np.inf), np.full(count, -np.inf)
-    np.minimum.at(low, run, row)
-    np.maximum.at(high, run, row)
-    return run, (_WITHIN_PIXEL / (high - low + 1.0))[run]
+    alike = np.zeros(count)
+    for across, apart_px in zip(_LATTICE, _LATTICE_PX, strict=True):
+        row = across @ places.spot
+        low, high = np.full(count, np.inf), np.full(count, -np.inf)
+        np.minimum.at(low, run, row)
+        np.maximum.at(high, run, row)
+        alike = np.maximum(alike, apart_px * _WITHIN_PIXEL / (high - low + 1.0))
+    return run, alike[run]
 
 
 def _of_one_side(
