@@ -79,6 +79,8 @@ def _with_shared(
         if limb.shared.scale_px > 0.0:
             scaled_px = limb.shared.scale_px * float(np.ptp(rays.log_scale))
             negligible &= scaled_px**2 < _NEGLIGIBLE * own2
+        alike2 = limb.shared.shift_px**2 + limb.shared.height_px**2
+        negligible &= alike2 < _NEGLIGIBLE * own2
         darker_px = _darker_px(limb, rays)
         negligible &= float(np.ptp(darker_px)) ** 2 < _NEGLIGIBLE * own2
         cameras.append((limb, rays, claimed_px**2, own2, darker_px))

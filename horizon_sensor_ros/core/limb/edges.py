@@ -10,6 +10,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.edge.clipping import place_clipped_edges
+from horizon_sensor_ros.core.limb.edge.darkening import darkening_error
 from horizon_sensor_ros.core.limb.edge.looks import guess_looks
 from horizon_sensor_ros.core.limb.edge.model import PSF_LADDER_PX, EdgeLook
 from horizon_sensor_ros.core.limb.edge.places import place_edges
@@ -212,6 +213,14 @@ def limb_of_edges(
         points = replace(points, shared=points.shared._replace(height_px=height_px))
     else:
         steepness = _steepness(_falls(profiles), sample.grid)
+        darkening = darkening_error(
+            profiles,
+            sample.grid,
+            places.step,
+            sample.radius_px(rho_rad),
+            model_free=edges.model_free,
+        )
+        shared = shared.besides(darkening)
         blur_px = np.nan if edges.model_free else sample.factor * looks[0].psf_px
         points = _points(
             sample, px, normal_px, places, shared, jumps_px, steepness, blur_px, edges.corner_blur
@@ -307,6 +316,8 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
         return None
     steepness, blur_px = _steepness(falls, sample.grid), sample.factor * look.psf_px
     shared = _of_sharpness(found.shared, look)
+    radius_px = sample.radius_px(rho_rad)
+    shared = shared.besides(darkening_error(profiles, sample.grid, places.step, radius_px))
     return _points(
         sample, px, normal_px, places, shared, jumps_px, steepness, blur_px, found.corner_blur
     )

@@ -1,0 +1,63 @@
+"""Ground that darkens towards its limb, and what that moves edges by.
+
+By Lambert's law, and the more, the farther the Sun stands behind the craft, brightness rises with
+the root of the depth below the limb, by as much all along it: little beside a limb that is seen
+from near by, whose step is larger, much where the whole disc is small in the frame. To a model of
+steps and texture such edges lie too far in, farthest where the step is lowest.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from horizon_sensor_ros.core.limb.edge.model import BESIDE_PX
+from horizon_sensor_ros.core.limb.profiles import ProfileGrid
+from horizon_sensor_ros.core.limb_points import NOTHING_SHARED, SharedError
+from horizon_sensor_ros.core.robust import median, stretches
+
+_DEEP_PX = (-6.0, -4.0)  # where the planet farther in is seen
+_STRETCHES = 6
+# Errors of edges: of the whole limb with the square of the rise over the step, and of dark places
+# beside the others with that and with its square. Beside the truth of 90 discs of 24 to 200 px in
+# radius, by Lambert's and Minnaert's laws.
+_HEIGHT_PX, _DARK_PX, _DARKER_PX = 2.0, 0.8, 4.0
+# Radii of the limb up to which all of it counts, and from which on brightness rises by too little.
+_SMALL_PX, _LARGE_PX = 100.0, 250.0
+_MOST = 1.0  # of that rise
+_MODEL_FREE = 2.0  # times these, where brightness falls most steeply and no model places edges
+
+
+def darkening_error(
+    profiles: np.ndarray,
+    grid: ProfileGrid,
+    step: np.ndarray,
+    radius_px: float,
+    *,
+    model_free: bool = False,
+) -> SharedError:
+    """What edges share, in pixels of the profiles (N, J), where brightness rises below all of them.
+
+    step : (N,) gray levels from space to the planet beside each edge. radius_px : of the limb.
+    model_free : as of `LimbEdges`.
+    """
+    counts = min((_LARGE_PX - radius_px) / (_LARGE_PX - _SMALL_PX), 1.0)
+    if counts <= 0.0:
+        return NOTHING_SHARED
+    rise = _mean_at(profiles, grid, _DEEP_PX) - _mean_at(profiles, grid, BESIDE_PX)
+    means = [float(part.mean()) for part in stretches(rise, _STRETCHES) if len(part)]
+    # Clouds are brighter here and darker there.
+    by_chance = float(np.std(means)) / math.sqrt(max(len(means) - 1, 1))
+    share = max(float(np.mean(means)) - by_chance, 0.0) / max(median(step), 1e-9)
+    share = min(share, _MOST)
+    error = SharedError(
+        height_px=_HEIGHT_PX * share**2, dark_px=_DARK_PX * share + _DARKER_PX * share**2
+    )
+    return error.times(counts * _MODEL_FREE if model_free else counts)
+
+
+def _mean_at(profiles: np.ndarray, grid: ProfileGrid, part_px: tuple[float, float]) -> np.ndarray:
+    """Mean brightness (N,) of profiles in a part of them."""
+    d_px = grid.d_px
+    return np.asarray(profiles[:, (d_px >= part_px[0]) & (d_px <= part_px[1])].mean(axis=1))
