@@ -31,7 +31,7 @@ class GyroTrust:
         self._borne_out_s = self._not_asked_s = 0.0
 
     def refute(self) -> None:
-        """It is wrong, as something else than the rate by the fixes tells."""
+        """It was found to be wrong, by the rate of the fixes or by something else."""
         self._wrong = True
         self._borne_out_s = self._not_asked_s = 0.0
 

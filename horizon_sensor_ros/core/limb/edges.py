@@ -30,6 +30,7 @@ from horizon_sensor_ros.core.limb.sample import (
     RefinePass,
 )
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
+from horizon_sensor_ros.core.limb.texture.ground_texture import ground_across_px
 from horizon_sensor_ros.core.limb.texture.kriged_limb import KrigedLimb
 from horizon_sensor_ros.core.limb_points import (
     NOTHING_SHARED,
@@ -217,7 +218,7 @@ def limb_of_edges(
             profiles,
             sample.grid,
             places.step,
-            sample.radius_px(rho_rad),
+            ground_across_px(sample.pitch_rad, rho_rad),
             model_free=edges.model_free,
         )
         shared = shared.besides(darkening)
@@ -316,8 +317,8 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
         return None
     steepness, blur_px = _steepness(falls, sample.grid), sample.factor * look.psf_px
     shared = _of_sharpness(found.shared, look)
-    radius_px = sample.radius_px(rho_rad)
-    shared = shared.besides(darkening_error(profiles, sample.grid, places.step, radius_px))
+    px_over_radius = ground_across_px(sample.pitch_rad, rho_rad)
+    shared = shared.besides(darkening_error(profiles, sample.grid, places.step, px_over_radius))
     return _points(
         sample, px, normal_px, places, shared, jumps_px, steepness, blur_px, found.corner_blur
     )

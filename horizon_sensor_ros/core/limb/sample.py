@@ -104,10 +104,6 @@ class LimbSample:
     blur_open_px: float = 0.0
     corner_px: float | None = None
 
-    def radius_px(self, rho_rad: float) -> float:
-        """Radius of the disc of a cone, as in the middle of a perspective image that is so fine."""
-        return math.tan(min(rho_rad, 1.5)) / self.pitch_rad
-
     @property
     def px(self) -> np.ndarray:
         """Middles (M, 2) of the stretches, pixels of the full image."""

@@ -33,16 +33,16 @@ def darkening_error(
     profiles: np.ndarray,
     grid: ProfileGrid,
     step: np.ndarray,
-    radius_px: float,
+    px_over_radius: float,
     *,
     model_free: bool = False,
 ) -> SharedError:
     """What edges share, in pixels of the profiles (N, J), where brightness rises below all of them.
 
-    step : (N,) gray levels from space to the planet beside each edge. radius_px : of the limb.
-    model_free : as of `LimbEdges`.
+    step : (N,) gray levels from space to the planet beside each edge. px_over_radius :
+    `ground_across_px`. model_free : as of `LimbEdges`.
     """
-    counts = min((_LARGE_PX - radius_px) / (_LARGE_PX - _SMALL_PX), 1.0)
+    counts = min((_LARGE_PX - 1.0 / px_over_radius) / (_LARGE_PX - _SMALL_PX), 1.0)
     if counts <= 0.0:
         return NOTHING_SHARED
     rise = _mean_at(profiles, grid, _DEEP_PX) - _mean_at(profiles, grid, BESIDE_PX)
