@@ -377,13 +377,11 @@ def _runs(
     same = places.way[i] == places.way[j]
     same &= np.abs(np.cos(angle[i] - angle[j])) > _SAME_RUN
     count, run = connected_components(_graph(i[same], j[same], size), directed=False)
-    alike = np.zeros(count)
-    for across, apart_px in zip(_LATTICE, _LATTICE_PX, strict=True):
-        row = across @ places.spot
-        low, high = np.full(count, np.inf), np.full(count, -np.inf)
-        np.minimum.at(low, run, row)
-        np.maximum.at(high, run, row)
-        alike = np.maximum(alike, apart_px * _WITHIN_PIXEL / (high - low + 1.0))
+    order = np.argsort(run, kind="stable")
+    first = np.searchsorted(run[order], np.arange(count))
+    row = (_LATTICE @ places.spot)[:, order]
+    rows = np.maximum.reduceat(row, first, axis=1) - np.minimum.reduceat(row, first, axis=1) + 1.0
+    alike = (_LATTICE_PX[:, None] * _WITHIN_PIXEL / rows).max(axis=0)
     return run, alike[run]
 
 
