@@ -15,12 +15,11 @@ from threading import Event
 from types import FrameType
 from typing import Any
 
-from horizon_sensor_ros.tools.bags.bag_errors import BagError, UsageError
+from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.output_files import remove_unfinished
 from horizon_sensor_ros.tools.standard_streams import StandardStream, lasting_streams
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-_USAGE = 2  # exit code, as of argparse
 _INTERRUPTED = 130  # exit code, as of a shell's command that SIGINT ended
 
 
@@ -28,8 +27,8 @@ def run_command(name: str, work: Callable[[Callable[[], bool]], str]) -> int:
     """Run a command's work, print its answer on stderr, and return the exit code.
 
     work : takes a function that says whether to stop; it then raises KeyboardInterrupt, leaving
-    nothing behind. A BagError is printed after the command's name: exit code 1, and 2 where it is a
-    UsageError. What cannot be printed is lost without ending the work.
+    nothing behind. A BagError is printed after the command's name, and says the exit code. What
+    cannot be printed is lost without ending the work.
     """
     # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
     # And with another number of them sums come out in another order, and bags with other bytes.
@@ -46,7 +45,7 @@ def run_command(name: str, work: Callable[[Callable[[], bool]], str]) -> int:
                 return _INTERRUPTED
             except BagError as error:
                 print(f"{name}: {error}", file=sys.stderr)
-                return _USAGE if isinstance(error, UsageError) else 1
+                return error.exit_code
             return _all_printed(name, output)
     finally:
         for number, handler in zip(_SIGNALS, previous, strict=True):

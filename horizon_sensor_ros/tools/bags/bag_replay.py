@@ -227,10 +227,9 @@ def _lacking(topic: str, kind: str, recorded: InputBag) -> str:
 
 def _say_wrong_types(helping: Iterable[_Input], recorded: InputBag) -> None:
     """Say which topics that help are there with another type only."""
-    present = {(c.topic, c.msgtype) for c in recorded.connections}
-    topics = {topic for topic, _ in present}
     for topic, kind in helping:
-        if topic in topics and (topic, kind) not in present:
+        kinds = {c.msgtype for c in recorded.connections if c.topic == topic}
+        if kinds and kind not in kinds:
             print(_lacking(topic, kind, recorded), file=sys.stderr)
 
 
