@@ -576,10 +576,16 @@ def _squares(
     return of_poses, of_steps
 
 
+def _off(pose: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """Turn and shift (6,) from a pose that was found to another, about the axes of the frame that
+    both are told in."""
+    turn = vector_from_rotation(pose[:3, :3] @ found[:3, :3].T)
+    return np.concatenate([turn, pose[:3, 3] - found[:3, 3]])
+
+
 def _square(truth: np.ndarray, found: np.ndarray, covariance: np.ndarray) -> float:
-    """Normalised squared error of a pose, about the axes of the frame that it is told in."""
-    turn = vector_from_rotation(truth[:3, :3] @ found[:3, :3].T)
-    error = np.concatenate([turn, truth[:3, 3] - found[:3, 3]])
+    """Normalised squared error of a pose."""
+    error = _off(truth, found)
     return float(error @ np.linalg.solve(covariance, error))
 
 
@@ -603,12 +609,14 @@ def test_an_error_of_the_target_frame_turns_the_axes_of_a_step() -> None:
         covariance = tracker_module._delta_covariance(
             _known(1, last, drift, noise), _known(2, later, drift + noise, noise)
         )
-        delta = inverse_pose(last) @ later
-        error = np.concatenate(
-            [vector_from_rotation(step[:3, :3] @ delta[:3, :3].T), step[:3, 3] - delta[:3, 3]]
-        )
-        values.append(error @ np.linalg.solve(covariance, error))
+        values.append(_square(step, inverse_pose(last) @ later, covariance))
     assert np.mean(values) == pytest.approx(6, abs=0.8)
+
+
+def _assert_scattered_as_said(errors: list[np.ndarray], said: np.ndarray) -> None:
+    scatter, size = np.cov(np.transpose(errors)), np.sqrt(np.diag(said))
+    scale = np.outer(size, size)
+    np.testing.assert_allclose(scatter / scale, said / scale, atol=0.1)
 
 
 def test_a_steps_covariance_is_that_of_two_poses_that_err_each_by_itself() -> None:
@@ -640,12 +648,8 @@ def test_a_steps_covariance_is_that_of_two_poses_that_err_each_by_itself() -> No
             pose_matrix(rotation_from_vector(e[:3]) @ pose[:3, :3], pose[:3, 3] + e[3:])
             for e, pose in zip(off, poses, strict=True)
         ]
-        step = inverse_pose(found[0]) @ found[1]
-        turn = vector_from_rotation(step[:3, :3] @ true[:3, :3].T)
-        errors.append(np.concatenate([turn, step[:3, 3] - true[:3, 3]]))
-    scatter, size = np.cov(np.transpose(errors)), np.sqrt(np.diag(said))
-    scale = np.outer(size, size)
-    np.testing.assert_allclose(scatter / scale, said / scale, atol=0.1)
+        errors.append(_off(inverse_pose(found[0]) @ found[1], true))
+    _assert_scattered_as_said(errors, said)
 
 
 def test_what_two_poses_have_from_one_kept_view_is_not_in_their_step() -> None:
@@ -674,9 +678,5 @@ def test_what_two_poses_have_from_one_kept_view_is_not_in_their_step() -> None:
             small_motion(rng.multivariate_normal(np.zeros(6), noise), pose[:3, 3]) @ motion @ wrong
             for noise, motion, pose in zip(own, motions, poses, strict=True)
         ]
-        step = inverse_pose(found[0]) @ found[1]
-        turn = vector_from_rotation(step[:3, :3] @ true[:3, :3].T)
-        errors.append(np.concatenate([turn, step[:3, 3] - true[:3, 3]]))
-    scatter, size = np.cov(np.transpose(errors)), np.sqrt(np.diag(said))
-    scale = np.outer(size, size)
-    np.testing.assert_allclose(scatter / scale, said / scale, atol=0.1)
+        errors.append(_off(inverse_pose(found[0]) @ found[1], true))
+    _assert_scattered_as_said(errors, said)
