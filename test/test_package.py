@@ -135,8 +135,8 @@ def lifecycle_state(node_name: str, domain: int, patience_s: float = 20.0) -> st
 
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=domain)
+    node = rclpy.create_node("package_test", context=context)
     try:
-        node = rclpy.create_node("package_test", context=context)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         client = node.create_client(GetState, f"/{node_name}/get_state")
@@ -151,6 +151,7 @@ def lifecycle_state(node_name: str, domain: int, patience_s: float = 20.0) -> st
                 state = answer.result().current_state.label
         return state
     finally:
+        node.destroy_node()
         rclpy.shutdown(context=context)
 
 

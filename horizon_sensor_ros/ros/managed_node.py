@@ -193,6 +193,14 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
         for name, meant in misspelt_topics(self.qos_overrides, known).items():
             self.get_logger().warning(f"{name} is for no topic; did you mean {meant}?")
 
+    def destroy_node(self) -> None:
+        """Give back what the node has of the middleware, and leave the graph."""
+        # rclpy 7.1 leaves the state machine, which keeps the node in the graph, to the garbage
+        # collector. That ends it in whatever runs then; while it hears of others, that may hang:
+        # https://github.com/eProsima/Fast-DDS/issues/6513
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
+
     # Parameters.
 
     def _declare_parameters(self) -> Settings:
