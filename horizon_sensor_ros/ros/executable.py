@@ -34,6 +34,8 @@ _CLASSES = {
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _WAKE_UP_S = 0.5
+# How long the end may take; it takes half a second.
+_END_S = 10
 
 _WHAT = {
     "local_vertical_node": "Publishes the direction towards the planet, from images of its limb.",
@@ -72,6 +74,10 @@ class _QuietEnd:
         """Take no more signals: Python, as it ends, drops its handlers, and one would kill it."""
         for number in _SIGNALS:
             signal.signal(number, signal.SIG_IGN)
+        # Fast DDS, while it hears of others, may turn for ever without letting Python go on:
+        # https://github.com/eProsima/Fast-DDS/issues/6513
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(_END_S)
 
 
 def run(names: Sequence[str] = ()) -> int:

@@ -196,8 +196,8 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
     def destroy_node(self) -> None:
         """Give back what the node has of the middleware, and leave the graph."""
         # rclpy 7.1 leaves the state machine, which keeps the node in the graph, to the garbage
-        # collector. That ends it in whatever runs then; while it hears of others, that may hang:
-        # https://github.com/eProsima/Fast-DDS/issues/6513
+        # collector: it would end while others are made, and so may hang in Fast DDS, whose issue
+        # 6513 is that of an end while others are heard of.
         super().destroy_node()
         self._state_machine.destroy_when_not_in_use()
 

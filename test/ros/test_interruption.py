@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from types import FrameType
@@ -75,3 +77,17 @@ def test_an_error_of_the_work_goes_on(end: Interruption) -> None:
     with pytest.raises(ValueError, match="bad"), end.breakable():
         raise ValueError("bad")
     end.ask()  # not in such work any more: no exception
+
+
+def test_an_end_that_is_stuck_outside_python_is_cut_short() -> None:
+    """As in a library that does not return, and keeps the interpreter."""
+    code = """
+import ctypes
+from horizon_sensor_ros.ros import executable
+
+executable._END_S = 1
+executable._QuietEnd.begin()
+ctypes.PyDLL(None).pause()
+"""
+    process = subprocess.run([sys.executable, "-c", code], check=False, timeout=60.0)
+    assert process.returncode == -signal.SIGALRM
