@@ -16,6 +16,7 @@ from horizon_sensor_ros.core.aiding import Aiding
 from horizon_sensor_ros.core.airglow.alone import by_airglow_alone
 from horizon_sensor_ros.core.airglow.nadir import fit_airglow, under_stars, with_airglow
 from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.covariance.bare_ground import with_bare_ground
 from horizon_sensor_ros.core.covariance.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.covariance.common_cone import nearest_to_cones
 from horizon_sensor_ros.core.covariance.hidden_air import hidden_air_sigma_m
@@ -143,6 +144,7 @@ class HorizonEstimator:
         views, detection = sighting.views, sighting.detection
         observations = by_night(detection).seen_by(views)
         observations = with_lifted_edges(observations, self.sphere, detection.rho_rad)
+        observations = with_bare_ground(observations, self.sphere, detection.rho_rad)
         if self.config.limb == "canny" and np.isfinite(detection.rho_rad):
             found = canny_limbs(views, sighting.images, detection.nadir_base, detection.rho_rad)
             observations = tuple(map(LimbObservation, views, found))
