@@ -21,10 +21,10 @@ class ReasonCounts:
         self._counts: Counter[str] = Counter()
         self._shown: dict[str, str] = {}
 
-    def add(self, reason: str) -> None:
+    def add(self, reason: str, times: int = 1) -> None:
         """Count a reason."""
         form = general(reason)
-        self._counts[form] += 1
+        self._counts[form] += times
         # As it was said, where it was always the same.
         self._shown[form] = reason if self._shown.get(form, reason) == reason else form
 

@@ -152,7 +152,9 @@ def test_messages_of_another_type_than_their_topics_table_are_counted(
     bag = write_bag(tmp_path / "bag", [("/attitude", 1, TwistStamped()), ("/attitude", 2, pose())])
     assert run(bag, tmp_path / "out") == 0
     assert len(table(tmp_path / "out" / "attitude.csv")) == 1
-    assert "unreadable messages skipped on /attitude: 1" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "unreadable messages skipped on /attitude: 1" in told
+    assert "\n  1: " in told
 
 
 def test_errors_are_for_a_person(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

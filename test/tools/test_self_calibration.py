@@ -31,6 +31,7 @@ from horizon_messages import (
     write_bag,
     write_parameters,
 )
+from rclpy.serialization import serialize_message
 
 from horizon_sensor_ros.core.attitude import quaternion_from_rotation, rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
@@ -111,6 +112,21 @@ def corrected(path: Path, node: str, camera: str) -> np.ndarray:
     settings = horizon_settings(read_parameter_file(path, node)).pipeline
     quaternion = settings.rotations[settings.cameras.index(camera)]
     return rotation_from_quaternion(np.array(quaternion))
+
+
+def test_what_is_not_read_is_said(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    messages = flight_messages()
+    index = next(i for i, (topic, *_) in enumerate(messages) if topic == "/camera_1/image_raw")
+    topic, stamp, msg = messages[index]
+    messages[index] = topic, stamp, ("sensor_msgs/msg/Image", serialize_message(msg)[:100])
+    messages.append(("/imu", stamp, Vector3Stamped()))
+    bag = write_bag(tmp_path / "bag", messages)
+    assert run(bag, "--params", params) == 0
+    told = capsys.readouterr().err
+    assert "unreadable messages skipped on /camera_1/image_raw: 1" in told
+    assert "has no /imu (sensor_msgs/msg/Imu), but /imu (geometry_msgs/msg/Vector3Stamped)" in told
 
 
 def test_a_wrong_rotation_is_found_and_corrected(

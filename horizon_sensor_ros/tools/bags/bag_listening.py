@@ -9,9 +9,10 @@ from typing import Any
 
 from rosbags.serde import SerdeError
 
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.input_bag import open_bag, progress
-from horizon_sensor_ros.tools.bags.topic_advice import advice
+from horizon_sensor_ros.tools.bags.topic_advice import advice, of_other_types
+from horizon_sensor_ros.tools.bags.unreadable import Unreadable
 
 
 @dataclass(frozen=True)
@@ -28,38 +29,42 @@ class Listener:
     needed: bool = True
 
 
-def listen(path: Path, listeners: Sequence[Listener], stopped: Callable[[], bool]) -> None:
-    """Read a bag with a progress bar; messages that cannot be read are passed over.
+def listen(path: Path, listeners: Sequence[Listener], stopped: Callable[[], bool]) -> list[str]:
+    """Read a bag with a progress bar, and return what a person should know of what was not read:
+    messages that cannot be, and topics that are not needed and have another type.
 
     Raises BagError for a bag that cannot be read or has not what is needed, and KeyboardInterrupt
     soon after `stopped` says so.
     """
     bag = open_bag(path)
+    unreadable = Unreadable()
     try:
         takers = {c.id: _takers(c.topic, c.msgtype, listeners) for c in bag.connections}
         wanted = [c for c in bag.connections if takers[c.id]]
         there = {(connection.topic, connection.msgtype) for connection in wanted}
-        missing = [
+        absent = [
             each
             for each in listeners
-            if each.needed and there.isdisjoint((each.topic, kind) for kind in each.types)
+            if there.isdisjoint((each.topic, kind) for kind in each.types)
         ]
+        missing = [each for each in absent if each.needed]
         if missing:
             raise BagError(
                 _complaint(path, missing, [(c.topic, c.msgtype) for c in bag.connections])
             )
-        if not wanted:
-            return
+        unread = of_other_types([(each.topic, each.types[0]) for each in absent], bag)
         with progress(bag.messages(wanted, stopped), wanted) as messages:
             for connection, _, raw in messages:
                 try:
                     msg = bag.message(connection, raw)
-                except SerdeError:
+                except SerdeError as error:
+                    unreadable.add(bag.recorded_topic(connection), in_one_line(error))
                     continue
                 for take in takers[connection.id]:
                     take(msg, connection.msgtype)
     finally:
         bag.close()
+    return unread + unreadable.lines()
 
 
 def _takers(

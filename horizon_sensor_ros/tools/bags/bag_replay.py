@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -46,15 +45,15 @@ from horizon_sensor_ros.tools.bags.input_bag import (
 )
 from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU, POINT_CLOUD, POSE
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag, check_replaceable
-from horizon_sensor_ros.tools.bags.replay_tally import MOST_REASONS, ReplayTally
+from horizon_sensor_ros.tools.bags.replay_tally import ReplayTally
 from horizon_sensor_ros.tools.bags.replayed_node import (
     ReplayedHorizonNode,
     ReplayedNode,
     ReplayedTargetNode,
     TopicNames,
 )
-from horizon_sensor_ros.tools.bags.topic_advice import advice
-from horizon_sensor_ros.tools.reasons import ReasonCounts
+from horizon_sensor_ros.tools.bags.topic_advice import advice, lacking, of_other_types
+from horizon_sensor_ros.tools.bags.unreadable import Unreadable
 
 # Those of a kind share their sensors.
 _KINDS = (frozenset(HORIZON_NODES), frozenset([TARGET_NODE]))
@@ -83,7 +82,7 @@ class _Replay:
         self._pipelines: list[
             tuple[str, HorizonPipeline | TargetPipeline, ReplayTally, ReplayedNode]
         ] = []
-        self._unreadable: defaultdict[str, ReasonCounts] = defaultdict(ReasonCounts)
+        self._unreadable = Unreadable()
         together: dict[PipelineSettings, list[str]] = {}
         for name, settings in plan.horizon.items():
             together.setdefault(settings.pipeline, []).append(name)
@@ -137,7 +136,7 @@ class _Replay:
                     msg = recorded.message(connection, raw)
                 except SerdeError as error:
                     topic = recorded.recorded_topic(connection)
-                    self._unreadable[topic].add(in_one_line(error))
+                    self._unreadable.add(topic, in_one_line(error))
                     continue
                 for handle in self._handlers[connection.topic, connection.msgtype]:
                     handle(msg)
@@ -155,10 +154,7 @@ class _Replay:
             if not pipeline.counts["fixes"]:
                 where = "tuning" if isinstance(pipeline, HorizonPipeline) else "target"
                 lines.append(f"  at the end: {node.words()} (doc/{where}.md: what to do)")
-        for topic, why in sorted(self._unreadable.items()):
-            lines.append(f"unreadable messages skipped on {topic}: {why.total}")
-            lines += [f"  {line}" for line in why.lines(MOST_REASONS)]
-        return "\n".join(lines)
+        return "\n".join(lines + self._unreadable.lines())
 
 
 def _ignored(pipeline: HorizonPipeline) -> list[str]:
@@ -212,25 +208,10 @@ def _taking_part(inputs: dict[str, frozenset[_Input]], recorded: InputBag) -> li
         lines = [looked_for, "It has:", there, *advice(wanted, present)]
         raise BagError("\n".join([f"{recorded.path} has none of the topics looked for:", *lines]))
     for topic, kind in sorted(wanted - present):
-        print(_lacking(topic, kind, recorded), file=sys.stderr)
+        print(lacking(topic, kind, recorded), file=sys.stderr)
     for line in advice(wanted - present, present - wanted):
         print(line, file=sys.stderr)
     return [node for node, listened_to in inputs.items() if listened_to & present]
-
-
-def _lacking(topic: str, kind: str, recorded: InputBag) -> str:
-    """That a bag has not a topic with a type, and with which other one it has it."""
-    others = [c.msgtype for c in recorded.connections if c.topic == topic]
-    other = f", but {topic} ({', '.join(others)})" if others else ""
-    return f"{recorded.path} has no {topic} ({kind}){other}"
-
-
-def _say_wrong_types(helping: Iterable[_Input], recorded: InputBag) -> None:
-    """Say which topics that help are there with another type only."""
-    for topic, kind in helping:
-        kinds = {c.msgtype for c in recorded.connections if c.topic == topic}
-        if kinds and kind not in kinds:
-            print(_lacking(topic, kind, recorded), file=sys.stderr)
 
 
 def _read_values(params: Path | None, namespace: str) -> dict[str, dict[str, Any]]:
@@ -316,7 +297,8 @@ def replay(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) ->
         nodes = _taking_part(_inputs_of(values, names), recorded)
         plan = _plan({node: values[node] for node in nodes})
         if plan.horizon:
-            _say_wrong_types(_aiding_inputs(names), recorded)
+            for line in of_other_types(_aiding_inputs(names), recorded):
+                print(line, file=sys.stderr)
         check_replaceable(arguments.out_bag, arguments.in_bag, force=arguments.force)
         bag = OutputBag(
             arguments.out_bag, STORAGE[arguments.storage or storage_of(arguments.in_bag)]

@@ -13,7 +13,7 @@ from typing import Any
 from rosbags.interfaces import Connection
 from rosbags.serde import SerdeError
 
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.input_bag import InputBag, open_bag, progress
 from horizon_sensor_ros.tools.bags.message_tables import (
     TABLES,
@@ -21,6 +21,7 @@ from horizon_sensor_ros.tools.bags.message_tables import (
     diagnostics_table,
 )
 from horizon_sensor_ros.tools.bags.message_types import DIAGNOSTICS
+from horizon_sensor_ros.tools.bags.unreadable import Unreadable
 from horizon_sensor_ros.tools.output_files import written_whole
 
 
@@ -45,8 +46,7 @@ def write_tables(arguments: argparse.Namespace, stopped: Callable[[], bool] = bo
     finally:
         bag.close()
     lines = [f"{out / files[topic]}: {rows[topic]} rows of {topic}" for topic in tables]
-    lines += [f"unreadable messages skipped on {t}: {n}" for t, n in sorted(unreadable.items())]
-    return "\n".join(lines)
+    return "\n".join(lines + unreadable.lines())
 
 
 def _chosen(bag: InputBag, wanted: list[str] | None) -> dict[str, str]:
@@ -79,7 +79,7 @@ def _table(bag: InputBag, kind: str, topic: str, stopped: Callable[[], bool]) ->
         return TABLES[kind]
     # Its columns are what its messages have: a first pass, over this topic alone.
     keys: dict[str, None] = {}
-    for _, _, message in _decoded(bag, {topic: kind}, stopped, Counter()):
+    for _, _, message in _decoded(bag, {topic: kind}, stopped, Unreadable()):
         for status in message.status:
             keys.update((pair.key, None) for pair in status.values)
     return diagnostics_table(tuple(keys))
@@ -89,20 +89,21 @@ def _decoded(
     bag: InputBag,
     kinds: Mapping[str, str],
     stopped: Callable[[], bool],
-    unreadable: Counter[str],
+    unreadable: Unreadable,
 ) -> Iterator[tuple[Connection, int, Any]]:
     """Messages of topics that have the type that their table is of."""
     connections = [c for c in bag.connections if c.msgtype == kinds.get(c.topic)]
     for other in bag.connections:
         if other.topic in kinds and other not in connections:
-            unreadable[other.topic] += other.msgcount
+            why = f"{other.msgtype}, not {kinds[other.topic]}"
+            unreadable.add(other.topic, why, other.msgcount)
     if not connections:
         return
     for connection, time, raw in bag.messages(connections, stopped):
         try:
             yield connection, time, bag.message(connection, raw)
-        except SerdeError:
-            unreadable[connection.topic] += 1
+        except SerdeError as error:
+            unreadable.add(connection.topic, in_one_line(error))
 
 
 def _write(
@@ -111,10 +112,10 @@ def _write(
     tables: dict[str, MessageTable],
     files: dict[str, Path],
     stopped: Callable[[], bool],
-) -> tuple[Counter[str], Counter[str]]:
+) -> tuple[Counter[str], Unreadable]:
     """Write all tables; rows written and messages that cannot be read, by topic."""
     rows: Counter[str] = Counter()
-    unreadable: Counter[str] = Counter()
+    unreadable = Unreadable()
     with ExitStack() as stack:
         writers = {}
         for topic, table in tables.items():

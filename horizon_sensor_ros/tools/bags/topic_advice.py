@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from horizon_sensor_ros.tools.bags.input_bag import InputBag
 from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE
 
 
@@ -29,3 +30,21 @@ def advice(missing: Iterable[tuple[str, str]], spare: Iterable[tuple[str, str]])
     elif wrongly_named:
         lines.append("Other names: --remap FROM:=TO.")
     return lines
+
+
+def lacking(topic: str, kind: str, bag: InputBag) -> str:
+    """That a bag has not a topic with a type, and with which other one it has it."""
+    others = [c.msgtype for c in bag.connections if c.topic == topic]
+    other = f", but {topic} ({', '.join(others)})" if others else ""
+    return f"{bag.path} has no {topic} ({kind}){other}"
+
+
+def of_other_types(helping: Iterable[tuple[str, str]], bag: InputBag) -> list[str]:
+    """Which topics that help, each with its type, a bag has with another type only."""
+    topics = {c.topic for c in bag.connections}
+    present = {(c.topic, c.msgtype) for c in bag.connections}
+    return [
+        lacking(topic, kind, bag)
+        for topic, kind in helping
+        if topic in topics and (topic, kind) not in present
+    ]

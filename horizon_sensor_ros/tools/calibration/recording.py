@@ -7,6 +7,7 @@ cameras do not sit as the parameters say.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -233,7 +234,8 @@ def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -
             Listener(names(f"{camera}/image_raw"), (IMAGE,), image),
             Listener(names(f"{camera}/camera_info"), (CAMERA_INFO,), camera_info),
         ]
-    listen(arguments.in_bag, listeners, stopped)
+    for line in listen(arguments.in_bag, listeners, stopped):
+        print(line, file=sys.stderr)
     found = sorted(horizons.sets, key=lambda each: each[0])
     others.require([stamp for stamp, _ in found])
     start = found[0][0] if found else 0
