@@ -43,6 +43,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import String
 
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.tools.bags.bag_errors import in_one_line
 from horizon_sensor_ros.tools.bags.replay import main
 
 KINDS = {
@@ -621,6 +622,36 @@ def test_a_bag_cut_short(
     message = refused(capsys, bag, tmp_path / "out", "--params", params)
     assert "horizon_replay: " in message
     assert not (tmp_path / "out").exists()
+
+
+def test_a_bag_that_lists_more_than_it_has_is_said(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, longer = (write_bag(tmp_path / str(n), recording(n)) for n in (2, 5))
+    metadata = (longer / "metadata.yaml").read_text().replace("5.mcap", "2.mcap")
+    (bag / "metadata.yaml").write_text(metadata)
+    assert run(bag, tmp_path / "out", "--params", params) == 0
+    assert f"{bag} lists 12 messages more than it has" in capsys.readouterr().err
+    # rosbags takes topics of another quality of service than in the file for others.
+    profile = "history: keep_last, depth: 5, reliability: best_effort, durability: volatile"
+    times = "deadline: {}, lifespan: {}, liveliness_lease_duration: {}".format(
+        *["{sec: 0, nsec: 0}"] * 3
+    )
+    rest = "liveliness: automatic, avoid_ros_namespace_conventions: false"
+    profiles = f"offered_qos_profiles: [{{{profile}, {times}, {rest}}}]"
+    (longer / "metadata.yaml").write_text(
+        (longer / "metadata.yaml").read_text().replace("offered_qos_profiles: []", profiles)
+    )
+    assert run(longer, tmp_path / "nothing", "--params", params) == 0
+    assert f"{longer} lists 20 messages more than it has" in capsys.readouterr().err
+    assert run(longer / "5.mcap", tmp_path / "all", "--params", params) == 0
+    assert "more than it has" not in capsys.readouterr().err
+
+
+def test_an_error_without_words_is_named() -> None:
+    # As of a damaged bag that says that terabytes follow.
+    assert in_one_line(MemoryError()) == "MemoryError"
+    assert in_one_line(ValueError("two\n lines")) == "two lines"
 
 
 def test_a_bag_without_the_topics_is_told_what_it_has(

@@ -20,4 +20,4 @@ class UsageError(BagError):
 
 def in_one_line(error: Exception) -> str:
     """What an exception says; its kind where it says nothing."""
-    return " ".join(f"{error or type(error).__name__}".split())
+    return " ".join(str(error).split()) or type(error).__name__

@@ -53,6 +53,7 @@ class InputBag:
     ) -> Iterator[tuple[Connection, int, bytes]]:
         """Connection, record time (ns) and bytes of each message.
 
+        Where the bag has fewer than it lists, that is said: their loss looks like silent sensors.
         Raises BagError where the file is broken, and KeyboardInterrupt soon after `stopped` says
         so.
         """
@@ -60,11 +61,14 @@ class InputBag:
         if not asked:
             return  # rosbags would take none for all
         messages = self._reader.messages([each for each in self.recorded if each.id in asked])
+        missing = sum(connection.msgcount for connection in asked.values())
         while True:
             try:
                 with _bounded_memory():
                     recorded, time, raw = next(messages)
             except StopIteration:
+                if missing > 0:
+                    self._say_missing(missing)
                 return
             except Exception as error:
                 # As below, of a damaged file.
@@ -72,7 +76,16 @@ class InputBag:
                 raise BagError(why) from None
             if stopped():
                 raise KeyboardInterrupt
+            missing -= 1
             yield asked[recorded.id], time, raw
+
+    def _say_missing(self, number: int) -> None:
+        # tqdm keeps it apart from a progress bar.
+        tqdm.write(
+            f"{self.path} lists {number} messages more than it has: it is damaged, or its "
+            f"{_METADATA} is that of another recording",
+            file=sys.stderr,
+        )
 
     def message(self, connection: Connection, raw: bytes) -> Any:
         """Return a message of one of the connections; SerdeError where it cannot be read."""
