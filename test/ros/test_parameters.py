@@ -315,6 +315,8 @@ def test_a_value_of_any_length_is_shown_in_a_line() -> None:
         ("/**: {ros__parameters: {a: [[1.0]]}}", "has a list or a mapping in the list 'a'"),
         ("b: {ros__parameters: {a: [x, 1]}}", "a .of /b. mixes values of several kinds"),
         ("/**: {ros__parameters: {? [a] : 1}}", "a key that is no word"),
+        ("ros__parameters: {slop: 1}", "ros__parameters under no node's name .line 1"),
+        ("/**: {ros__parameters: {}}\na*: {ros__parameters: {}}", "of '/a\\*', .* name .line 2"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, words: str) -> None:
@@ -400,6 +402,39 @@ def test_names_that_are_there_twice_are_those_that_a_node_gets(
     path = tmp_path / "params.yaml"
     path.write_text(text)
     assert as_read(read_parameter_file(path, "attitude_node")) == as_read(read_by_a_node(path))
+
+
+NAMES = (
+    *("attitude_node", "/attitude_node", "/*", "**", "/**/attitude_node", "nav/", "/", "_x", "x9"),
+    *("attitude_*", "/**attitude_node", "//attitude_node", "/nav/", "/***", "9", "a-b", "a b", "~"),
+    *("\u00e4", "/nav//attitude_node", "/nav/9/x", "/n-v/x", "ros__parameters"),
+)
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        "'{}': {{ros__parameters: {{a: 1}}}}",
+        "nav: {{'{}': {{ros__parameters: {{a: 1}}}}}}",
+        "'{}': {{attitude_node: {{ros__parameters: {{a: 1}}}}}}",
+    ],
+)
+def test_names_that_no_node_has_are_refused_as_by_a_node(
+    tmp_path: Path, form: str, read_by_a_node: Callable[[Path], dict[str, Any]]
+) -> None:
+    path = tmp_path / "params.yaml"
+    refused = 0
+    for name in NAMES:
+        path.write_text(form.format(name))
+        try:
+            expected = read_by_a_node(path)
+        except RuntimeError:
+            refused += 1
+            with pytest.raises(ParameterError, match="node's name"):
+                read_parameter_file(path, "attitude_node")
+        else:
+            assert read_parameter_file(path, "attitude_node") == expected, name
+    assert 0 < refused < len(NAMES)
 
 
 @pytest.mark.parametrize(

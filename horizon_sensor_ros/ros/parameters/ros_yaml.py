@@ -18,6 +18,9 @@ from horizon_sensor_ros.ros.yaml_file import YamlFileError, read_yaml, shown, ya
 
 PARAMETERS = "ros__parameters"
 
+# A node's full name, each word of which may be a wildcard.
+_NODE = re.compile(r"(/(\*\*?|[A-Za-z_]\w*))+", re.ASCII)
+
 _TRUE = {"y", "Y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"}
 _FALSE = {"n", "N", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"}
 # C's strtoll with base 0, and strtod.
@@ -141,7 +144,7 @@ class _Reading:
         own = False
         for key, line in self._keys():
             event = self._next()
-            name = f"{prefix}/{key.strip('/')}"
+            name = f"{prefix.removesuffix('/')}/{key}" if prefix else f"/{key.removeprefix('/')}"
             if not isinstance(event, yaml.MappingStartEvent):
                 self._pass_over(event)
                 self.file.stray.append(name.lstrip("/"))
@@ -149,6 +152,15 @@ class _Reading:
                 self._nodes(name)
             elif own:
                 raise YamlFileError(f"has {PARAMETERS} twice for {prefix} (line {line})")
+            elif not prefix:
+                raise YamlFileError(
+                    f"has {PARAMETERS} under no node's name (line {line}); /**: above is for all"
+                )
+            elif not _NODE.fullmatch(prefix):
+                raise YamlFileError(
+                    f"has parameters of {shown(prefix)}, which is no node's name (line {line}): "
+                    "its words are letters, digits and _, no digit first, or * or ** alone"
+                )
             else:
                 own = True
                 self._parameters(self.file.sections.setdefault(prefix, {}), "")
