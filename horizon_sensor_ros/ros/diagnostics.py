@@ -84,7 +84,7 @@ class Monitor(Generic[Pipeline]):
     Times may be a node's clock or a bag's. With `live`, latency and rate are reported too, and that
     the clock shows no time: these depend on the machine and have no place in a replay.
 
-    node : the node's full name.
+    node : the node's full name. unsent : estimates that the middleware did not take.
     """
 
     def __init__(self, name: str, stale_after_ns: int, *, live: bool, node: str = "") -> None:
@@ -92,6 +92,7 @@ class Monitor(Generic[Pipeline]):
         self._node = node
         self.stale_after_ns = stale_after_ns
         self._live = live
+        self.unsent = 0
         self._pace = Pace()
         self._reported: tuple[bytes, str, str] | None = None
 
@@ -123,6 +124,8 @@ class Monitor(Generic[Pipeline]):
         values = self._values(now, pipeline)
         if self._live:
             values.update(self._pace.values(now))
+        if self.unsent:
+            values["unsent"] = str(self.unsent)
         return diagnostic_message(self.name, self._node, health, values, now)
 
     def _key(self, health: Health) -> tuple[bytes, str, str]:

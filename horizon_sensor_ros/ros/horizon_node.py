@@ -142,8 +142,10 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         self._monitor.on_step(step, now, max(now - arrived, 0))
         for result in step.results:
             if result.fix.status is Status.OK:
-                self._estimates.publish(self._output.encode(result, self.settings))
-                self._monitor.on_published(result.stamp, self.now())
+                if self.send(self._estimates, self._output.encode(result, self.settings)):
+                    self._monitor.on_published(result.stamp, self.now())
+                else:
+                    self._monitor.unsent += 1
             if self._pictures.get_subscription_count():
                 self._show(result)
         if self._monitor.changed(self.now()):

@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecyclePublisher, LifecycleState, TransitionCallbackReturn
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.timer import Timer
 
@@ -22,6 +23,7 @@ OUTPUT_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 # What a publisher has sent is lost to who has not taken it when the publisher is destroyed.
 _LAST_WORD = Duration(seconds=0.2)
+_SELDOM_S = 10.0
 
 
 class ReportingNode(ManagedNode[Settings]):
@@ -57,6 +59,21 @@ class ReportingNode(ManagedNode[Settings]):
         self._publishers_made.append(publisher)
         return publisher
 
+    def send(self, publisher: Publisher, message: Any) -> bool:
+        """Publish a message; whether the middleware took it.
+
+        Where an override has it keep all, it refuses once a subscriber has taken nothing for long.
+        """
+        try:
+            publisher.publish(message)
+        except RuntimeError as error:
+            words = " ".join(str(error).split())
+            self.get_logger().error(
+                f"not sent on {publisher.topic_name}: {words}", throttle_duration_sec=_SELDOM_S
+            )
+            return False
+        return True
+
     def begin_reports(self, period_s: float) -> None:
         """Report from now on, every so often."""
         # Not managed: an inactive node says so.
@@ -86,7 +103,7 @@ class ReportingNode(ManagedNode[Settings]):
             inactive = Health(OK, "inactive", "the node is not active")
             node = self.get_fully_qualified_name()
             message = diagnostic_message(self.subject, node, inactive, {}, now)
-        self._diagnostics.publish(message)
+        self.send(self._diagnostics, message)
         return message
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

@@ -118,9 +118,9 @@ class TargetPoseNode(ReportingNode[TargetSettings]):
         if step is None:
             return
         self._monitor.on_step(step, self.now())
-        for topic, message in step.outputs:
-            self._outputs[topic].publish(message)
-        if step.outputs and step.fix is not None:
+        sent = [self.send(self._outputs[topic], message) for topic, message in step.outputs]
+        self._monitor.unsent += sent.count(False)
+        if any(sent) and step.fix is not None:
             self._monitor.on_published(step.fix.stamp_ns, self.now())
         if self._monitor.changed(self.now()):
             self.report()
