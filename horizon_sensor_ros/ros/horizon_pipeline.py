@@ -93,8 +93,10 @@ class _CameraState:
     def light(self, gray: np.ndarray) -> np.ndarray:
         """Pixels in proportion to light of a frame (H, W)."""
         if self.told.gamma != 1.0:
-            # From frame to frame the scale must not change with the brightest pixel.
-            self.white = max(self.white, full_scale(gray))
+            # From frame to frame the scale must not change with the brightest pixel; after frames
+            # of 16 bits it says nothing of those of eight.
+            known = self.white if self.white <= np.iinfo(gray.dtype).max else 0
+            self.white = max(known, full_scale(gray))
         return linear_light(gray, self.told.gamma, self.white)
 
 

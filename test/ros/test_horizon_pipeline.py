@@ -110,6 +110,16 @@ def test_encoded_light_is_undone_whatever_the_bits(bits: int) -> None:
     assert abs(fit.altitude_m - ALTITUDE_M) < 4.0 * np.sqrt(fit.cov_nadir_altitude[3, 3])
 
 
+def test_encoded_light_is_undone_too_once_the_bits_change() -> None:
+    pipeline = ready(**{"cameras": ["camera_2"], "camera_2.gamma": 2.2})
+    light = horizon_gray("camera_2", nadir_of(0, 0)) / 255.0
+    for index, (white, kind) in enumerate([(4095, np.uint16), (255, np.uint8), (4095, np.uint16)]):
+        gray = np.rint(white * light ** (1.0 / 2.2)).astype(kind)
+        step = pipeline.on_image("camera_2", image_of(gray, START_NS + index, "camera_2"))
+        assert step.refusal is None
+        assert angle_deg(step.results[0].fix.fit.nadir_base, nadir_of(0, 0)) < 0.1
+
+
 def test_without_camera_info_a_frame_is_refused_by_name() -> None:
     pipeline = pipeline_of()
     step = pipeline.on_image("camera_1", good("camera_1", 0))
