@@ -131,8 +131,9 @@ class _Tile:
         x, y = np.rint(self._limb.px).astype(int).T
         blank[y.clip(0, blank.shape[0] - 1), x.clip(0, blank.shape[1] - 1)] = 0
         away = cv2.distanceTransform(blank, cv2.DIST_L2, 3)
-        rows = np.nan_to_num(px, nan=0.0).round().astype(int)
-        x, y = rows[:, 0].clip(0, blank.shape[1] - 1), rows[:, 1].clip(0, blank.shape[0] - 1)
+        # Before they become whole numbers: far beyond a lens some are too large for any.
+        most = np.array(blank.shape[::-1]) - 1
+        x, y = np.nan_to_num(px, nan=0.0).clip(0, most).round().astype(int).T
         return away[y, x] <= _NEAR_POINTS * max(self._limb.spacing_px, 2.0)
 
     def _draw_points(self) -> tuple[int, int]:

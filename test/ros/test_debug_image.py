@@ -212,6 +212,14 @@ def test_a_limb_that_leaves_the_lenses_field_inside_the_frame_is_drawn(
     assert draw_fix((folding, frames[1]), followed).shape == (480, 1280, 3)
 
 
+def test_a_limb_that_passes_beside_a_camera_is_drawn(pair: tuple[Frames, HorizonFix]) -> None:
+    frames, fix = pair
+    # Nadir straight ahead and a limb 90 deg from it: no pixel is that far out, nor any integer.
+    fit = replace(fix.fit, nadir_base=ROTATIONS["camera_1"][:, 2], rho_rad=np.pi / 2, disc=None)
+    with np.errstate(invalid="raise"):
+        draw_fix(frames, replace(fix, fit=fit))
+
+
 def test_nadir_in_the_frame_is_a_cross(pair: tuple[Frames, HorizonFix]) -> None:
     frames, fix = pair
     looking_down = CameraView(
