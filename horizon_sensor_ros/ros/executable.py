@@ -35,7 +35,7 @@ _CLASSES = {
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _WAKE_UP_S = 0.5
 # How long the end may take; it takes half a second.
-_END_S = 10
+_END_S = 4
 
 _WHAT = {
     "local_vertical_node": "Publishes the direction towards the planet, from images of its limb.",
