@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude, tangent_rows
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
-from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
+from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
@@ -53,6 +53,70 @@ def _bend_px(rays: LimbRays, nadir_base: tuple[float, ...], rho_rad: float) -> f
     return bend if bend < math.inf else _NOT_A_LIMB_PX
 
 
+@dataclass(frozen=True, eq=False)
+class _Shared:
+    """One camera's points and what they share.
+
+    claimed2 : px^2, of a stretch of limb, 0 where there are too few points for stretches. own2 : of
+    a stretch by its points' own errors. darker_px : (N,), see `_darker_px`.
+    """
+
+    limb: LimbPoints
+    rays: LimbRays
+    claimed2: float
+    own2: float
+    darker_px: np.ndarray
+
+    @classmethod
+    def of(cls, limb: LimbPoints, rays: LimbRays) -> _Shared:
+        """What the points of a limb share."""
+        claimed_px = limb.shared.coherent_px if len(rays) >= 2 * _STRETCHES else 0.0
+        own2 = _MEDIAN_VARIANCE * median(rays.sigma_px) ** 2 * _STRETCHES / len(rays)
+        return cls(limb, rays, claimed_px**2, own2, _darker_px(limb, rays))
+
+    def negligible(self, fit: HorizonFit) -> bool:
+        """Whether all of it is, beside the points' own errors."""
+        shared, own2 = self.limb.shared, self.own2
+        if self.limb.cone_errors is not None:
+            return False
+        negligible = shared.shift_px**2 + shared.height_px**2 < _NEGLIGIBLE * own2
+        negligible &= float(np.ptp(self.darker_px)) ** 2 < _NEGLIGIBLE * own2
+        if shared.scale_px > 0.0:
+            scaled_px = shared.scale_px * float(np.ptp(self.rays.log_scale))
+            negligible &= scaled_px**2 < _NEGLIGIBLE * own2
+        if negligible and self.claimed2 > 0.0:
+            bend2 = bend_px(fit, self.rays) ** 2
+            negligible = self.claimed2 < _NEGLIGIBLE * own2 and bend2 < own2
+        return negligible
+
+    def coherent2(
+        self, fit: HorizonFit, order: np.ndarray, rows_px: np.ndarray, by_px: np.ndarray
+    ) -> float:
+        """px^2 that a stretch is off by: what is claimed, or what the stretches show of it beyond
+        their points' own errors. order : (N,) of the points along the limb. rows_px : (N, 3) of the
+        design, in pixels. by_px : (N, 3) how a pixel of each point moves the fit.
+        """
+        if self.claimed2 == 0.0:
+            return 0.0
+        left = _left(rows_px[order], by_px[order])
+        return max(self.claimed2, bend_px(fit, self.rays) ** 2 / left - _SURE * self.own2)
+
+    def of_the_limb(self, order: np.ndarray, by_px: np.ndarray) -> np.ndarray:
+        """Covariance (3, 3) of what all points share, with no other limb's. order, by_px : as of
+        `coherent2`.
+        """
+        shared = self.limb.shared
+        shift = shared.shift_px * by_px.sum(axis=0)
+        cov = np.outer(shift, shift)
+        if shared.slope_px > 0.0:
+            ends = shared.slope_px * np.linspace(-1.0, 1.0, len(order)) @ by_px[order]
+            cov += np.outer(ends, ends)
+        if shared.dark_px > 0.0:
+            darker = self.darker_px @ by_px
+            cov += np.outer(darker, darker)
+        return cov
+
+
 def _with_shared(
     fit: HorizonFit, observations: Sequence[LimbObservation], sphere: Planet
 ) -> np.ndarray:
@@ -63,67 +127,37 @@ def _with_shared(
     whatever the number of points; or the covariance of the cone that was fitted to a camera's limb,
     which holds both.
     """
-    cameras = []
-    negligible = True
-    for observation in observations:
-        rays = gather([observation])
-        if len(rays) == 0 or observation.view.name not in fit.cameras:
-            continue
-        limb = observation.limb
-        claimed_px = limb.shared.coherent_px if len(rays) >= 2 * _STRETCHES else 0.0
-        own2 = _MEDIAN_VARIANCE * median(rays.sigma_px) ** 2 * _STRETCHES / len(rays)
-        if limb.cone_errors is not None:
-            negligible = False
-        elif claimed_px > 0.0:
-            negligible &= claimed_px**2 < _NEGLIGIBLE * own2 and bend_px(fit, rays) ** 2 < own2
-        if limb.shared.scale_px > 0.0:
-            scaled_px = limb.shared.scale_px * float(np.ptp(rays.log_scale))
-            negligible &= scaled_px**2 < _NEGLIGIBLE * own2
-        alike2 = limb.shared.shift_px**2 + limb.shared.height_px**2
-        negligible &= alike2 < _NEGLIGIBLE * own2
-        darker_px = _darker_px(limb, rays)
-        negligible &= float(np.ptp(darker_px)) ** 2 < _NEGLIGIBLE * own2
-        cameras.append((limb, rays, claimed_px**2, own2, darker_px))
-    if negligible:
+    used = [each for each in observations if each.view.name in fit.cameras and len(each.rays)]
+    cameras = [_Shared.of(each.limb, each.rays) for each in used]
+    if all(camera.negligible(fit) for camera in cameras):
         return fit.cov_nadir_altitude
     basis = tangent_basis(fit.nadir_base)
     to_tangent = tangent_rows(basis)
-    rows = [camera[1].design_sigmas(fit.nadir_base, basis) for camera in cameras]
+    rows = [camera.rays.design_sigmas(fit.nadir_base, basis) for camera in cameras]
     gain = inverse(sum((a.T @ a for a in rows), np.zeros((3, 3))))
     cov, of_cones = np.zeros((3, 3)), np.zeros((3, 1))
     height, by_scale = np.zeros(3), np.zeros(3)
-    usual = _usual_log_scale([(limb, rays) for limb, rays, *_ in cameras])
+    usual = _usual_log_scale([(camera.limb, camera.rays) for camera in cameras])
     variance = np.diag(fit.cov_nadir_altitude).copy()
     variance[3] /= sphere.altitude_slope(fit.rho_rad) ** 2
     # Factor between the variance that the fit found for the points and that which they claim.
     more_own = float(variance.sum() / np.trace(gain))
-    for (limb, rays, claimed2, own2, darker_px), a in zip(cameras, rows, strict=True):
+    for camera, a in zip(cameras, rows, strict=True):
         # How a sigma of each point moves the fit, and a pixel.
         by_sigma = a @ gain
-        by_px = by_sigma / rays.sigma_px[:, None]
-        order = rays.along_limb(fit.nadir_base)
-        coherent2 = claimed2
-        if claimed2 > 0.0:
-            # What the stretches show of it, beyond their points' own errors, counts too.
-            left = _left(a[order] * rays.sigma_px[order, None], by_px[order])
-            coherent2 = max(claimed2, bend_px(fit, rays) ** 2 / left - _SURE * own2)
-        if limb.cone_errors is not None:
-            more = math.sqrt(max(coherent2 / limb.shared.coherent_px**2, 1.0))
-            of_cones = of_cones + more * by_sigma.T @ a @ to_tangent @ limb.cone_errors
+        sigma_px = camera.rays.sigma_px[:, None]
+        by_px = by_sigma / sigma_px
+        order = camera.rays.along_limb(fit.nadir_base)
+        shared, coherent2 = camera.limb.shared, camera.coherent2(fit, order, a * sigma_px, by_px)
+        if camera.limb.cone_errors is not None:
+            more = math.sqrt(max(coherent2 / shared.coherent_px**2, 1.0))
+            of_cones = of_cones + more * by_sigma.T @ a @ to_tangent @ camera.limb.cone_errors
             continue
-        of_all = by_px.sum(axis=0)
-        shift = limb.shared.shift_px * of_all
-        height += limb.shared.height_px * of_all
-        cov += more_own * by_sigma.T @ by_sigma + np.outer(shift, shift)
-        if limb.shared.slope_px > 0.0:
-            ends = limb.shared.slope_px * np.linspace(-1.0, 1.0, len(rays)) @ by_px[order]
-            cov += np.outer(ends, ends)
-        if limb.shared.scale_px > 0.0:
-            by_scale += limb.shared.scale_px * (rays.log_scale - usual) @ by_px
-        if limb.shared.dark_px > 0.0:
-            darker = darker_px @ by_px
-            cov += np.outer(darker, darker)
-        cov += coherent2 * len(rays) / _STRETCHES * by_px.T @ by_px
+        height += shared.height_px * by_px.sum(axis=0)
+        if shared.scale_px > 0.0:
+            by_scale += shared.scale_px * (camera.rays.log_scale - usual) @ by_px
+        cov += more_own * by_sigma.T @ by_sigma + camera.of_the_limb(order, by_px)
+        cov += coherent2 * len(a) / _STRETCHES * by_px.T @ by_px
     cov += np.outer(height, height) + np.outer(by_scale, by_scale) + of_cones @ of_cones.T
     return covariance_nadir_altitude(cov, basis, fit.rho_rad, sphere)
 
