@@ -19,6 +19,8 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
+from horizon_sensor_ros.ros.participant_end import on_one_core
+
 PATIENCE_S, ANSWER_S = 20.0, 5.0
 GOALS = {
     Transition.TRANSITION_CONFIGURE: State.PRIMARY_STATE_INACTIVE,
@@ -93,7 +95,8 @@ class Listener:
 
     def close(self) -> None:
         self.executor.shutdown()
-        self.node.destroy_node()
+        with on_one_core():
+            self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
     def spin(self, duration_s: float) -> None:

@@ -7,8 +7,8 @@ core), ``horizon_outputs``; and ``debug_image``. A cloud: ``target_node``, ``tar
 
 Every node: ``managed_node`` (lifecycle, ``parameters``), ``reporting_node``, ``state_log``,
 ``diagnostics`` (with ``horizon_diagnostics``, ``own_counts`` and ``target_diagnostics``), ``qos``.
-Processes: ``executable``, ``interruption``, ``node_names``, and the executables
-``local_vertical_node``, ``attitude_node``, ``target_pose_node`` and, all in one,
+Processes: ``executable``, ``interruption``, ``participant_end``, ``node_names``, and the
+executables ``local_vertical_node``, ``attitude_node``, ``target_pose_node`` and, all in one,
 ``horizon_sensor``. Files: ``yaml_file``, ``resources`` (named by parameters). ``sensor_messages``:
 what sensors send, for whoever plays one.
 """

@@ -74,8 +74,7 @@ class _QuietEnd:
         """Take no more signals: Python, as it ends, drops its handlers, and one would kill it."""
         for number in _SIGNALS:
             signal.signal(number, signal.SIG_IGN)
-        # Fast DDS, while it hears of others, may turn for ever without letting Python go on:
-        # https://github.com/eProsima/Fast-DDS/issues/6513
+        # Should the middleware be stuck all the same (`participant_end`), no Python runs any more.
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         signal.alarm(_END_S)
 

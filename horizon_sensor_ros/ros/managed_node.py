@@ -18,6 +18,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from horizon_sensor_ros.ros.parameters.ignored import ignored_parameters
 from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
+from horizon_sensor_ros.ros.participant_end import on_one_core
 from horizon_sensor_ros.ros.qos import check_overrides, misspelt_topics
 from horizon_sensor_ros.ros.yaml_file import shown
 
@@ -195,11 +196,10 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
 
     def destroy_node(self) -> None:
         """Give back what the node has of the middleware, and leave the graph."""
-        # rclpy 7.1 leaves the state machine, which keeps the node in the graph, to the garbage
-        # collector: it would end while others are made, and so may hang in Fast DDS, whose issue
-        # 6513 is that of an end while others are heard of.
-        super().destroy_node()
-        self._state_machine.destroy_when_not_in_use()
+        with on_one_core():
+            super().destroy_node()
+            # rclpy 7.1 leaves it, which keeps the node in the graph, to the garbage collector.
+            self._state_machine.destroy_when_not_in_use()
 
     # Parameters.
 

@@ -1,14 +1,18 @@
-"""What a node leaves behind in its process."""
+"""How a node ends, and what it leaves behind in its process."""
 
 from __future__ import annotations
 
 import gc
+import os
+from threading import Event, Thread
 
+import pytest
 import rclpy
 from node_processes import Listener
 from rclpy.context import Context
 from rclpy.parameter import Parameter
 
+from horizon_sensor_ros.ros.participant_end import on_one_core
 from horizon_sensor_ros.ros.target_node import TargetPoseNode
 
 
@@ -32,3 +36,21 @@ def test_a_destroyed_node_leaves_the_graph_without_the_garbage_collector(ros_dom
         gc.enable()
         rclpy.shutdown(context=context)
         listener.close()
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="threads have no cores here")
+def test_all_threads_have_one_core_meanwhile_and_theirs_afterwards() -> None:
+    end = Event()
+    threads = [Thread(target=end.wait) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    try:
+        before = [os.sched_getaffinity(thread.native_id) for thread in threads]
+        with on_one_core():
+            (core,) = os.sched_getaffinity(0)
+            assert all(os.sched_getaffinity(thread.native_id) == {core} for thread in threads)
+        assert [os.sched_getaffinity(thread.native_id) for thread in threads] == before
+    finally:
+        end.set()
+        for thread in threads:
+            thread.join()

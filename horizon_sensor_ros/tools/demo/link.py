@@ -21,6 +21,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.ros.messages import NANOSECONDS
+from horizon_sensor_ros.ros.participant_end import on_one_core
 from horizon_sensor_ros.ros.sensor_messages import (
     camera_info_message,
     cloud_message,
@@ -113,7 +114,8 @@ class DemoLink:
 
     def __exit__(self, *_: object) -> None:
         self._executor.shutdown()
-        self._node.destroy_node()
+        with on_one_core():
+            self._node.destroy_node()
         rclpy.shutdown(context=self._context)
 
     def wait_for_nodes(self, names: Sequence[str], check: Callable[[], None]) -> None:
