@@ -20,6 +20,7 @@ class Status(str, Enum):
     CAMERAS_DISAGREE = "cameras_disagree"
     UNCERTAIN = "uncertain"
     REPEATED_STAMP = "repeated_stamp"
+    REPEATED_CLOUD = "repeated_cloud"
 
     def __str__(self) -> str:
         return self.value

@@ -424,6 +424,55 @@ def test_stamps_that_repeat_or_jump_back() -> None:
     assert back.reason == "time jumped back"
 
 
+def test_the_very_same_cloud_under_new_stamps_is_not_of_now() -> None:
+    """A driver that repeats its last cloud: the target would stand still, known to a tenth of a
+    degree, while it turns by 3 deg a cloud."""
+    clouds, poses = tumbling(15, 4)
+    tracker = TargetTracker()
+    first = tracker.process(clouds[0], 0)
+    tracker.process(clouds[1], STEP_NS)
+    for k in (2, 3):
+        again = tracker.process(clouds[1].copy(), k * STEP_NS)
+        assert again.status is Status.REPEATED_CLOUD
+        assert "the very same cloud again" in again.reason
+        assert again.delta_previous_from_now is None
+    # The truth of a cloud later: the target turned on while the driver did not.
+    fix = tracker.process(clouds[3], 4 * STEP_NS)
+    assert fix.status is Status.OK
+    assert not fix.new_frame
+    frame = inverse_pose(poses[0]) @ first.pose_sensor_from_target
+    assert angle_deg(fix.pose_sensor_from_target, poses[3] @ frame) < 0.4
+
+
+def test_a_cloud_that_is_repeated_for_long_sets_no_new_frame() -> None:
+    clouds, _ = tumbling(3, 3)
+    tracker = TargetTracker(TrackerConfig(max_refused=2))
+    for k in range(2):
+        tracker.process(clouds[k], k * STEP_NS)
+    for k in range(2, 20):
+        assert tracker.process(clouds[1], k * STEP_NS).status is Status.REPEATED_CLOUD
+    fix = tracker.process(clouds[2], 20 * STEP_NS)
+    assert fix.new_frame
+    assert "no fix for" in fix.reason
+
+
+@pytest.mark.parametrize("plain", [False, True])
+def test_clouds_that_never_change_are_a_target_at_rest(plain: bool) -> None:
+    """As drawn ones without noise, or one that is published again and again, are."""
+    clouds, _ = tumbling(3, 2)
+    tracker = TargetTracker()
+    for k in range(4):
+        cloud = clouds[0].reshape(-1, 3) if plain else clouds[0]
+        fix = tracker.process(cloud, k * STEP_NS)
+        assert fix.status is Status.OK
+    assert fix.delta_previous_from_now is not None
+    assert np.allclose(fix.delta_previous_from_now, np.eye(4), atol=1e-9)
+    # Nor is one in another bag, or on another frame, held against those before.
+    tracker.process(clouds[1], 4 * STEP_NS)
+    assert tracker.process(clouds[1], 3 * STEP_NS).reason == "time jumped back"
+    assert tracker.process(clouds[1], 5 * STEP_NS, "another frame").reason == "another frame"
+
+
 @pytest.mark.parametrize("bad_ns", [0, STEP_NS + 1, 2 * STEP_NS, 1000 * STEP_NS])
 def test_the_stamp_of_a_cloud_that_shows_nothing_moves_no_clock(bad_ns: int) -> None:
     clouds, _ = tumbling(3, 4)

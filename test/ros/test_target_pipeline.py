@@ -255,6 +255,16 @@ def test_a_repeated_stamp_gives_no_second_estimate() -> None:
     assert pipeline.rejected == {"repeated_stamp": 2}
 
 
+def test_the_same_cloud_under_a_new_stamp_gives_no_estimate() -> None:
+    pipeline = pipeline_of()
+    for index in range(2):
+        pipeline.on_cloud(good_cloud(index))
+    step = pipeline.on_cloud(cloud_of(scan(1), stamp_of(2)))
+    assert step.outputs == ()
+    assert pipeline.rejected == {"repeated_cloud": 1}
+    assert topics(pipeline.on_cloud(good_cloud(3))) == ALL_TOPICS
+
+
 def test_time_that_jumps_back_resets_at_once() -> None:
     pipeline = pipeline_of()
     for index in (5, 6, 0):

@@ -16,7 +16,7 @@ from horizon_sensor_ros.core.rigid import (
 )
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.config import TrackerConfig
-from horizon_sensor_ros.core.target.range_image import cloud_of
+from horizon_sensor_ros.core.target.range_image import RangeImage, cloud_of
 from horizon_sensor_ros.core.target.registration import (
     Registration,
     TargetView,
@@ -110,6 +110,12 @@ class TargetTracker:
 
     def reset(self, why: str = "first cloud") -> None:
         """Forget everything; the next good cloud sets a new target frame, and says why."""
+        # The last cloud that showed something, and whether it was another than the one before.
+        self._shown: RangeImage | None = None
+        self._changing = False
+        self._forget_track(why)
+
+    def _forget_track(self, why: str) -> None:
         self._keyframes: list[_Known] = []
         self._last: _Known | None = None
         # Stamps and poses of the fixes before the last one, the latest first.
@@ -141,7 +147,8 @@ class TargetTracker:
         Bad data never raises; a refused cloud changes nothing but the count of refused ones, and
         how near the next one has to be to what is predicted. A repeated stamp is refused; one that
         lies back in time forgets all there was before. That goes by the clouds that show something:
-        a stamp on nothing but NaN says nothing of time. Raises ValueError for another shape.
+        a stamp on nothing but NaN says nothing of time. The very same cloud under a new stamp is
+        refused, once clouds have changed: it is not of now. Raises ValueError for another shape.
         """
         # Before anything is kept: a caller's bug changes nothing.
         points = cloud_of(points)
@@ -154,6 +161,9 @@ class TargetTracker:
             self.reset(anew)
         elif self._stamp_ns is not None and stamp_ns < self._stamp_ns:
             self.reset("time jumped back")
+        if self._frozen(view.image):
+            reason = "the very same cloud again: has the sensor, or its driver, stopped?"
+            return self._refuse(Status.REPEATED_CLOUD, reason, stamp_ns, view, None)
         self._stamp_ns = stamp_ns
         why = self._why
         if self._last is not None:
@@ -173,6 +183,16 @@ class TargetTracker:
                 else:
                     why = f"track lost: {registration.reason}"
         return self._start(view, stamp_ns, why)
+
+    def _frozen(self, image: RangeImage) -> bool:
+        """Whether a cloud is the last one to the last bit, although clouds have changed before: a
+        live sensor's noise never repeats. Clouds that never did may be a drawn target at rest."""
+        last, self._shown = self._shown, image
+        if last is None:
+            return False
+        same = _same(last, image)
+        self._changing = self._changing or not same
+        return same and self._changing
 
     def _first_was_odd(self, view: TargetView) -> bool:
         """Take a cloud that does not fit the track; whether it and those refused before it agree
@@ -214,7 +234,7 @@ class TargetTracker:
                 reason = "" if found.status is Status.OK else f"{reason}: {found.reason}"
             if reason:
                 return self._refuse(Status.ILL_CONDITIONED, reason, stamp_ns, view, None)
-        self.reset()
+        self._forget_track("first cloud")
         self._stamp_ns = stamp_ns
         centroid = view.image.rot_sensor_from_view @ view.image.centroid_m
         pose = pose_matrix(np.eye(3), centroid)
@@ -372,6 +392,16 @@ class TargetTracker:
         if len(self._keyframes) > _MAX_KEYFRAMES:
             # The first one defines the target frame; of the others the oldest goes.
             del self._keyframes[1]
+
+
+def _same(image: RangeImage, other: RangeImage) -> bool:
+    """Whether two images are of the same returns, to the last bit."""
+    # The mean tells nearly all others apart, at no cost.
+    return (
+        image.num_points == other.num_points
+        and np.array_equal(image.centroid_m, other.centroid_m)
+        and np.array_equal(image.inverse_depth, other.inverse_depth)
+    )
 
 
 def _moved_off(
