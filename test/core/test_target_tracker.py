@@ -402,6 +402,33 @@ def test_after_a_turn_that_was_refused_less_is_let_through(
     assert accepted or "10 allowed" in fixes[-1].reason
 
 
+def test_an_approach_keeps_its_track() -> None:
+    """From 40 m to 3: a pixel of the first view is as wide as thirteen of the last one, and what it
+    smears is no part that moves otherwise."""
+    camera = ToFCamera(pixel_pitch_m=20e-6, range_max_m=100.0)
+    rng = np.random.default_rng(1)
+    start = Rotation.from_euler("YXZ", (23.5, 23.5, 1), degrees=True).as_matrix()
+    tracker = TargetTracker()
+    frame, squared = np.eye(4), []
+    for k in range(36):
+        turn = rotation_from_vector(np.radians(0.4 * k) * np.array([0.6, 0.0, 0.8]))
+        pose = pose_matrix(turn @ start, np.array([0, 0, 40 * (3 / 40) ** (k / 35)]))
+        fix = tracker.process(camera.scan(MESHES["n5"], pose, rng).points, k * STEP_NS)
+        assert fix.status is Status.OK, fix.reason
+        assert fix.new_frame == (k == 0)
+        if k == 0:
+            frame = inverse_pose(pose) @ fix.pose_sensor_from_target
+            continue
+        truth, found = pose @ frame, fix.pose_sensor_from_target
+        error = np.concatenate(
+            [vector_from_rotation(truth[:3, :3] @ found[:3, :3].T), truth[:3, 3] - found[:3, 3]]
+        )
+        squared.append(error @ np.linalg.solve(fix.covariance, error))
+    assert max(squared) < 20
+    # A view for each halving of the range, and the turn takes none of its own.
+    assert fix.num_keyframes <= 5
+
+
 def test_two_stamps_close_together_are_no_velocity() -> None:
     """Those of clouds that arrive two at a time: 3 deg in a millisecond would be 600 in the next
     step."""

@@ -29,6 +29,9 @@ from horizon_sensor_ros.core.target.registration import (
 # none.
 _DEFINITION_VARIANCE = 1e-8
 _MAX_KEYFRAMES = 40
+# Views of which one's pixels are so many times as wide on the target as the other's show different
+# things: what is smaller than the wider ones these smear.
+_OTHER_SCALE = 2.0
 # So many refused clouds in a row that agree outvote a first one that nothing agrees with.
 _OUTVOTE = 3
 # A turn may be off what constant velocity predicts by half a side of a prism of eight: farther off
@@ -255,7 +258,7 @@ class TargetTracker:
         # Nothing tells by how much a target has turned since the last fix that may be like itself.
         turned_rad = (1 + self._missed) * self.config.registration.search_rad
         doubted = False
-        for keyframe in self._candidates(last.pose if predicted is None else predicted):
+        for keyframe in self._candidates(last.pose if predicted is None else predicted, view):
             prior = None if predicted is None else predicted @ inverse_pose(keyframe.pose)
             found = register(
                 keyframe.view, view, self.config.registration, prior,
@@ -347,12 +350,16 @@ class TargetTracker:
             f" constant velocity predicts, {np.degrees(most):.0f} allowed"
         )
 
-    def _candidates(self, pose: np.ndarray) -> list[_Known]:
-        """Keyframes to try: the oldest that the target has not turned too far from; else, and
-        then, the last view."""
+    def _candidates(self, pose: np.ndarray, view: TargetView) -> list[_Known]:
+        """Keyframes to try: the oldest that the target has not turned too far from, seen from
+        about as near; else, and then, the last view."""
         last = self._last
         assert last is not None
-        near = [k for k in self._keyframes if _angle(k.pose, pose) < self.config.keyframe_turn_rad]
+        near = [
+            k
+            for k in self._keyframes
+            if _angle(k.pose, pose) < self.config.keyframe_turn_rad and _as_fine(k.view, view)
+        ]
         if not near:
             return [last]
         return [near[0]] if near[0] is last else [near[0], last]
@@ -392,6 +399,14 @@ class TargetTracker:
         if len(self._keyframes) > _MAX_KEYFRAMES:
             # The first one defines the target frame; of the others the oldest goes.
             del self._keyframes[1]
+
+
+def _as_fine(a: TargetView, b: TargetView) -> bool:
+    """Whether both views are about as fine on the target."""
+    assert a.surface is not None
+    assert b.surface is not None
+    wider = max(a.surface.footprint_m, b.surface.footprint_m)
+    return wider < _OTHER_SCALE * min(a.surface.footprint_m, b.surface.footprint_m)
 
 
 def _same(image: RangeImage, other: RangeImage) -> bool:
