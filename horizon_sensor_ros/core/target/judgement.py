@@ -22,6 +22,10 @@ _MEASURED = 0.72
 # Of clouds on no grid of the camera, whose returns were moved to the pixels' middles.
 _MEASURED_OFF_GRID = 1.44
 
+# The information itself is known to what normals scatter by: as far as it is there for sure, in
+# standard deviations, it counts.
+_SURE = 3.0
+
 # Normals lean alike in both views over about half of a window.
 _LEAN_PX = 2.0
 
@@ -47,11 +51,12 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
 
     The normals of both views carry independent noise, so the products of one view's Jacobian with
     the other's have the true information as their mean; the usual J^T J adds the noise of the
-    normals, and lets a body of revolution look observable about its axis. To the inverse of that
-    comes a sandwich of the residuals, summed over blocks of surface within which they err alike;
-    it carries what no noise model knows. And, squared, by how much the motion may have been drawn
-    towards none, and what edges along the sensor's rows are off by, all of one alike: the motion
-    takes that up, and leaves no residual.
+    normals, and lets a body of revolution look observable about its axis. The products scatter
+    about that mean, and where no view shows anything that alone may pass for information: so much
+    is taken off in each direction. To the inverse of that comes a sandwich of the residuals, summed
+    over blocks of surface within which they err alike; it carries what no noise model knows. And,
+    squared, by how much the motion may have been drawn towards none, and what edges along the
+    sensor's rows are off by, all of one alike: the motion takes that up, and leaves no residual.
     """
     centre = b.image.centroid_m
     weight = pairs.information(robust)
@@ -70,9 +75,14 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
         bar = np.flatnonzero(pairs.kind == THIN + k)
         place[:, bar] -= np.outer(axis, axis @ place[:, bar])
     coarser_m = max(a.footprint_m, b.footprint_m)
-    sums = block_sums(j * (weight * residual), place, pairs.kind, coarser_m)
     scale = comparable(b.size_m)
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
+    apart = (scale[:, None] * vectors).T @ (j_a - j_b)
+    scatter = weight * apart**2 / 2
+    rows = np.concatenate([j * (weight * residual), scatter])
+    sums, scatter = np.split(block_sums(rows, place, pairs.kind, coarser_m), 2)
+    # The mean fourth power of what is normal is three times its variance squared.
+    values -= _SURE * np.sqrt((scatter**2).sum(axis=1) / 3)
     # Nothing is less known than to the target's size.
     values = np.maximum(values, 1 / b.size_m**2)
     inverse = (vectors / values) @ vectors.T * np.outer(scale, scale)
