@@ -22,8 +22,8 @@ _MEASURED = 0.72
 # Of clouds on no grid of the camera, whose returns were moved to the pixels' middles.
 _MEASURED_OFF_GRID = 1.44
 
-# The information itself is known to what normals scatter by: as far as it is there for sure, in
-# standard deviations, it counts.
+# The information itself is only known to what normals scatter by: below so many standard deviations
+# of that there is none for sure.
 _SURE = 3.0
 
 # Normals lean alike in both views over about half of a window.
@@ -52,11 +52,12 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     The normals of both views carry independent noise, so the products of one view's Jacobian with
     the other's have the true information as their mean; the usual J^T J adds the noise of the
     normals, and lets a body of revolution look observable about its axis. The products scatter
-    about that mean, and where no view shows anything that alone may pass for information: so much
-    is taken off in each direction. To the inverse of that comes a sandwich of the residuals, summed
-    over blocks of surface within which they err alike; it carries what no noise model knows. And,
-    squared, by how much the motion may have been drawn towards none, and what edges along the
-    sensor's rows are off by, all of one alike: the motion takes that up, and leaves no residual.
+    about that mean, and where no view shows anything that alone may pass for information: in each
+    direction three times that is taken off, in squares. To the inverse of that comes a sandwich of
+    the residuals, summed over blocks of surface within which they err alike; it carries what no
+    noise model knows. And, squared, by how much the motion may have been drawn towards none, and
+    what edges along the sensor's rows are off by, all of one alike: the motion takes that up, and
+    leaves no residual.
     """
     centre = b.image.centroid_m
     weight = pairs.information(robust)
@@ -82,7 +83,8 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     rows = np.concatenate([j * (weight * residual), scatter])
     sums, scatter = np.split(block_sums(rows, place, pairs.kind, coarser_m), 2)
     # The mean fourth power of what is normal is three times its variance squared.
-    values -= _SURE * np.sqrt((scatter**2).sum(axis=1) / 3)
+    doubtful = _SURE**2 * (scatter**2).sum(axis=1) / 3
+    values = np.sqrt(np.maximum(values * np.abs(values) - doubtful, 0.0))
     # Nothing is less known than to the target's size.
     values = np.maximum(values, 1 / b.size_m**2)
     inverse = (vectors / values) @ vectors.T * np.outer(scale, scale)
