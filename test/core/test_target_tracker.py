@@ -500,6 +500,17 @@ def test_clouds_that_never_change_are_a_target_at_rest(plain: bool) -> None:
     assert tracker.process(clouds[1], 5 * STEP_NS, "another frame").reason == "another frame"
 
 
+@pytest.mark.parametrize("name", ["n1", "n5", "winged_cylinder"])
+def test_a_drawn_target_without_noise_may_come_to_rest(name: str) -> None:
+    poses = tumbling(10, 3)[1]
+    camera = ToFCamera(range_noise_m=0.0)
+    rng = np.random.default_rng(0)
+    clouds = [camera.scan(MESHES[name], poses[k], rng).points for k in (0, 1, 2, 2, 2)]
+    tracker = TargetTracker()
+    fixes = [tracker.process(cloud, k * STEP_NS) for k, cloud in enumerate(clouds)]
+    assert [fix.status for fix in fixes[3:]] == [Status.OK] * 2
+
+
 @pytest.mark.parametrize("bad_ns", [0, STEP_NS + 1, 2 * STEP_NS, 1000 * STEP_NS])
 def test_the_stamp_of_a_cloud_that_shows_nothing_moves_no_clock(bad_ns: int) -> None:
     clouds, _ = tumbling(3, 4)

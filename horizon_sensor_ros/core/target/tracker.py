@@ -32,6 +32,8 @@ _MAX_KEYFRAMES = 40
 # Views of which one's pixels are so many times as wide on the target as the other's show different
 # things: what is smaller than the wider ones these smear.
 _OTHER_SCALE = 2.0
+# Noise of a real sensor over a pixel's width on the target, at least: of good ones it is a tenth.
+_LEAST_NOISE = 0.01
 # So many refused clouds in a row that agree outvote a first one that nothing agrees with.
 _OUTVOTE = 3
 # A turn may be off what constant velocity predicts by half a side of a prism of eight: farther off
@@ -151,7 +153,8 @@ class TargetTracker:
         how near the next one has to be to what is predicted. A repeated stamp is refused; one that
         lies back in time forgets all there was before. That goes by the clouds that show something:
         a stamp on nothing but NaN says nothing of time. The very same cloud under a new stamp is
-        refused, once clouds have changed: it is not of now. Raises ValueError for another shape.
+        refused, once clouds have changed, where they have noise: it is not of now. Raises
+        ValueError for another shape.
         """
         # Before anything is kept: a caller's bug changes nothing.
         points = cloud_of(points)
@@ -164,7 +167,7 @@ class TargetTracker:
             self.reset(anew)
         elif self._stamp_ns is not None and stamp_ns < self._stamp_ns:
             self.reset("time jumped back")
-        if self._frozen(view.image):
+        if self._frozen(view):
             reason = "the very same cloud again: has the sensor, or its driver, stopped?"
             return self._refuse(Status.REPEATED_CLOUD, reason, stamp_ns, view, None)
         self._stamp_ns = stamp_ns
@@ -187,15 +190,16 @@ class TargetTracker:
                     why = f"track lost: {registration.reason}"
         return self._start(view, stamp_ns, why)
 
-    def _frozen(self, image: RangeImage) -> bool:
+    def _frozen(self, view: TargetView) -> bool:
         """Whether a cloud is the last one to the last bit, although clouds have changed before: a
-        live sensor's noise never repeats. Clouds that never did may be a drawn target at rest."""
-        last, self._shown = self._shown, image
+        live sensor's noise never repeats. Clouds that never did, or have no noise, may be a drawn
+        target at rest."""
+        last, self._shown = self._shown, view.image
         if last is None:
             return False
-        same = _same(last, image)
+        same = _same(last, view.image)
         self._changing = self._changing or not same
-        return same and self._changing
+        return same and self._changing and _has_noise(view)
 
     def _first_was_odd(self, view: TargetView) -> bool:
         """Take a cloud that does not fit the track; whether it and those refused before it agree
@@ -407,6 +411,12 @@ def _as_fine(a: TargetView, b: TargetView) -> bool:
     assert b.surface is not None
     wider = max(a.surface.footprint_m, b.surface.footprint_m)
     return wider < _OTHER_SCALE * min(a.surface.footprint_m, b.surface.footprint_m)
+
+
+def _has_noise(view: TargetView) -> bool:
+    """Whether ranges have noise, as a sensor's do and a drawn target's need not."""
+    assert view.surface is not None
+    return view.surface.sigma_m > _LEAST_NOISE * view.surface.footprint_m
 
 
 def _same(image: RangeImage, other: RangeImage) -> bool:
