@@ -471,16 +471,21 @@ def test_the_very_same_cloud_under_new_stamps_is_not_of_now() -> None:
     assert angle_deg(fix.pose_sensor_from_target, poses[3] @ frame) < 0.4
 
 
-def test_a_cloud_that_is_repeated_for_long_sets_no_new_frame() -> None:
+def test_a_cloud_that_is_repeated_for_long_tells_no_rest() -> None:
+    """Once there is no fix for too long it sets a new frame, as any cloud, and is refused again."""
     clouds, _ = tumbling(3, 3)
     tracker = TargetTracker(TrackerConfig(max_refused=2))
     for k in range(2):
         tracker.process(clouds[k], k * STEP_NS)
-    for k in range(2, 20):
-        assert tracker.process(clouds[1], k * STEP_NS).status is Status.REPEATED_CLOUD
-    fix = tracker.process(clouds[2], 20 * STEP_NS)
-    assert fix.new_frame
-    assert "no fix for" in fix.reason
+    fixes = {k: tracker.process(clouds[1], k * STEP_NS) for k in range(2, 26)}
+    told = {k for k, fix in fixes.items() if fix.status is Status.OK}
+    assert told == {12, 23}
+    for k in told:
+        assert fixes[k].new_frame
+        assert "no fix for 2.2 s" in fixes[k].reason
+    refused = {fix.status for k, fix in fixes.items() if k not in told}
+    assert refused == {Status.REPEATED_CLOUD}
+    assert tracker.process(clouds[2], 26 * STEP_NS).status is Status.OK
 
 
 @pytest.mark.parametrize("plain", [False, True])

@@ -115,14 +115,10 @@ class TargetTracker:
 
     def reset(self, why: str = "first cloud") -> None:
         """Forget everything; the next good cloud sets a new target frame, and says why."""
-        # The last cloud that showed something, and whether it was another than the one before.
-        self._shown: RangeImage | None = None
-        self._changing = False
-        self._forget_track(why)
-
-    def _forget_track(self, why: str) -> None:
         self._keyframes: list[_Known] = []
         self._last: _Known | None = None
+        # Whether there ever was another cloud than the last fix's.
+        self._changing = False
         # Stamps and poses of the fixes before the last one, the latest first.
         self._path: deque[tuple[int, np.ndarray]] = deque(maxlen=_PATH)
         self._refused = 0
@@ -153,8 +149,8 @@ class TargetTracker:
         how near the next one has to be to what is predicted. A repeated stamp is refused; one that
         lies back in time forgets all there was before. That goes by the clouds that show something:
         a stamp on nothing but NaN says nothing of time. The very same cloud under a new stamp is
-        refused, once clouds have changed, where they have noise: it is not of now. Raises
-        ValueError for another shape.
+        refused, once clouds have changed, where they have noise: it is not of now; after a gap it
+        is where a new target frame begins. Raises ValueError for another shape.
         """
         # Before anything is kept: a caller's bug changes nothing.
         points = cloud_of(points)
@@ -167,13 +163,13 @@ class TargetTracker:
             self.reset(anew)
         elif self._stamp_ns is not None and stamp_ns < self._stamp_ns:
             self.reset("time jumped back")
-        if self._frozen(view):
+        gap_s = 0.0 if self._last is None else (stamp_ns - self._last.stamp_ns) * 1e-9
+        if self._frozen(view) and gap_s <= self.config.max_gap_s:
             reason = "the very same cloud again: has the sensor, or its driver, stopped?"
             return self._refuse(Status.REPEATED_CLOUD, reason, stamp_ns, view, None)
         self._stamp_ns = stamp_ns
         why = self._why
         if self._last is not None:
-            gap_s = (stamp_ns - self._last.stamp_ns) * 1e-9
             if gap_s > self.config.max_gap_s:
                 why = f"no fix for {gap_s:.1f} s"
             else:
@@ -191,13 +187,12 @@ class TargetTracker:
         return self._start(view, stamp_ns, why)
 
     def _frozen(self, view: TargetView) -> bool:
-        """Whether a cloud is the last one to the last bit, although clouds have changed before: a
+        """Whether a cloud is the last fix's to the last bit, although clouds have changed before: a
         live sensor's noise never repeats. Clouds that never did, or have no noise, may be a drawn
         target at rest."""
-        last, self._shown = self._shown, view.image
-        if last is None:
+        if self._last is None:
             return False
-        same = _same(last, view.image)
+        same = _same(self._last.view.image, view.image)
         self._changing = self._changing or not same
         return same and self._changing and _has_noise(view)
 
@@ -241,8 +236,9 @@ class TargetTracker:
                 reason = "" if found.status is Status.OK else f"{reason}: {found.reason}"
             if reason:
                 return self._refuse(Status.ILL_CONDITIONED, reason, stamp_ns, view, None)
-        self._forget_track("first cloud")
-        self._stamp_ns = stamp_ns
+        changing = self._changing
+        self.reset()
+        self._stamp_ns, self._changing = stamp_ns, changing
         centroid = view.image.rot_sensor_from_view @ view.image.centroid_m
         pose = pose_matrix(np.eye(3), centroid)
         covariance = np.eye(6) * _DEFINITION_VARIANCE
