@@ -357,6 +357,37 @@ def test_poles_covariance_against_drawn_ones() -> None:
     np.testing.assert_allclose(found, drawn, atol=0.03 * np.abs(drawn).max())
 
 
+@pytest.mark.parametrize("heading_rad", [0.8, 1.2, 3.2])
+def test_poles_covariance_where_the_heading_is_hardly_known(heading_rad: float) -> None:
+    """A position from an orbit, and no attitude: up to the half of the error was not claimed."""
+    nadir, pole = np.array([0.0, 0.0, 1.0]), np.array([0.6, 0.0, -0.8])
+    axes = np.column_stack((tangent_basis(nadir), nadir))
+    angle = np.random.default_rng(3).normal(0.0, heading_rad, 200_000)
+    k = Rotation.from_rotvec(angle[:, None] * nadir).apply(pole) @ axes
+    k_mean = pole @ axes
+    i, j = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
+    off = k[:, i] * k[:, j] - k_mean[i] * k_mean[j]
+    drawn = off.T @ off / len(off)
+    found = pole_covariance(nadir, pole, 0.0, heading_rad)
+    np.testing.assert_allclose(found, drawn, atol=0.02 * np.abs(drawn).max())
+
+
+@pytest.mark.parametrize("vertical", VERTICALS)
+@pytest.mark.parametrize("rotation_sigma_deg", [60.0, 183.0])
+def test_coarse_poses_without_an_attitude(vertical: str, rotation_sigma_deg: float) -> None:
+    rng = np.random.default_rng(52)
+    found = []
+    for seed in range(60):
+        craft = Craft(seed, cameras=(BARREL,) * (1 + seed % 2))
+        pose = craft.pose(rng, rotation_sigma_rad=float(np.radians(rotation_sigma_deg)))
+        estimate, cov, _ = solved(
+            StretchedEllipsoid(WGS84, vertical, pose), craft.observations(count=600)
+        )
+        found.append(nees(estimate, cov, craft.nadir(vertical)))
+    assert np.mean(found) < 3.0
+    assert np.mean(np.array(found) > 11.8) < 0.05
+
+
 @pytest.mark.parametrize("vertical", VERTICALS)
 def test_influence_against_refits_with_the_axis_moved(vertical: str) -> None:
     # The influence is of first order: hardly flattened, nothing else is left.

@@ -29,6 +29,12 @@ _OUTLIER_PX = 5.0
 ANY_POLE = np.diag([4 / 45] * 3 + [1 / 15] * 3)
 ANY_POLE[:3, :3] -= np.full((3, 3), 2 / 45) - np.diag([2 / 45] * 3)
 
+# A normal distribution by points: mean values of sines and cosines of up to four times an angle, of
+# a sigma of up to pi, are right to 1e-8.
+_NORMAL_AT = np.arange(-19, 20) * 0.32
+_NORMAL_WEIGHT = np.exp(-0.5 * _NORMAL_AT**2)
+_NORMAL_WEIGHT /= _NORMAL_WEIGHT.sum()
+
 
 def figure_influence(
     fit: HorizonFit, observations: Sequence[LimbObservation], planet: Planet, vertical: str
@@ -103,14 +109,14 @@ def pole_covariance(
     """(6, 6) of K from one sigma of the position, as an angle each way, and of the heading."""
     axes = np.column_stack((tangent_basis(nadir_base), nadir_base))
     k = pole_base @ axes
-    # Points at +-sqrt(3) sigma with a sixth of the weight each have the Gaussian's moments up to
-    # the fifth; a heading is rarely so good that its square does not matter.
-    angle = np.sqrt(3.0) * np.array([position_rad, position_rad, heading_rad])
-    angle = np.minimum(angle, np.pi / 2)
-    turns = np.concatenate((np.diag(angle), -np.diag(angle)))
+    # A heading of which nothing is known is any: K turns with twice the angle, its square with four
+    # times, and three points would see half of that or none.
+    angle = np.minimum((position_rad, position_rad, heading_rad), np.pi)
+    turns = (_NORMAL_AT[:, None, None] * np.diag(angle)).reshape(-1, 3)
     turned = rotation_from_vector(turns) @ k
     i, j = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
-    rows = (turned[:, i] * turned[:, j] - k[i] * k[j]) / np.sqrt(6.0)
+    rows = turned[:, i] * turned[:, j] - k[i] * k[j]
+    rows *= np.sqrt(np.repeat(_NORMAL_WEIGHT, 3))[:, None]
     return rows.T @ rows
 
 
