@@ -6,7 +6,8 @@ makes a fix of limbs that were found. Whom to believe: ``judgement`` (a fit), ``
 cameras), ``single_cameras`` (what each finds by itself), ``hidden_sky`` (a frame with a part of the
 craft before the sky), ``doubts`` (about cameras that contradicted others), ``craft_fixed`` (a
 limb that does not turn as the gyro says), ``leaps`` (where no craft comes so soon),
-``repeated_images`` (frozen cameras), ``lost_rows`` (frames that are not whole).
+``repeated_images`` (frozen cameras), ``lost_rows`` (frames that are not whole), ``byte_order``
+(pixels whose bytes are swapped).
 
 The folders these use, in the order of the data: ``lens`` (rays to the image plane), ``limb`` (image
 to limb points), ``fits`` (limb points to nadir and altitude), ``covariance`` (what else may be

@@ -28,6 +28,7 @@ from horizon_sensor_ros.core.attitude import (
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
+from horizon_sensor_ros.core.byte_order import bytes_swapped
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
@@ -135,6 +136,13 @@ def gray_from_image(msg: Any) -> np.ndarray | Refusal:
     if item_size == 2:
         rows = np.ascontiguousarray(rows).view(">u2" if msg.is_bigendian else "<u2")
         rows = np.require(rows, dtype=np.uint16, requirements="A")
+        if bytes_swapped(rows):
+            told = "the most" if msg.is_bigendian else "the least"
+            return Refusal(
+                "swapped_bytes",
+                f"is_bigendian says {told} significant byte comes first, by its pixels the other "
+                "one does",
+            )
     if to_gray is None:
         return np.ascontiguousarray(rows)
     if channels == 1 and min(width, height) < _MIN_BAYER_SIZE:
