@@ -250,6 +250,29 @@ def test_the_covariance_between_far_and_near_views_is_that_of_the_errors() -> No
         assert 2.0 < np.median(squared) < 8.0
 
 
+@pytest.mark.parametrize(("from_m", "to_m"), [(21.0, 5.0), (5.0, 21.0)])
+def test_the_noise_of_a_far_view_is_claimed_beside_a_near_one(from_m: float, to_m: float) -> None:
+    """Returns without a plane counted as if their noise were the other view's: 34 (squared)."""
+    rough = RegistrationConfig(max_rotation_std_rad=0.05, max_shift_std_m=0.05)
+    start = Rotation.from_euler("XYZ", (40, 30, 20), degrees=True).as_matrix()
+    turn = rotation_from_vector(np.radians(6.0) * np.array([0.3, 0.8, 0.52]))
+    a = pose_matrix(start, np.array([0, 0, from_m]))
+    b = pose_matrix(turn @ start, np.array([0, 0, to_m]))
+    truth = b @ inverse_pose(a)
+    squared = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        views = []
+        for pose in (a, b):
+            camera = ToFCamera(range_max_m=30.0, range_noise_m=1e-4 * float(pose[2, 3]) ** 2)
+            views.append(target_view(camera.scan(MESHES["n5"], pose, rng).points))
+        found = register(*views, rough, truth)
+        if found.status is Status.OK:
+            squared.append(nees(found, truth))
+    assert len(squared) > 8
+    assert 2.0 < np.median(squared) < 10.0
+
+
 def scanned(pose: np.ndarray, roll_deg: float, rng: np.random.Generator) -> np.ndarray:
     """(N, 3) plain cloud of a bare cylinder from a lidar of uneven lines, denser along them."""
     camera = ToFCamera(width=816, height=816, focal_length_m=4 * ToFCamera().focal_length_m)

@@ -11,6 +11,7 @@ import numpy as np
 from horizon_sensor_ros.core.target.consistency import project
 from horizon_sensor_ros.core.target.edges import Edges
 from horizon_sensor_ros.core.target.parts import PART_TILT_RAD
+from horizon_sensor_ros.core.target.planes import normal_noise
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 
 # Cosines between side normals, and between directions, of edges that may be one.
@@ -334,17 +335,20 @@ def _to_planes(
     agree &= off < gate_m
     agree[:planes] &= np.abs(along) > _SAME_NORMAL
     agree[planes:] &= sight < _EDGE_ON_COSINE
-    kept = np.flatnonzero(agree)
+    kept, first_bare = np.flatnonzero(agree), planes
     planes = int(np.searchsorted(kept, planes))
     near, index, kind = near[kept], index[kept], kind[kept]
     point, other, n, normal = (part.take(kept, axis=0) for part in (point, other, n, normal))
-    noise = b.noise_m[index]
+    noise, tilt = b.noise_m[index], b.tilt_rad[index]
     own = surfels.sigma_m[near]
-    own[planes:] = noise[planes:]
+    # A bare return's noise is its own view's, however well the other one knows the plane; and what
+    # that sees at a slant has no plane for a reason.
+    cosine = np.abs(sight[kept[planes:] - first_bare])
+    bare = normal_noise(a.sigma_m, a.footprint_m, cosine, tilt[planes:])
+    own[planes:] = np.maximum(bare, noise[planes:])
     variance = own * own + noise * noise
     plate = np.flatnonzero(kind)
     variance[plate] += (_ROUGH_PX[kind[plate]] * np.float32(b.footprint_m)) ** 2
-    tilt = b.tilt_rad[index]
     tilt2 = tilt * surfels.tilt_rad[near]
     # Both normals of a bare return are the plane's.
     tilt2[planes:] = tilt[planes:] ** 2 + np.float32(b.normal_noise_rad) ** 2
