@@ -71,7 +71,9 @@ class _QuietEnd:
 
     @staticmethod
     def begin() -> None:
-        """Take no more signals: Python, as it ends, drops its handlers, and one would kill it."""
+        """Take no more signals: Python, as it ends, drops its handlers, and one would kill it. And
+        let the end take no longer than `_END_S`.
+        """
         for number in _SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         # Should the middleware be stuck all the same (`participant_end`), no Python runs any more.

@@ -419,11 +419,7 @@ def test_an_approach_keeps_its_track() -> None:
         if k == 0:
             frame = inverse_pose(pose) @ fix.pose_sensor_from_target
             continue
-        truth, found = pose @ frame, fix.pose_sensor_from_target
-        error = np.concatenate(
-            [vector_from_rotation(truth[:3, :3] @ found[:3, :3].T), truth[:3, 3] - found[:3, 3]]
-        )
-        squared.append(error @ np.linalg.solve(fix.covariance, error))
+        squared.append(_square(pose @ frame, fix.pose_sensor_from_target, fix.covariance))
     assert max(squared) < 20
     # A view for each halving of the range, and the turn takes none of its own.
     assert fix.num_keyframes <= 5
