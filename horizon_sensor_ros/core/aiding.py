@@ -33,7 +33,8 @@ class CoarsePose:
     """Where the craft roughly is, and how it roughly lies.
 
     position_ecef_m : (3,). rot_ecef_from_base : (3, 3). position_sigma_m, rotation_sigma_rad : one
-    sigma of either along, and about, each axis.
+    sigma of either along, and about, each axis, at the time that it is of. age_s : between that
+    time and the frames', before or after.
     Raises ValueError for what is no position outside the planet's centre, or no rotation
     (orthonormal to 1e-6, determinant +1).
     """
@@ -42,6 +43,7 @@ class CoarsePose:
     rot_ecef_from_base: np.ndarray
     position_sigma_m: float = 50e3
     rotation_sigma_rad: float = float(np.radians(10.0))
+    age_s: float = 0.0
 
     def __post_init__(self) -> None:
         position = np.array(self.position_ecef_m, dtype=float)
@@ -52,7 +54,7 @@ class CoarsePose:
         object.__setattr__(self, "position_ecef_m", _read_only(position))
         rot = require_rotation(self.rot_ecef_from_base, "rot_ecef_from_base")
         object.__setattr__(self, "rot_ecef_from_base", _read_only(rot))
-        for name in ("position_sigma_m", "rotation_sigma_rad"):
+        for name in ("position_sigma_m", "rotation_sigma_rad", "age_s"):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be 0 or positive, got {getattr(self, name)}")
 

@@ -34,7 +34,8 @@ class HorizonConfig:
     camera's rotation, about every axis, of its calibration in the corners of its frames, of the
     planet's limb height, and of what that differs by along the limb, for the covariance.
     rate_sigma_rad_s : of the craft's angular rate, about every axis, where neither a gyro nor the
-    fixes before tell it: for the covariance of frames that are not of one moment.
+    fixes before tell it: for the covariance of frames that are not of one moment, and, without a
+    gyro, of a coarse pose's heading by its age.
     tracking : look for the limb where the last fix predicts it, and search the whole frames only
     where that does not do.
     """

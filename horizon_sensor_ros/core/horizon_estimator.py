@@ -51,6 +51,7 @@ from horizon_sensor_ros.core.planet_figure import (
     mean_sphere,
 )
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.turn_rate import TurnRate, rate_by_gyro
 from horizon_sensor_ros.core.white_level import full_scale
 
 # The fit weighs points by their own errors only. Where the points of one camera share a much larger
@@ -134,7 +135,9 @@ class HorizonEstimator:
         planet, vertical = self.config.planet, self.config.vertical
         if planet.flattening == 0.0 or aiding.coarse_pose is None:
             return MeanSphere(planet, vertical)
-        return StretchedEllipsoid(planet, vertical, aiding.coarse_pose)
+        told = rate_by_gyro(aiding)
+        rate = TurnRate(np.zeros(3), self.config.rate_sigma_rad_s) if told is None else told
+        return StretchedEllipsoid(planet, vertical, aiding.coarse_pose, rate=rate)
 
     def judged(self, sighting: Sighting, hidden: Container[int] = ()) -> Judged:
         """Fit the limbs of a sighting and judge the fit.

@@ -4,7 +4,6 @@ reason why not. Where the last fix predicts the limb it is followed, else search
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -32,7 +31,7 @@ from horizon_sensor_ros.core.readout import view_at_stamp
 from horizon_sensor_ros.core.repeated_images import RepeatedImages
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.track import Track
-from horizon_sensor_ros.core.turn_rate import GYRO_SIGMA_RAD_S, TurnRate
+from horizon_sensor_ros.core.turn_rate import TurnRate, rate_by_gyro
 
 # Longer side of a frame over the shorter one.
 _MOST_LENGTHY = 100.0
@@ -137,7 +136,7 @@ class HorizonSensor:
     def _brought_together(self, frames: Sequence[Frame], aiding: Aiding) -> HorizonFix:
         """Fix of frames that are not of one moment, at that of the first camera that is in it."""
         by_fixes = self._nadir_rate.now(self.config.rate_sigma_rad_s)
-        told = _by_gyro(aiding)
+        told = rate_by_gyro(aiding)
         if told is None:
             return self._at_rate(frames, by_fixes, aiding)
         if not self._gyro_trust.believes(told, by_fixes, aiding.since_last_s):
@@ -314,13 +313,6 @@ class HorizonSensor:
         frame = outside[track.age % len(outside)]
         most = _MANY_MORE * track.outside[frame.view.name] + MIN_INLIERS
         return self._search.agreeing(frame) > most
-
-
-def _by_gyro(aiding: Aiding) -> TurnRate | None:
-    """How fast the craft turns by the gyro, if there is one."""
-    if aiding.rate_base_rad_s is None:
-        return None
-    return TurnRate(aiding.rate_base_rad_s, math.hypot(GYRO_SIGMA_RAD_S, aiding.rate_spread_rad_s))
 
 
 def _without_gyro(fix: HorizonFix, reason: str) -> HorizonFix:

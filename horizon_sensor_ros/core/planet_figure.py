@@ -29,10 +29,14 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.rigid import skew
 from horizon_sensor_ros.core.stretched_camera import stretched_view
+from horizon_sensor_ros.core.turn_rate import TurnRate
 
 VERTICALS = ("geocentric", "geodetic")
 # A coarse attitude farther off the measured vertical than this many of its sigmas is none.
 _CONTRADICTION_SIGMAS = 5.0
+# Of a circular orbit at the surface of the Earth, by its density, which no other planet exceeds.
+_ORBIT_RAD_S = 1.24e-3
+_STANDS_STILL = TurnRate(np.zeros(3), 0.0)
 
 
 class Figure(Protocol):
@@ -122,7 +126,8 @@ class StretchedEllipsoid:
     """An ellipsoid whose axis a coarse pose gives, stretched to a sphere of its mean limb.
 
     pole_base : (3,) unit vector along the axis; by default as the pose has it. heading_sigma_rad :
-    what the heading is off by, where that is more than the pose claims.
+    what the heading is off by, where that is more than the pose claims. rate : at which the craft
+    has turned since the time of the pose.
     """
 
     def __init__(
@@ -132,10 +137,12 @@ class StretchedEllipsoid:
         pose: CoarsePose,
         pole_base: np.ndarray | None = None,
         heading_sigma_rad: float = 0.0,
+        rate: TurnRate = _STANDS_STILL,
     ) -> None:
         self._planet = planet
         self._vertical = vertical
         self._pose = pose
+        self._rate = rate
         self._pole = pose.rot_ecef_from_base[2] if pole_base is None else pole_base
         self._heading_sigma = max(heading_sigma_rad, pose.rotation_sigma_rad)
         self.sphere = mean_sphere(planet)
@@ -167,27 +174,26 @@ class StretchedEllipsoid:
         coarse_up = coarse_up / np.linalg.norm(coarse_up)
         axis, cosine = np.cross(coarse_up, up), float(coarse_up @ up)
         off = np.arctan2(np.linalg.norm(axis), cosine)
-        if off > min(_CONTRADICTION_SIGMAS * self._pose.rotation_sigma_rad + 1e-3, 0.9 * np.pi):
+        sigma = math.hypot(self._pose.rotation_sigma_rad, self._position_sigma_rad)
+        if off > min(_CONTRADICTION_SIGMAS * sigma + 1e-3, 0.9 * np.pi):
             why = f"the coarse pose is {np.degrees(off):.0f} deg off the limb's vertical"
             return MeanSphere(self._planet, self._vertical, why)
         pole = self._pose.rot_ecef_from_base[2]
         pole = cosine * pole + np.cross(axis, pole) + axis * (axis @ pole) / (1.0 + cosine)
         return StretchedEllipsoid(
-            self._planet, self._vertical, self._pose, pole, float(off) * math.sqrt(0.5)
+            self._planet, self._vertical, self._pose, pole, float(off) * math.sqrt(0.5), self._rate
         )
 
     def covariance(self, fit: HorizonFit, observations: Sequence[LimbObservation]) -> np.ndarray:
         """(4, 4), error that the pose's leaves: its position's in latitude, its attitude's in
-        heading.
+        heading, and what the craft has moved and turned by since.
         """
         influence = figure_influence(fit, observations, self._planet, self._vertical)
-        distance = float(np.linalg.norm(self._pose.position_ecef_m))
-        of_pole = pole_covariance(
-            fit.nadir_base,
-            self._pole,
-            self._pose.position_sigma_m / distance,
-            self._heading_sigma,
-        )
+        # Turns about other axes are seen: `aligned` measures them.
+        about_nadir = float(self._rate.rate_base_rad_s @ fit.nadir_base)
+        turned = self._pose.age_s * math.hypot(about_nadir, self._rate.sigma_rad_s)
+        heading = math.hypot(self._heading_sigma, turned)
+        of_pole = pole_covariance(fit.nadir_base, self._pole, self._position_sigma_rad, heading)
         return figure_covariance(fit, influence, of_pole)
 
     def altitude(self, known: AltitudeMeasurement) -> AltitudeMeasurement:
@@ -221,6 +227,15 @@ class StretchedEllipsoid:
             cov_nadir_altitude=turn @ fit.cov_nadir_altitude @ turn.T,
             disc=Disc(self, fit.nadir_base, fit.rho_rad),
         )
+
+    @property
+    def _position_sigma_rad(self) -> float:
+        """One sigma of the position each way, as an angle, at the time of the frames."""
+        distance = float(np.linalg.norm(self._pose.position_ecef_m))
+        radii = max(distance / self._planet.mean_radius_m, 1.0)
+        # Along one of the two ways, nobody knows which.
+        moved = _ORBIT_RAD_S * radii**-1.5 * self._pose.age_s * math.sqrt(0.5)
+        return math.hypot(self._pose.position_sigma_m / distance, moved)
 
     def _unstretched(self, vector: np.ndarray) -> np.ndarray:
         return vector + (1.0 / self._ratio - 1.0) * (vector @ self._pole) * self._pole

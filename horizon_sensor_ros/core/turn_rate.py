@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from horizon_sensor_ros.core.aiding import Aiding
+
 # One sigma of a gyro's rate as that of the horizon, which itself turns by up to .07 deg/s along an
 # orbit.
 GYRO_SIGMA_RAD_S = math.radians(0.1)
@@ -21,3 +23,10 @@ class TurnRate:
     rate_base_rad_s: np.ndarray
     sigma_rad_s: float
     nadir_base: np.ndarray | None = None
+
+
+def rate_by_gyro(aiding: Aiding) -> TurnRate | None:
+    """How fast the craft turns by the gyro, if there is one."""
+    if aiding.rate_base_rad_s is None:
+        return None
+    return TurnRate(aiding.rate_base_rad_s, math.hypot(GYRO_SIGMA_RAD_S, aiding.rate_spread_rad_s))

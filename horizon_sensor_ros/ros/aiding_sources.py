@@ -157,7 +157,7 @@ class AidingSources:
             return None
         of_use = self._planet.flattening > 0.0 or self._settings.pose_altitude_sigma_m > 0.0
         self.words[COARSE_POSE_TOPIC] = "used" if of_use else _OF_NO_USE
-        return self._pose[1]
+        return replace(self._pose[1], age_s=abs(age) / NANOSECONDS)
 
     def _altitude(self, pose: CoarsePose | None) -> AltitudeMeasurement | None:
         """That of the pose, where its altitude has a sigma; else the parameter's, if any."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from horizon_sensor_ros.core.fits import METHODS, fit_horizon
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
+from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator
 from horizon_sensor_ros.core.horizon_fix import Frame
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb_curve import limb_curve
@@ -307,6 +309,56 @@ def test_an_attitude_far_off_the_vertical_is_not_sure_of_its_heading(off_deg: fl
         found.append(nees(estimate, cov, craft.nadir("geodetic")))
     assert np.median(found) < 2.5
     assert np.mean(np.array(found) > 11.8) < 0.15
+
+
+@pytest.mark.parametrize("vertical", VERTICALS)
+def test_what_the_craft_flew_since_its_pose_is_in_the_covariance(vertical: str) -> None:
+    """A minute along a low orbit is 450 km, nine sigma of a coarse pose, and not seen from it."""
+    rng = np.random.default_rng(52)
+    age_s, found, at_once = 60.0, [], []
+    for seed in range(60):
+        craft = Craft(seed, cameras=(BARREL,) * (1 + seed % 2), altitudes_m=(300e3, 800e3))
+        distance = float(np.linalg.norm(craft.position))
+        # Flown level: position and attitude turn about the planet's centre alike.
+        axis = np.cross(craft.position, rng.standard_normal(3))
+        orbit_rad_s = np.sqrt(3.986e14 / distance**3)
+        flown = Rotation.from_rotvec(age_s * orbit_rad_s * axis / np.linalg.norm(axis)).as_matrix()
+        position, rot = flown @ craft.position, flown @ craft.rot_ecef_from_base
+        for age, each in ((age_s, found), (0.0, at_once)):
+            pose = CoarsePose(position, rot, 1e3, 0.01, age_s=age)
+            figure = StretchedEllipsoid(WGS84, vertical, pose)
+            estimate, cov, _ = solved(figure, craft.observations(count=600))
+            each.append(nees(estimate, cov, craft.nadir(vertical)))
+    assert np.mean(found) < 2.4
+    assert np.mean(at_once) > 1.5 * np.mean(found)
+
+
+def test_what_the_craft_turned_since_its_pose_is_in_the_covariance() -> None:
+    craft = Craft(13)
+    pose = replace(craft.pose(), age_s=30.0)
+    nadir = craft.nadir("geocentric")
+    estimator = HorizonEstimator(HorizonConfig(planet=WGS84, rate_sigma_rad_s=0.002))
+
+    def sigma_deg(aiding: Aiding) -> float:
+        _, cov, _ = solved(estimator.figure(aiding), craft.observations())
+        return float(np.degrees(np.sqrt(np.linalg.eigvalsh(cov[:3, :3])[-1])))
+
+    unknown = sigma_deg(Aiding(pose))
+    # About a horizontal axis the vertical shows it.
+    along = sigma_deg(Aiding(pose, rate_base_rad_s=0.03 * tangent_basis(nadir)[:, 0]))
+    about = sigma_deg(Aiding(pose, rate_base_rad_s=0.03 * nadir))
+    assert along == pytest.approx(unknown, rel=0.05)
+    assert about > 3.0 * along
+
+
+def test_an_attitude_is_not_contradicted_by_what_the_position_is_off_by() -> None:
+    """A star tracker's, beside a position that is good to 50 km, 0.4 deg of the vertical."""
+    craft = Craft(14)
+    east = np.cross(craft.position, [0.0, 0.0, 1.0])
+    position = craft.position + 100e3 * east / np.linalg.norm(east)
+    pose = CoarsePose(position, craft.rot_ecef_from_base, 50e3, 1e-4)
+    _, _, figure = solved(StretchedEllipsoid(WGS84, "geocentric", pose), craft.observations())
+    assert figure.shortfall == ""
 
 
 @pytest.mark.parametrize("vertical", VERTICALS)

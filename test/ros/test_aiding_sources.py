@@ -69,7 +69,14 @@ def test_a_pose_is_taken_as_it_is_with_the_sigmas_of_the_parameters() -> None:
     np.testing.assert_array_equal(pose.position_ecef_m, POSITION)
     np.testing.assert_allclose(pose.rot_ecef_from_base, ROTATION, atol=1e-12)
     assert (pose.position_sigma_m, pose.rotation_sigma_rad) == (2e3, 0.02)
+    assert pose.age_s == 1.0
     assert aiding.words["coarse_pose"] == "used"
+    # Before or after the frames: the craft has moved in between.
+    earlier = sources()
+    earlier.on_coarse_pose(pose_of())
+    pose = earlier.of_set(START_NS - 30 * S).coarse_pose
+    assert pose is not None
+    assert pose.age_s == 30.0
 
 
 @pytest.mark.parametrize(

@@ -145,7 +145,8 @@ HORIZON_PARAMETERS = (
         "coarse_pose_max_age",
         "double",
         60.0,
-        "A coarse pose older than this, by its stamp and the image's, is not used.",
+        "A coarse pose older than this, by its stamp and the image's, is not used. What the craft "
+        "may have flown and turned by until then is claimed.",
         unit="s",
         minimum=0.0,
         maximum=1e6,
@@ -154,7 +155,7 @@ HORIZON_PARAMETERS = (
         "coarse_pose_position_sigma",
         "double",
         CoarsePose.position_sigma_m,
-        "One sigma of the coarse pose's position, along each axis.",
+        "One sigma of the coarse pose's position at its stamp, along each axis.",
         unit="m",
         minimum=0.0,
         maximum=1e7,
@@ -163,7 +164,7 @@ HORIZON_PARAMETERS = (
         "coarse_pose_rotation_sigma",
         "double",
         CoarsePose.rotation_sigma_rad,
-        "One sigma of the coarse pose's orientation, about each axis.",
+        "One sigma of the coarse pose's orientation at its stamp, about each axis.",
         unit="rad",
         minimum=0.0,
         maximum=3.2,
@@ -210,7 +211,8 @@ HORIZON_PARAMETERS = (
         "double",
         HorizonConfig.rate_sigma_rad_s,
         "One sigma of the craft's angular rate, about every axis, where neither imu nor the fixes "
-        "before tell it: for the covariance of frames that are not of one moment.",
+        "before tell it: for the covariance of frames that are not of one moment, and, without "
+        "imu, of a coarse pose's heading by its age.",
         unit="rad/s",
         minimum=0.0,
         maximum=10.0,
