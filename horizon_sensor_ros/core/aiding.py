@@ -4,11 +4,18 @@ rate, time.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import require_rotation
+from horizon_sensor_ros.core.planet import Planet
+
+# Of a circular orbit at the surface of the Earth, by its density, which no other planet exceeds.
+_ORBIT_RAD_S = 1.24e-3
+# Of what is flown: a circular orbit climbs by the Earth's flattening, and low ones are no rounder.
+_CLIMBS = 1 / 300
 
 
 @dataclass(frozen=True)
@@ -57,6 +64,35 @@ class CoarsePose:
         for name in ("position_sigma_m", "rotation_sigma_rad", "age_s"):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be 0 or positive, got {getattr(self, name)}")
+
+    def flown_rad(self, planet: Planet) -> float:
+        """Return the angle about the planet's centre that a circular orbit so high flies until the
+        frames.
+        """
+        radii = max(self._distance_m / planet.mean_radius_m, 1.0)
+        return float(_ORBIT_RAD_S * radii**-1.5 * self.age_s)
+
+    def position_sigma_rad(self, planet: Planet) -> float:
+        """One sigma of the position each way, as an angle, at the time of the frames."""
+        # Along one of the two ways, nobody knows which.
+        flown = self.flown_rad(planet) * math.sqrt(0.5)
+        return math.hypot(self.position_sigma_m / self._distance_m, flown)
+
+    def altitude(self, planet: Planet, sigma_m: float) -> AltitudeMeasurement:
+        """Return its height above the planet's surface, known to sigma_m at its own time, as a
+        measurement at that of the frames: an orbit's that is circular to some thousandths.
+
+        Raises ValueError for a sigma that is not positive.
+        """
+        if not 0.0 < sigma_m < np.inf:
+            raise ValueError(f"sigma_m must be positive, got {sigma_m}")
+        _, _, height = planet.geodetic_from_ecef(self.position_ecef_m)
+        climbed = _CLIMBS * self.flown_rad(planet) * self._distance_m
+        return AltitudeMeasurement(height, math.hypot(sigma_m, climbed))
+
+    @property
+    def _distance_m(self) -> float:
+        return float(np.linalg.norm(self.position_ecef_m))
 
 
 @dataclass(frozen=True, eq=False)

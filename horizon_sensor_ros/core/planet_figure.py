@@ -34,8 +34,6 @@ from horizon_sensor_ros.core.turn_rate import TurnRate
 VERTICALS = ("geocentric", "geodetic")
 # A coarse attitude farther off the measured vertical than this many of its sigmas is none.
 _CONTRADICTION_SIGMAS = 5.0
-# Of a circular orbit at the surface of the Earth, by its density, which no other planet exceeds.
-_ORBIT_RAD_S = 1.24e-3
 _STANDS_STILL = TurnRate(np.zeros(3), 0.0)
 
 
@@ -174,7 +172,9 @@ class StretchedEllipsoid:
         coarse_up = coarse_up / np.linalg.norm(coarse_up)
         axis, cosine = np.cross(coarse_up, up), float(coarse_up @ up)
         off = np.arctan2(np.linalg.norm(axis), cosine)
-        sigma = math.hypot(self._pose.rotation_sigma_rad, self._position_sigma_rad)
+        sigma = math.hypot(
+            self._pose.rotation_sigma_rad, self._pose.position_sigma_rad(self._planet)
+        )
         if off > min(_CONTRADICTION_SIGMAS * sigma + 1e-3, 0.9 * np.pi):
             why = f"the coarse pose is {np.degrees(off):.0f} deg off the limb's vertical"
             return MeanSphere(self._planet, self._vertical, why)
@@ -193,7 +193,8 @@ class StretchedEllipsoid:
         about_nadir = float(self._rate.rate_base_rad_s @ fit.nadir_base)
         turned = self._pose.age_s * math.hypot(about_nadir, self._rate.sigma_rad_s)
         heading = math.hypot(self._heading_sigma, turned)
-        of_pole = pole_covariance(fit.nadir_base, self._pole, self._position_sigma_rad, heading)
+        position = self._pose.position_sigma_rad(self._planet)
+        of_pole = pole_covariance(fit.nadir_base, self._pole, position, heading)
         return figure_covariance(fit, influence, of_pole)
 
     def altitude(self, known: AltitudeMeasurement) -> AltitudeMeasurement:
@@ -227,15 +228,6 @@ class StretchedEllipsoid:
             cov_nadir_altitude=turn @ fit.cov_nadir_altitude @ turn.T,
             disc=Disc(self, fit.nadir_base, fit.rho_rad),
         )
-
-    @property
-    def _position_sigma_rad(self) -> float:
-        """One sigma of the position each way, as an angle, at the time of the frames."""
-        distance = float(np.linalg.norm(self._pose.position_ecef_m))
-        radii = max(distance / self._planet.mean_radius_m, 1.0)
-        # Along one of the two ways, nobody knows which.
-        moved = _ORBIT_RAD_S * radii**-1.5 * self._pose.age_s * math.sqrt(0.5)
-        return math.hypot(self._pose.position_sigma_m / distance, moved)
 
     def _unstretched(self, vector: np.ndarray) -> np.ndarray:
         return vector + (1.0 / self._ratio - 1.0) * (vector @ self._pole) * self._pole

@@ -163,8 +163,7 @@ class AidingSources:
         """That of the pose, where its altitude has a sigma; else the parameter's, if any."""
         s = self._settings
         if pose is not None and s.pose_altitude_sigma_m > 0:
-            height = self._planet.geodetic_from_ecef(pose.position_ecef_m)[2]
-            return AltitudeMeasurement(height, s.pose_altitude_sigma_m)
+            return pose.altitude(self._planet, s.pose_altitude_sigma_m)
         if s.altitude_sigma_m > 0:
             return AltitudeMeasurement(s.altitude_m, s.altitude_sigma_m)
         return None
