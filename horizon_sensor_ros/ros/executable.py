@@ -126,14 +126,7 @@ def run(names: Sequence[str] = ()) -> int:
             executor.spin_once(timeout_sec=_WAKE_UP_S)
     except Exception as error:
         program = names[0] if len(names) == 1 else ONE_PROCESS
-        words = " ".join(str(error).split())
-        if type(error).__name__ == "UnknownROSArgsError":
-            # rclpy, whose class has no public name, says no more than what it was given.
-            words = f"unknown ROS argument {words.strip('[]')}"
-        elif "params file" in words or words.startswith("a parameter was given an empty list"):
-            # Neither rcl nor rclpy says which value it is.
-            words = _why_refused(sys.argv) or words
-        print(f"{program}: {words}", file=sys.stderr)
+        print(f"{program}: {_in_words(error)}", file=sys.stderr)
         return 1
     finally:
         end.begin()
@@ -154,6 +147,17 @@ def _help(name: str) -> str:
         else "-r camera_1/image_raw:=/left/image -r camera_1/camera_info:=/left/info"
     )
     return _HELP.format(name=name, what=_WHAT[name], remap=f" \\\n      {remap}")
+
+
+def _in_words(error: Exception) -> str:
+    words = " ".join(str(error).split())
+    if type(error).__name__ == "UnknownROSArgsError":
+        # rclpy, whose class has no public name, says no more than what it was given.
+        return f"unknown ROS argument {words.strip('[]')}"
+    if "params file" in words or words.startswith("a parameter was given an empty list"):
+        # Neither rcl nor rclpy says which value it is.
+        return _why_refused(sys.argv) or words
+    return words
 
 
 def _load(where: str) -> Any:

@@ -213,21 +213,28 @@ def limb_of_edges(
         height_px = _CLIPPED_HEIGHT * overexposed * usual_length_px(view, rho_rad)
         points = replace(points, shared=points.shared._replace(height_px=height_px))
     else:
+        shared = shared.besides(_darkening(sample, profiles, places, rho_rad, edges.model_free))
         steepness = _steepness(_falls(profiles), sample.grid)
-        darkening = darkening_error(
-            profiles,
-            sample.grid,
-            places.step,
-            ground_across_px(sample.pitch_rad, rho_rad),
-            model_free=edges.model_free,
-        )
-        shared = shared.besides(darkening)
         blur_px = np.nan if edges.model_free else sample.factor * looks[0].psf_px
         points = _points(
             sample, px, normal_px, places, shared, jumps_px, steepness, blur_px, edges.corner_blur
         )
         points = replace(points, modelled=not no_model)
     return points, () if no_model else tuple(looks)
+
+
+def _darkening(
+    sample: LimbSample,
+    profiles: np.ndarray,
+    places: EdgePlaces,
+    rho_rad: float,
+    model_free: bool = False,
+) -> SharedError:
+    """Error that edges share over ground that darkens towards them; profiles are (N, J)."""
+    px_over_radius = ground_across_px(sample.pitch_rad, rho_rad)
+    return darkening_error(
+        profiles, sample.grid, places.step, px_over_radius, model_free=model_free
+    )
 
 
 def _contour(
@@ -317,8 +324,7 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
         return None
     steepness, blur_px = _steepness(falls, sample.grid), sample.factor * look.psf_px
     shared = _of_sharpness(found.shared, look)
-    px_over_radius = ground_across_px(sample.pitch_rad, rho_rad)
-    shared = shared.besides(darkening_error(profiles, sample.grid, places.step, px_over_radius))
+    shared = shared.besides(_darkening(sample, profiles, places, rho_rad))
     return _points(
         sample, px, normal_px, places, shared, jumps_px, steepness, blur_px, found.corner_blur
     )
