@@ -162,9 +162,10 @@ class StretchedEllipsoid:
     def aligned(self, nadir_base: np.ndarray) -> Figure:
         """Return the figure turned, by the shortest way, to the vertical that was measured.
 
-        What is left of the coarse attitude is the heading. Where it contradicts the vertical it is
-        not believed, and the mean sphere is returned. Before that an attitude that is far off the
-        vertical is taken to be as far off about it: of a turn about any axis two components show.
+        What is left of the coarse attitude is the heading. Where it contradicts the vertical, by
+        more than the craft may have turned since, it is not believed, and the mean sphere is
+        returned. Before that an attitude that is far off the vertical is taken to be as far off
+        about it: of a turn about any axis two components show.
         """
         up = self._unstretched(-nadir_base)
         up /= np.linalg.norm(up)
@@ -172,10 +173,14 @@ class StretchedEllipsoid:
         coarse_up = coarse_up / np.linalg.norm(coarse_up)
         axis, cosine = np.cross(coarse_up, up), float(coarse_up @ up)
         off = np.arctan2(np.linalg.norm(axis), cosine)
+        age = self._pose.age_s
+        turned = age * float(np.linalg.norm(self._rate.rate_base_rad_s))
         sigma = math.hypot(
-            self._pose.rotation_sigma_rad, self._pose.position_sigma_rad(self._planet)
+            self._pose.rotation_sigma_rad,
+            self._pose.position_sigma_rad(self._planet),
+            age * self._rate.sigma_rad_s,
         )
-        if off > min(_CONTRADICTION_SIGMAS * sigma + 1e-3, 0.9 * np.pi):
+        if off > min(_CONTRADICTION_SIGMAS * sigma + turned + 1e-3, 0.9 * np.pi):
             why = f"the coarse pose is {np.degrees(off):.0f} deg off the limb's vertical"
             return MeanSphere(self._planet, self._vertical, why)
         pole = self._pose.rot_ecef_from_base[2]

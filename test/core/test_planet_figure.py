@@ -374,6 +374,29 @@ def test_what_the_craft_turned_since_its_pose_is_in_the_covariance() -> None:
     assert about > 3.0 * along
 
 
+@pytest.mark.parametrize("with_gyro", [False, True])
+def test_an_attitude_is_not_contradicted_by_what_the_craft_turned_since(with_gyro: bool) -> None:
+    """A star tracker's of ten seconds ago, on a craft that turns by 1 deg/s."""
+    rng = np.random.default_rng(53)
+    age_s, found, off_deg = 10.0, [], []
+    estimator = HorizonEstimator(HorizonConfig(planet=WGS84))
+    for seed in range(40):
+        craft = Craft(seed, altitudes_m=(300e3, 800e3))
+        rate = rng.standard_normal(3)
+        rate *= np.radians(1.0) / np.linalg.norm(rate)
+        back = Rotation.from_rotvec(-age_s * rate).as_matrix()
+        pose = CoarsePose(craft.position, craft.rot_ecef_from_base @ back, 1e3, 0.002, age_s)
+        figure = estimator.figure(Aiding(pose, rate_base_rad_s=rate if with_gyro else None))
+        estimate, cov, figure = solved(figure, craft.observations(count=600))
+        assert figure.shortfall == ""
+        nadir = craft.nadir("geocentric")
+        found.append(nees(estimate, cov, nadir))
+        off_deg.append(np.degrees(angle_between(estimate.nadir_base, nadir)))
+    assert np.mean(found) < 2.4
+    # As a sphere it is 0.09 deg off.
+    assert np.median(off_deg) < 0.03
+
+
 def test_an_attitude_is_not_contradicted_by_what_the_position_is_off_by() -> None:
     """A star tracker's, beside a position that is good to 50 km, 0.4 deg of the vertical."""
     craft = Craft(14)
