@@ -221,7 +221,7 @@ class HorizonEstimator:
             return None
         edge, observations = found.edge, found.observations
         estimate = found.above_ground(self.sphere)
-        estimate, unused = self._with_known_altitude(estimate, figure, sighting.aiding)
+        estimate, unused = self._of_the_planet(estimate, figure, sighting.aiding)
         refused = refusal(edge, observations, self.config, layered=True, estimate=estimate)
         if refused is not None:
             if refused[0] is not Status.UNCERTAIN:
@@ -232,7 +232,7 @@ class HorizonEstimator:
         return HorizonFix(
             Status.OK,
             "; ".join(filter(None, (_BY_AIRGLOW_ALONE, unused))),
-            replace(figure.estimate(estimate), disc=disc),
+            replace(estimate, disc=disc),
             tuple(seen.limb for seen in observations),
             edge.cameras,
             airglow=edge,
@@ -269,7 +269,7 @@ class HorizonEstimator:
         airglow = self._airglow(sighting, fit, limbs.observations)
         if airglow is not None:
             estimate, contradicted = self._with_airglow(fit, airglow, limbs.observations, figure)
-        estimate, unused = self._with_known_altitude(estimate, figure, sighting.aiding)
+        estimate, unused = self._of_the_planet(estimate, figure, sighting.aiding)
         glows = [
             detection.glow_over_usual(i)
             for i, seen in enumerate(limbs.observations)
@@ -293,7 +293,7 @@ class HorizonEstimator:
         doubts = "; ".join(filter(None, (limbs.contradiction, unused)))
         # The disc stays the one that the frames show, wherever the known altitude puts nadir.
         disc = Disc(figure, fit.nadir_base, fit.rho_rad)
-        found = replace(figure.estimate(estimate), disc=disc)
+        found = replace(estimate, disc=disc)
         return HorizonFix(Status.OK, doubts, found, limbs.points, fit.cameras, airglow=airglow)
 
     def _airglow(
@@ -330,13 +330,18 @@ class HorizonEstimator:
         common = common + figure.covariance(fit, observations)
         return with_airglow(fit, airglow, common, self.sphere), None
 
-    def _with_known_altitude(
-        self, estimate: HorizonFit, figure: Figure, aiding: Aiding
+    def _of_the_planet(
+        self, fit: HorizonFit, figure: Figure, aiding: Aiding
     ) -> tuple[HorizonFit, str]:
-        """Estimate by the altitude that is known, if one is, and why it is not used."""
+        """Estimate of nadir and altitude above the planet that a fit of its sphere makes, by the
+        altitude that is known too, if one is; and why that is not used.
+        """
+        estimate = figure.estimate(fit)
         if aiding.altitude is None:
             return estimate, ""
-        return with_altitude(estimate, figure.altitude(aiding.altitude), self.sphere)
+        # Not before: how high one height is above the stretched planet changes with latitude, which
+        # the update moves with nadir.
+        return with_altitude(estimate, aiding.altitude, self.sphere)
 
     def _with_errors(
         self, fit: HorizonFit, observations: Sequence[LimbObservation], figure: Figure

@@ -15,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from horizon_sensor_ros.core.aiding import AltitudeMeasurement, CoarsePose
+from horizon_sensor_ros.core.aiding import CoarsePose
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.covariance.figure_error import (
     ANY_POLE,
@@ -59,9 +59,6 @@ class Figure(Protocol):
 
     def covariance(self, fit: HorizonFit, observations: Sequence[LimbObservation]) -> np.ndarray:
         """(4, 4) of (nadir, altitude): error of a fit that the figure's own error makes."""
-
-    def altitude(self, known: AltitudeMeasurement) -> AltitudeMeasurement:
-        """Return an altitude above the planet's surface as one above that sphere."""
 
     def estimate(self, fit: HorizonFit) -> HorizonFit:
         """Return a fit of that sphere as nadir and altitude of the planet."""
@@ -110,10 +107,6 @@ class MeanSphere:
             return np.zeros((4, 4))
         influence = figure_influence(fit, observations, self._planet, self._vertical)
         return figure_covariance(fit, influence, ANY_POLE)
-
-    def altitude(self, known: AltitudeMeasurement) -> AltitudeMeasurement:
-        """Return the altitude as it is."""
-        return known
 
     def estimate(self, fit: HorizonFit) -> HorizonFit:
         """Return the fit with its disc."""
@@ -201,14 +194,6 @@ class StretchedEllipsoid:
         position = self._pose.position_sigma_rad(self._planet)
         of_pole = pole_covariance(fit.nadir_base, self._pole, position, heading)
         return figure_covariance(fit, influence, of_pole)
-
-    def altitude(self, known: AltitudeMeasurement) -> AltitudeMeasurement:
-        """Return the altitude of the stretched position, at the pose's latitude."""
-        latitude, _, _ = self._planet.geodetic_from_ecef(self._pose.position_ecef_m)
-        position = self._planet.ecef_from_geodetic(latitude, 0.0, known.altitude_m)
-        stretched = self._scale * position * (1.0, 1.0, self._ratio)
-        altitude = float(np.linalg.norm(stretched)) - self.sphere.mean_radius_m
-        return AltitudeMeasurement(altitude, known.sigma_m)
 
     def estimate(self, fit: HorizonFit) -> HorizonFit:
         """Return the position brought back, its vertical, and its height above the ellipsoid."""
