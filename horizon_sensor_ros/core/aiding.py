@@ -14,8 +14,8 @@ from horizon_sensor_ros.core.planet import Planet
 
 # Of a circular orbit at the surface of the Earth, by its density, which no other planet exceeds.
 _ORBIT_RAD_S = 1.24e-3
-# Of what is flown: a circular orbit climbs by the Earth's flattening, and low ones are no rounder.
-_CLIMBS = 1 / 300
+# One sigma of how fast an orbit rises or sinks, over its speed: that of most low ones is less.
+_RISING = 0.005
 
 
 @dataclass(frozen=True)
@@ -65,34 +65,37 @@ class CoarsePose:
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be 0 or positive, got {getattr(self, name)}")
 
+    @property
+    def distance_m(self) -> float:
+        """From the planet's centre."""
+        return float(np.linalg.norm(self.position_ecef_m))
+
     def flown_rad(self, planet: Planet) -> float:
-        """Return the angle about the planet's centre that a circular orbit so high flies until the
-        frames.
-        """
-        radii = max(self._distance_m / planet.mean_radius_m, 1.0)
-        return float(_ORBIT_RAD_S * radii**-1.5 * self.age_s)
+        """Return how far a circular orbit goes around the planet within age_s."""
+        radii = max(self.distance_m / planet.mean_radius_m, 1.0)
+        return _ORBIT_RAD_S * radii**-1.5 * self.age_s
 
     def position_sigma_rad(self, planet: Planet) -> float:
         """One sigma of the position each way, as an angle, at the time of the frames."""
         # Along one of the two ways, nobody knows which.
         flown = self.flown_rad(planet) * math.sqrt(0.5)
-        return math.hypot(self.position_sigma_m / self._distance_m, flown)
+        return math.hypot(self.position_sigma_m / self.distance_m, flown)
 
     def altitude(self, planet: Planet, sigma_m: float) -> AltitudeMeasurement:
-        """Return its height above the planet's surface, known to sigma_m at its own time, as a
-        measurement at that of the frames: an orbit's that is circular to some thousandths.
+        """Return its altitude at the time of the frames; sigma_m : one sigma at that of the pose.
 
-        Raises ValueError for a sigma that is not positive.
+        An orbit is no circle, and the surface below it, flattened, does not keep its distance from
+        the centre. Which way the craft flew since nobody knows. Raises ValueError for a sigma that
+        is not positive.
         """
         if not 0.0 < sigma_m < np.inf:
             raise ValueError(f"sigma_m must be positive, got {sigma_m}")
-        _, _, height = planet.geodetic_from_ecef(self.position_ecef_m)
-        climbed = _CLIMBS * self.flown_rad(planet) * self._distance_m
-        return AltitudeMeasurement(height, math.hypot(sigma_m, climbed))
-
-    @property
-    def _distance_m(self) -> float:
-        return float(np.linalg.norm(self.position_ecef_m))
+        latitude, _, altitude_m = planet.geodetic_from_ecef(self.position_ecef_m)
+        flown = self.flown_rad(planet)
+        rising_m = _RISING * self.distance_m * min(flown, 1.0)
+        along = abs(math.sin(2.0 * latitude)) * math.sqrt(0.5) * flown + 0.5 * flown**2
+        surface_m = planet.flattening * planet.radius_m * min(along, 0.5)
+        return AltitudeMeasurement(altitude_m, math.hypot(sigma_m, rising_m, surface_m))
 
 
 @dataclass(frozen=True, eq=False)

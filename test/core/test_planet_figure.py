@@ -335,29 +335,6 @@ def test_what_the_craft_flew_since_its_pose_is_in_the_covariance(vertical: str) 
     assert np.mean(at_once) > 1.5 * np.mean(found)
 
 
-@pytest.mark.parametrize("altitude_m", [200e3, 800e3])
-def test_a_circular_orbit_climbs_no_more_than_its_poses_altitude_claims(altitude_m: float) -> None:
-    """Its height above the ellipsoid changes; how fast it flies is Kepler's third law."""
-    rng = np.random.default_rng(53)
-    distance, age_s, sigmas = WGS84.radius_m + altitude_m, 60.0, []
-    turned = age_s * np.sqrt(3.986e14 / distance**3)
-    for _ in range(200):
-        start, other = np.linalg.qr(rng.standard_normal((3, 2)))[0].T
-        now = distance * (np.cos(turned) * start + np.sin(turned) * other)
-        then = CoarsePose(distance * start, np.eye(3), age_s=age_s)
-        known = then.altitude(WGS84, 1.0)
-        sigmas.append((WGS84.geodetic_from_ecef(now)[2] - known.altitude_m) / known.sigma_m)
-    assert np.max(np.abs(sigmas)) < 1.1
-    assert 0.3 < np.sqrt(np.mean(np.square(sigmas))) < 0.8
-    assert replace(then, age_s=0.0).altitude(WGS84, 10.0).sigma_m == 10.0
-
-
-@pytest.mark.parametrize("sigma_m", [0.0, -1.0, np.nan, np.inf])
-def test_a_poses_altitude_has_a_sigma(sigma_m: float) -> None:
-    with pytest.raises(ValueError, match="sigma_m must be positive"):
-        CoarsePose(np.array([7e6, 0.0, 0.0]), np.eye(3)).altitude(WGS84, sigma_m)
-
-
 def test_what_the_craft_turned_since_its_pose_is_in_the_covariance() -> None:
     craft = Craft(13)
     pose = replace(craft.pose(), age_s=30.0)

@@ -266,6 +266,10 @@ def test_known_altitudes() -> None:
     assert known is not None
     assert known.altitude_m == pytest.approx(height, abs=1e-3)
     assert known.sigma_m == 1e4
+    later = aiding.of_set(START_NS + 30 * S).altitude
+    assert later is not None
+    assert later.altitude_m == known.altitude_m
+    assert later.sigma_m > 1e4
     # Of a sphere the altitude is above the sphere.
     aiding = sources(planet="sphere", coarse_pose_altitude_sigma=1e4)
     aiding.on_coarse_pose(pose_of())

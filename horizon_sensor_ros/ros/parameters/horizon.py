@@ -173,9 +173,9 @@ HORIZON_PARAMETERS = (
         "coarse_pose_altitude_sigma",
         "double",
         0.0,
-        "Where positive, the coarse pose's altitude is a measurement with this sigma at its "
-        "stamp, and goes before altitude_prior; 0: it is not used. What a nearly circular orbit "
-        "climbs by its age is added.",
+        "Where positive, the coarse pose's altitude is a measurement with this sigma at its stamp, "
+        "and goes before altitude_prior; what an orbit may have risen or sunk by since is claimed. "
+        "0: it is not used.",
         unit="m",
         minimum=0.0,
         maximum=1e9,
