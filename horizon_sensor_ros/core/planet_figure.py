@@ -21,6 +21,7 @@ from horizon_sensor_ros.core.covariance.figure_error import (
     ANY_POLE,
     figure_covariance,
     figure_influence,
+    mean_figure,
     pole_covariance,
 )
 from horizon_sensor_ros.core.fits.disc import Disc
@@ -34,6 +35,9 @@ from horizon_sensor_ros.core.turn_rate import TurnRate
 VERTICALS = ("geocentric", "geodetic")
 # A coarse attitude farther off the measured vertical than this many of its sigmas is none.
 _CONTRADICTION_SIGMAS = 5.0
+# A heading better than this is taken as it is told: the mean over such ones would be a twentieth
+# better, and worse where poses are better than they are told to be.
+_HARDLY_KNOWN_RAD = 0.5
 _STANDS_STILL = TurnRate(np.zeros(3), 0.0)
 
 
@@ -116,9 +120,11 @@ class MeanSphere:
 class StretchedEllipsoid:
     """An ellipsoid whose axis a coarse pose gives, stretched to a sphere of its mean limb.
 
-    pole_base : (3,) unit vector along the axis; by default as the pose has it. heading_sigma_rad :
-    what the heading is off by, where that is more than the pose claims. rate : at which the craft
-    has turned since the time of the pose.
+    Where the heading is hardly known it is the mean of the ellipsoids of all headings: to first
+    order in the flattening its limb is the mean of theirs.
+    nadir_base, pole_base : (3,) unit vectors, the latter along the axis; by default as the pose has
+    them. heading_sigma_rad : what the heading is off by, where that is more than the pose claims.
+    rate : at which the craft has turned since the time of the pose.
     """
 
     def __init__(
@@ -126,6 +132,7 @@ class StretchedEllipsoid:
         planet: Planet,
         vertical: str,
         pose: CoarsePose,
+        nadir_base: np.ndarray | None = None,
         pole_base: np.ndarray | None = None,
         heading_sigma_rad: float = 0.0,
         rate: TurnRate = _STANDS_STILL,
@@ -134,12 +141,20 @@ class StretchedEllipsoid:
         self._vertical = vertical
         self._pose = pose
         self._rate = rate
+        nadir = -_up(pose) if nadir_base is None else nadir_base
         self._pole = pose.rot_ecef_from_base[2] if pole_base is None else pole_base
-        self._heading_sigma = max(heading_sigma_rad, pose.rotation_sigma_rad)
+        # Turns about other axes are seen: `aligned` measures them.
+        turned = pose.age_s * math.hypot(float(rate.rate_base_rad_s @ nadir), rate.sigma_rad_s)
+        self._heading_sigma = math.hypot(max(heading_sigma_rad, pose.rotation_sigma_rad), turned)
+        hardly_known = self._heading_sigma > _HARDLY_KNOWN_RAD
+        self._mean_heading = self._heading_sigma if hardly_known else 0.0
         self.sphere = mean_sphere(planet)
         self.shortfall = ""
         equator = planet.radius_m + planet.limb_height_m
-        self._ratio = equator / (planet.polar_radius_m + planet.limb_height_m)
+        ratio = equator / (planet.polar_radius_m + planet.limb_height_m)
+        mean = mean_figure(nadir, self._pole, self._mean_heading)
+        self._stretch = np.eye(3) + (ratio - 1.0) * mean
+        self._inverse = np.linalg.inv(self._stretch)
         # So that the limb gets the mean sphere's radius.
         self._scale = self.sphere.limb_radius_m / equator
         self._views: dict[int, tuple[CameraView, CameraView]] = {}
@@ -149,7 +164,7 @@ class StretchedEllipsoid:
         # Asked for a few times a set.
         kept = self._views.get(id(view))
         if kept is None or kept[0] is not view:
-            kept = self._views[id(view)] = (view, stretched_view(view, self._pole, self._ratio))
+            kept = self._views[id(view)] = (view, stretched_view(view, self._stretch))
         return kept[1]
 
     def aligned(self, nadir_base: np.ndarray) -> Figure:
@@ -160,10 +175,9 @@ class StretchedEllipsoid:
         returned. Before that an attitude that is far off the vertical is taken to be as far off
         about it: of a turn about any axis two components show.
         """
-        up = self._unstretched(-nadir_base)
+        up = self._inverse @ -nadir_base
         up /= np.linalg.norm(up)
-        coarse_up = self._pose.position_ecef_m @ self._pose.rot_ecef_from_base
-        coarse_up = coarse_up / np.linalg.norm(coarse_up)
+        coarse_up = _up(self._pose)
         axis, cosine = np.cross(coarse_up, up), float(coarse_up @ up)
         off = np.arctan2(np.linalg.norm(axis), cosine)
         age = self._pose.age_s
@@ -178,8 +192,9 @@ class StretchedEllipsoid:
             return MeanSphere(self._planet, self._vertical, why)
         pole = self._pose.rot_ecef_from_base[2]
         pole = cosine * pole + np.cross(axis, pole) + axis * (axis @ pole) / (1.0 + cosine)
+        about = float(off) * math.sqrt(0.5)
         return StretchedEllipsoid(
-            self._planet, self._vertical, self._pose, pole, float(off) * math.sqrt(0.5), self._rate
+            self._planet, self._vertical, self._pose, -up, pole, about, self._rate
         )
 
     def covariance(self, fit: HorizonFit, observations: Sequence[LimbObservation]) -> np.ndarray:
@@ -187,18 +202,16 @@ class StretchedEllipsoid:
         heading, and what the craft has moved and turned by since.
         """
         influence = figure_influence(fit, observations, self._planet, self._vertical)
-        # Turns about other axes are seen: `aligned` measures them.
-        about_nadir = float(self._rate.rate_base_rad_s @ fit.nadir_base)
-        turned = self._pose.age_s * math.hypot(about_nadir, self._rate.sigma_rad_s)
-        heading = math.hypot(self._heading_sigma, turned)
         position = self._pose.position_sigma_rad(self._planet)
-        of_pole = pole_covariance(fit.nadir_base, self._pole, position, heading)
+        of_pole = pole_covariance(
+            fit.nadir_base, self._pole, position, self._heading_sigma, self._mean_heading
+        )
         return figure_covariance(fit, influence, of_pole)
 
     def estimate(self, fit: HorizonFit) -> HorizonFit:
         """Return the position brought back, its vertical, and its height above the ellipsoid."""
         distance = self.sphere.mean_radius_m + fit.altitude_m
-        position = self._unstretched(-fit.nadir_base * distance) / self._scale
+        position = self._inverse @ (-fit.nadir_base * distance) / self._scale
         along = float(position @ self._pole)
         across = position - along * self._pole
         latitude, _, height = self._planet.geodetic_from_ecef(
@@ -207,7 +220,10 @@ class StretchedEllipsoid:
         nadir = -position / np.linalg.norm(position)
         if self._vertical == "geodetic" and np.any(across):
             east_free = across / np.linalg.norm(across)
-            nadir = -(np.cos(latitude) * east_free + np.sin(latitude) * self._pole)
+            normal = np.cos(latitude) * east_free + np.sin(latitude) * self._pole
+            # Towards the pole, which is in the mean so far off.
+            nadir -= np.exp(-0.5 * self._mean_heading**2) * (normal + nadir)
+            nadir /= np.linalg.norm(nadir)
         # The covariance turns along; what stretching does to its size is a few parts in a thousand.
         turn = np.eye(4)
         turn[:3, :3] = _shortest_rotation(fit.nadir_base, nadir)
@@ -219,8 +235,11 @@ class StretchedEllipsoid:
             disc=Disc(self, fit.nadir_base, fit.rho_rad),
         )
 
-    def _unstretched(self, vector: np.ndarray) -> np.ndarray:
-        return vector + (1.0 / self._ratio - 1.0) * (vector @ self._pole) * self._pole
+
+def _up(pose: CoarsePose) -> np.ndarray:
+    """Unit vector (3,) of the base frame away from the planet's centre, as the pose has it."""
+    up = pose.position_ecef_m @ pose.rot_ecef_from_base
+    return np.asarray(up / np.linalg.norm(up))
 
 
 def _shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:

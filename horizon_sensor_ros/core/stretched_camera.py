@@ -1,4 +1,4 @@
-"""A camera whose rays are stretched along an axis: to it an ellipsoid is a sphere."""
+"""A camera whose rays are stretched: to it an ellipsoid is a sphere."""
 
 from __future__ import annotations
 
@@ -42,14 +42,13 @@ class StretchedCamera(DerivedCamera):
         return self.original.project_along(rays, along @ self.inverse)
 
 
-def stretched_view(view: CameraView, axis_base: np.ndarray, ratio: float) -> CameraView:
-    """Return a view whose rays are ``ratio`` times as long along an axis (3,), unit."""
-    axis = axis_base @ view.rot_base_from_cam
-    outer = np.outer(axis, axis)
+def stretched_view(view: CameraView, stretch_base: np.ndarray) -> CameraView:
+    """Return a view with rays ``stretch_base @ u``; stretch_base : (3, 3), symmetric."""
+    rot = view.rot_base_from_cam
     camera = StretchedCamera(
         **intrinsics(view.camera),
-        stretch=np.eye(3) + (ratio - 1.0) * outer,
-        inverse=np.eye(3) + (1.0 / ratio - 1.0) * outer,
+        stretch=rot.T @ stretch_base @ rot,
+        inverse=rot.T @ np.linalg.inv(stretch_base) @ rot,
     )
     return replace(view, camera=camera)
 

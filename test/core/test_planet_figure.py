@@ -22,6 +22,7 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.covariance.figure_error import (
     ANY_POLE,
     figure_influence,
+    mean_figure,
     pole_covariance,
 )
 from horizon_sensor_ros.core.fits import METHODS, fit_horizon
@@ -165,7 +166,7 @@ def test_stretched_limb_is_a_circular_cone(seed: int, planet: Planet) -> None:
     )
     # Any camera: here one that sees all directions as they are.
     view = CameraView("all", FISHEYE, np.eye(3))
-    stretched = stretched_view(view, craft.rot_ecef_from_base[2], ratio(planet))
+    stretched = stretched_view(view, stretch_along(craft.rot_ecef_from_base[2], ratio(planet)))
     assert isinstance(figure.view(view).camera, type(stretched.camera))
     rays = rays_ecef @ craft.rot_ecef_from_base @ stretched.camera.stretch  # type: ignore[attr-defined]
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
@@ -184,6 +185,11 @@ def test_stretched_limb_is_a_circular_cone(seed: int, planet: Planet) -> None:
         assert estimate.altitude_m == pytest.approx(craft.height_m, abs=2.0)
 
 
+def stretch_along(axis: np.ndarray, ratio: float) -> np.ndarray:
+    """Stretch (3, 3) along an axis (3,)."""
+    return np.asarray(np.eye(3) + (ratio - 1.0) * np.outer(axis, axis))
+
+
 def ratio(planet: Planet) -> float:
     return (planet.radius_m + planet.limb_height_m) / (planet.polar_radius_m + planet.limb_height_m)
 
@@ -193,7 +199,7 @@ def test_stretched_cameras_pixels_rays_and_jacobian(camera: Camera) -> None:
     axis = np.array([0.6, 0.0, 0.8])
     rot = Rotation.from_euler("xyz", [0.3, 1.0, -0.4]).as_matrix()
     view = CameraView("c", camera, rot)
-    stretched = stretched_view(view, axis, 1.1).camera
+    stretched = stretched_view(view, stretch_along(axis, 1.1)).camera
     px = np.random.default_rng(0).uniform(50, 400, (40, 2))
     rays = stretched.rays(px)
     np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1.0, atol=1e-14)
@@ -443,10 +449,16 @@ def test_poles_covariance_where_the_heading_is_hardly_known(heading_rad: float) 
     k = Rotation.from_rotvec(angle[:, None] * nadir).apply(pole) @ axes
     k_mean = pole @ axes
     i, j = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
-    off = k[:, i] * k[:, j] - k_mean[i] * k_mean[j]
+    product = k[:, i] * k[:, j]
+    off = product - k_mean[i] * k_mean[j]
     drawn = off.T @ off / len(off)
     found = pole_covariance(nadir, pole, 0.0, heading_rad)
     np.testing.assert_allclose(found, drawn, atol=0.02 * np.abs(drawn).max())
+    # About the mean of all headings there is less.
+    mean = axes.T @ mean_figure(nadir, pole, heading_rad) @ axes
+    np.testing.assert_allclose(mean[i, j], product.mean(axis=0), atol=3e-3)
+    found = pole_covariance(nadir, pole, 0.0, heading_rad, heading_rad)
+    np.testing.assert_allclose(found, np.cov(product.T), atol=0.02 * np.abs(drawn).max())
 
 
 @pytest.mark.parametrize("vertical", VERTICALS)
@@ -466,6 +478,23 @@ def test_coarse_poses_without_an_attitude(vertical: str, rotation_sigma_deg: flo
 
 
 @pytest.mark.parametrize("vertical", VERTICALS)
+def test_the_mean_of_all_headings_is_nearer_than_one_at_random(vertical: str) -> None:
+    """Of a vector of any direction the mean is as far as one sigma, another one 1.4 times that."""
+    rng = np.random.default_rng(54)
+    by_mean, by_one = [], []
+    for seed in range(60):
+        craft = Craft(seed, cameras=(BARREL,) * 2)
+        observations, nadir = craft.observations(count=600), craft.nadir(vertical)
+        turned = Rotation.from_rotvec(rng.uniform(-np.pi, np.pi) * nadir).as_matrix()
+        told = CoarsePose(craft.position, craft.rot_ecef_from_base @ turned, 1e3, 0.01)
+        for pose, errors in ((told, by_one), (replace(told, rotation_sigma_rad=3.2), by_mean)):
+            estimate, _, _ = solved(StretchedEllipsoid(WGS84, vertical, pose), observations)
+            errors.append(np.linalg.norm(estimate.nadir_base - nadir))
+    ratio_of = np.sqrt(np.mean(np.square(by_mean)) / np.mean(np.square(by_one)))
+    assert ratio_of == pytest.approx(np.sqrt(0.5), abs=0.1)
+
+
+@pytest.mark.parametrize("vertical", VERTICALS)
 def test_influence_against_refits_with_the_axis_moved(vertical: str) -> None:
     # The influence is of first order: hardly flattened, nothing else is left.
     planet = Planet(6378137.0, 0.0, 1e-5)
@@ -480,7 +509,7 @@ def test_influence_against_refits_with_the_axis_moved(vertical: str) -> None:
     right = true.estimate(fit)
     for turn in np.eye(3) * 0.02:
         moved = Rotation.from_rotvec(turn).apply(pole)
-        figure = StretchedEllipsoid(planet, vertical, craft.pose(), moved)
+        figure = StretchedEllipsoid(planet, vertical, craft.pose(), pole_base=moved)
         wrong = figure.estimate(fitted(figure, observations)[0])
         k, k_wrong = pole @ axes, moved @ axes
         # The axis used less the true one; a few per cent are the thinned limb's.
@@ -561,11 +590,13 @@ def test_what_is_kept_of_one_pose_is_not_taken_for_another() -> None:
     view = view_at_limb(BARREL, np.array([0.0, 0.0, 1.0]), 1.2, 0.0)
     nadir = view.rot_base_from_cam @ np.array([0.05, 0.6, 0.8])
     nadir /= np.linalg.norm(nadir)
-    one, other = (stretched_view(view, axis, 1.0 / 0.9) for axis in np.eye(3)[[0, 2]])
+    one, other = (
+        stretched_view(view, stretch_along(axis, 1.0 / 0.9)) for axis in np.eye(3)[[0, 2]]
+    )
     assert one.camera != other.camera
     limb_curve(other, nadir, 1.2)
     after = limb_curve(one, nadir, 1.2)
-    alone = limb_curve(stretched_view(view, np.eye(3)[0], 1.0 / 0.9), nadir, 1.2)
+    alone = limb_curve(stretched_view(view, stretch_along(np.eye(3)[0], 1.0 / 0.9)), nadir, 1.2)
     np.testing.assert_array_equal(after.px, alone.px)
 
 

@@ -103,20 +103,48 @@ def _thinned(observation: LimbObservation) -> LimbObservation:
     return LimbObservation(observation.view, part)
 
 
+def mean_figure(nadir_base: np.ndarray, pole_base: np.ndarray, heading_rad: float) -> np.ndarray:
+    """(3, 3), mean of K in the base frame where the pole's heading about nadir has one sigma.
+
+    Of a normal law's angle the mean cosine of m times it is exp(-m^2 sigma^2 / 2).
+    """
+    once, twice = np.exp(-0.5 * heading_rad**2), np.exp(-2.0 * heading_rad**2)
+    along = nadir_base * (nadir_base @ pole_base)
+    across = pole_base - along
+    around = np.eye(3) - np.outer(nadir_base, nadir_base)
+    mixed = np.outer(along, across)
+    return np.asarray(
+        np.outer(along, along)
+        + once * (mixed + mixed.T)
+        + twice * np.outer(across, across)
+        + 0.5 * (1.0 - twice) * (across @ across) * around
+    )
+
+
 def pole_covariance(
-    nadir_base: np.ndarray, pole_base: np.ndarray, position_rad: float, heading_rad: float
+    nadir_base: np.ndarray,
+    pole_base: np.ndarray,
+    position_rad: float,
+    heading_rad: float,
+    mean_heading_rad: float = 0.0,
 ) -> np.ndarray:
-    """(6, 6) of K from one sigma of the position, as an angle each way, and of the heading."""
+    """(6, 6) of K from one sigma of the position, as an angle each way, and of the heading.
+
+    mean_heading_rad : of the `mean_figure` that K was taken to be; by default the pole's own.
+    """
     axes = np.column_stack((tangent_basis(nadir_base), nadir_base))
     k = pole_base @ axes
     # A heading of which nothing is known is any: K turns with twice the angle, its square with four
     # times, and three points would see half of that or none.
     angle = np.minimum((position_rad, position_rad, heading_rad), np.pi)
     turns = (_NORMAL_AT[:, None, None] * np.diag(angle)).reshape(-1, 3)
-    turned = rotation_from_vector(turns) @ k
+    turned = (rotation_from_vector(turns) @ k).reshape(-1, 3, 3)
     i, j = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
-    rows = turned[:, i] * turned[:, j] - k[i] * k[j]
-    rows *= np.sqrt(np.repeat(_NORMAL_WEIGHT, 3))[:, None]
+    rows = turned[..., i] * turned[..., j]
+    rows[:, :2] -= k[i] * k[j]
+    rows[:, 2] -= (axes.T @ mean_figure(nadir_base, pole_base, mean_heading_rad) @ axes)[i, j]
+    rows *= np.sqrt(_NORMAL_WEIGHT)[:, None, None]
+    rows = rows.reshape(-1, 6)
     return rows.T @ rows
 
 
