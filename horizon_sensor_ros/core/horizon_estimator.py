@@ -39,6 +39,7 @@ from horizon_sensor_ros.core.judgement import (
 )
 from horizon_sensor_ros.core.limb.canny_limbs import canny_limbs
 from horizon_sensor_ros.core.limb.detection import Detection
+from horizon_sensor_ros.core.limb.edge.terminator import terminator
 from horizon_sensor_ros.core.limb.evidence import sky_evidence
 from horizon_sensor_ros.core.limb.night import by_night
 from horizon_sensor_ros.core.limb.sun_artefact import sun_artefact
@@ -411,8 +412,10 @@ class HorizonEstimator:
             space_share = working.space_level / full_scale(image)
             outside = detection.left_outside(i)
             at_limb = found_px, space_share, outside
-            reason = doubt(evidence, *at_limb, self.config, sky_hidden=i in hidden) or sun_artefact(
-                limb.px, working, view, fit.nadir_base, fit.rho_rad
+            reason = (
+                doubt(evidence, *at_limb, self.config, sky_hidden=i in hidden)
+                or sun_artefact(limb.px, working, view, fit.nadir_base, fit.rho_rad)
+                or terminator(limb, view, fit.nadir_base)
             )
             if reason:
                 doubts[i] = LimbPoints.none(Status.NO_LIMB, reason)

@@ -92,6 +92,7 @@ class LimbPoints:
     step : (N,) gray levels from space to the planet beside each point; empty where that was not
     measured.
     corner_blur : None where edges were not kriged, or motion smears them.
+    beside_over_deep : as of `edge.terminator`; NaN where that was not measured.
     status, reason : OK, or why the image shows no usable limb (then N = 0).
     """
 
@@ -113,6 +114,7 @@ class LimbPoints:
     factor: int = 1
     step: np.ndarray = field(default_factory=lambda: np.empty(0))
     corner_blur: CornerBlur | None = None
+    beside_over_deep: float = np.nan
 
     @property
     def glow_separated(self) -> bool:

@@ -14,6 +14,7 @@ from horizon_sensor_ros.core.limb.edge.darkening import darkening_error
 from horizon_sensor_ros.core.limb.edge.looks import guess_looks
 from horizon_sensor_ros.core.limb.edge.model import PSF_LADDER_PX, EdgeLook
 from horizon_sensor_ros.core.limb.edge.places import place_edges
+from horizon_sensor_ros.core.limb.edge.terminator import beside_over_deep
 from horizon_sensor_ros.core.limb.glow.contour import ContourLimb, contour_limb
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.profiles import (
@@ -219,7 +220,8 @@ def limb_of_edges(
         points = _points(
             sample, px, normal_px, places, shared, jumps_px, steepness, blur_px, edges.corner_blur
         )
-        points = replace(points, modelled=not no_model)
+        rises = beside_over_deep(profiles, sample.grid)
+        points = replace(points, modelled=not no_model, beside_over_deep=rises)
     return points, () if no_model else tuple(looks)
 
 
@@ -325,9 +327,11 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
     steepness, blur_px = _steepness(falls, sample.grid), sample.factor * look.psf_px
     shared = _of_sharpness(found.shared, look)
     shared = shared.besides(_darkening(sample, profiles, places, rho_rad))
-    return _points(
+    points = _points(
         sample, px, normal_px, places, shared, jumps_px, steepness, blur_px, found.corner_blur
     )
+    rises = beside_over_deep(profiles, sample.grid)
+    return replace(points, beside_over_deep=rises)
 
 
 def _falls(profiles: np.ndarray) -> np.ndarray:

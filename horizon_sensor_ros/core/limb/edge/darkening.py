@@ -13,11 +13,11 @@ import math
 import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.model import BESIDE_PX
+from horizon_sensor_ros.core.limb.edge.terminator import DEEP_PX, mean_at
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid
 from horizon_sensor_ros.core.limb_points import NOTHING_SHARED, SharedError
 from horizon_sensor_ros.core.robust import median, stretches
 
-_DEEP_PX = (-6.0, -4.0)  # where the planet farther in is seen
 _STRETCHES = 6
 # Errors of edges: of the whole limb with the square of the rise over the step, and of dark places
 # beside the others with that and with its square. Beside the truth of 90 discs of 24 to 200 px in
@@ -45,7 +45,7 @@ def darkening_error(
     counts = min((_LARGE_PX - 1.0 / px_over_radius) / (_LARGE_PX - _SMALL_PX), 1.0)
     if counts <= 0.0:
         return NOTHING_SHARED
-    rise = _mean_at(profiles, grid, _DEEP_PX) - _mean_at(profiles, grid, BESIDE_PX)
+    rise = mean_at(profiles, grid, DEEP_PX) - mean_at(profiles, grid, BESIDE_PX)
     means = [float(part.mean()) for part in stretches(rise, _STRETCHES) if len(part)]
     # Clouds are brighter here and darker there.
     by_chance = float(np.std(means)) / math.sqrt(max(len(means) - 1, 1))
@@ -55,9 +55,3 @@ def darkening_error(
         height_px=_HEIGHT_PX * share**2, dark_px=_DARK_PX * share + _DARKER_PX * share**2
     )
     return error.times(counts * _MODEL_FREE if model_free else counts)
-
-
-def _mean_at(profiles: np.ndarray, grid: ProfileGrid, part_px: tuple[float, float]) -> np.ndarray:
-    """Mean brightness (N,) of profiles in a part of them."""
-    d_px = grid.d_px
-    return np.asarray(profiles[:, (d_px >= part_px[0]) & (d_px <= part_px[1])].mean(axis=1))
