@@ -47,6 +47,9 @@ _WITHIN_PIXEL = 12**-0.5
 # columns, which err together and are runs of their own.
 _LATTICE = np.array([(1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1)])
 _LATTICE_PX = np.where(_LATTICE.all(axis=1), 2**0.5, 1.0) / np.hypot(*_LATTICE.T)
+# And it may lean: without a step to the next lattice line its ends are anything up to a pixel
+# apart, small slopes the likelier; this is one standard deviation of that.
+_LEANING_PX = 6**-0.5
 # Cosine between the lines through two places of one run.
 _SAME_RUN = np.cos(np.radians(10.0))
 # Planes of a crease: least difference of their slopes, and largest distance of where they meet
@@ -95,8 +98,9 @@ class Edges:
         where there is none.  tilt_rad : (E,) error of the front that comes of it.
     creases : (E,) bool, where the face meets another one that is seen as well. Each is there
         twice, as the end of either face.
-    run : (E,) number of the run of places whose error across is the same, and alike_m : (E,) one
-        sigma of it; 0 where there is none to speak of.
+    run : (E,) number of the run of places that err together across it.  alike_m : (E,) one sigma of
+        what all of a run is off by.  leaning_m : (E,) and of what it is off by as it leans, with
+        its sign: a straight line through 0 in the middle of the run.  0 where there is none.
     """
 
     points: np.ndarray
@@ -109,6 +113,7 @@ class Edges:
     creases: np.ndarray
     run: np.ndarray
     alike_m: np.ndarray
+    leaning_m: np.ndarray
 
     def __len__(self) -> int:
         return len(self.points)
@@ -125,7 +130,7 @@ def _none() -> Edges:
     empty = np.empty((0, 3))
     none = np.empty(0)
     one = np.empty(0, np.int32)
-    return Edges(empty, empty, empty, none, empty, none, none, np.empty(0, bool), one, none)
+    return Edges(empty, empty, empty, none, empty, none, none, np.empty(0, bool), one, none, none)
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,23 +358,26 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     edge_px = np.where(sharp, np.hypot(_EDGE_PX, _RIM_PX * np.maximum(rim, 0)), _THIN_EDGE_PX)
     edge_px = np.where(oblique[k], np.maximum(edge_px, _OBLIQUE_EDGE_PX), edge_px)
     sigma = edge_px / (smooth * image.focal_px)
-    run, alike_px = _runs(places, angle, i, j)
-    # Of a bar both sides show.
-    alike = np.where(places.thin[k], 0.0, alike_px[k]) / (smooth * image.focal_px)
+    run, *off_px = _runs(places, angle, i, j)
+    alike, leaning = (each[k] / (smooth * image.focal_px) for each in off_px)
     creases = np.zeros(len(k), bool)
-    return Edges(points.T, side.T, direction.T, sigma, front.T, rough, tilt, creases, run[k], alike)
+    return Edges(
+        points.T, side.T, direction.T, sigma, front.T, rough, tilt, creases, run[k], alike, leaning
+    )
 
 
 def _runs(
     places: _Places, angle: np.ndarray, i: np.ndarray, j: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Which run of places with the same way outwards each is of, and by how many pixels all of a
-    run is off alike (one sigma); (P,) each.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which run of places with the same way outwards each is of, by how many pixels all of a run is
+    off alike (one sigma), and by how many at each place as it leans, with its sign; (P,) each.
 
     angle : (P,) of the line through a place.  i, j : of neighbours on one edge. Where in its pixels
-    an edge lies shows by the steps from one row of them to the next. Along the rows there is none,
-    and all of it may lie anywhere in a pixel; of S rows it is known to an S-th of that. Nor is
-    there one along a diagonal, from one diagonal row to the next.
+    an edge lies, and how it leans, shows by the steps from one row of them to the next. Along the
+    rows there is none, and all of it may lie anywhere in a pixel; of S rows it is known to an S-th
+    of that, and by S - 1 steps its lean to as large a part. One step may lie anywhere along it, and
+    tells no more of that than none. Nor is there one along a diagonal, from one diagonal row to the
+    next.
     """
     from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
 
@@ -381,8 +389,30 @@ def _runs(
     first = np.searchsorted(run[order], np.arange(count))
     row = (_LATTICE @ places.spot)[:, order]
     rows = np.maximum.reduceat(row, first, axis=1) - np.minimum.reduceat(row, first, axis=1) + 1.0
-    alike = (_LATTICE_PX[:, None] * _WITHIN_PIXEL / rows).max(axis=0)
-    return run, alike[run]
+    apart = _LATTICE_PX[:, None]
+    alike = (apart * _WITHIN_PIXEL / rows).max(axis=0)
+    leaning = (apart * _LEANING_PX / np.maximum(rows - 1, 1)).max(axis=0)
+    # The places' own claims, of errors that are independent, make up some of that already: of their
+    # mean, and twelve times as much of the ends of a line of length 1 through them.
+    edge_px = np.where(places.sharp, _EDGE_PX, _THIN_EDGE_PX)
+    own = np.bincount(run, edge_px * edge_px) / np.bincount(run) ** 2
+    alike = np.sqrt(np.maximum(alike * alike - own, 0))
+    leaning = np.sqrt(np.maximum(leaning * leaning - 12 * own, 0))
+    return run, alike[run], leaning[run] * _along_run(places.spot, angle, run)
+
+
+def _along_run(spot: np.ndarray, angle: np.ndarray, run: np.ndarray) -> np.ndarray:
+    """(P,) how far each place (2, P) is from the middle of its run along it, in lengths of the run:
+    -.5 to .5 where places lie evenly."""
+    count = np.bincount(run)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return (np.bincount(run, values) / count)[run]
+
+    heading = np.arctan2(mean(np.sin(2 * angle)), mean(np.cos(2 * angle))) / 2
+    u, v = (each - mean(each) for each in spot)
+    along = np.cos(heading) * u + np.sin(heading) * v
+    return along / np.sqrt(np.maximum(12 * mean(along * along), 1.0))
 
 
 def _of_one_side(
@@ -489,6 +519,7 @@ def _creases(image: RangeImage, planes: Planes) -> Edges:
         none,
         np.ones(2 * len(w), bool),
         np.zeros(2 * len(w), np.int32),
+        none,
         none,
     )
 

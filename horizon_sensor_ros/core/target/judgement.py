@@ -120,12 +120,14 @@ def _apart_by_range(pairs: Pairs) -> np.ndarray:
 
 
 def _of_runs(pairs: Pairs, rows: np.ndarray, a: Edges, b: Edges) -> np.ndarray:
-    """(6, K) gradients of what each run of places on an edge may be off by, one sigma."""
+    """(6, K) gradients of what each run of places on an edge may be off by, all of it alike and as
+    it leans, one sigma."""
     gradients = []
     for edges, which in zip((a, b), pairs.of_edges, strict=True):
         run = edges.run[which]
-        off = rows[:, pairs.across_edges] * edges.alike_m[which]
-        gradients.append(np.array([np.bincount(run, each) for each in off]).reshape(6, -1))
+        for off_m in (edges.alike_m, edges.leaning_m):
+            off = rows[:, pairs.across_edges] * off_m[which]
+            gradients.append(np.array([np.bincount(run, each) for each in off]).reshape(6, -1))
     return np.concatenate(gradients, axis=1)
 
 
