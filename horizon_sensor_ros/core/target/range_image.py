@@ -34,6 +34,9 @@ _FRAME_SHARE, _FRAME_ROWS, _FRAME_LEAST = 0.6, 3, 5
 _CUT_SHARE = 0.5
 # By how much their line bends, rounded to pixels: less, and it may be a straight edge.
 _BENT_PX = 1.5
+# A straight edge lies within a pixel of the circle that touches it over twice the root of twice its
+# radius, in pixels; a round field's outline over this many times as much, at least.
+_ROUND_SHARE, _ROUND_PX = 1.3, 1.0
 # Smallest step of ranges that is still looked for, and the points it is looked for in.
 _SMALLEST_STEP_M, _STEP_POINTS = 5e-4, 2000
 # And of disparity, at the median depth.
@@ -324,6 +327,8 @@ def _assemble(
     unknown[frame[3] + 1 :] = True
     unknown[:, : max(frame[0], 0)] = True
     unknown[:, frame[2] + 1 :] = True
+    if not grid.own:
+        unknown |= _outside_circle(inverse, origin * focal + low)
     if view is not None:
         unknown |= _outside_lines(inverse, origin + low / focal, focal, view)
     speckle = _speckle(inverse, focal)
@@ -449,6 +454,28 @@ def _outside_lines(
             if _bends(np.count_nonzero(beyond, axis=along)[cut], cut):
                 outside |= ~seen & beyond
     return outside
+
+
+def _outside_circle(inverse: np.ndarray, corner_px: np.ndarray) -> np.ndarray:
+    """Pixels (H, W), bool, outside a round field about the sensor's forward axis, as a rosette scan
+    has it, as far as the cloud tells.
+
+    corner_px : (2,) of pixel (0, 0) from that axis. Where what is seen ends in one circle about the
+    axis, over more of it than a straight edge could, the target leaves the field there.
+    """
+    height, width = inverse.shape
+    x = corner_px[0] + np.arange(width)
+    y = corner_px[1] + np.arange(height)[:, None]
+    radius = np.hypot(x, y)
+    row, column = np.nonzero(inverse)
+    of_seen = radius[row, column]
+    last = of_seen.max()
+    outer = of_seen > last - 1.0 - _ROUND_PX
+    angle = np.arctan2(y[row[outer], 0], x[column[outer]])
+    met = len(np.unique(np.floor(angle * last)))
+    if met < _ROUND_SHARE * 2 * np.sqrt(2 * (1.0 + _ROUND_PX) * last):
+        return np.zeros((height, width), bool)
+    return (inverse == 0) & (radius > last - 1.0 - _ROUND_PX)
 
 
 def _bends(place: np.ndarray, at: np.ndarray) -> bool:
