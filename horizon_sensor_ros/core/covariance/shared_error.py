@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.covariance.same_limb import common_stretches, of_same_limb
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude, tangent_rows
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation
@@ -33,7 +34,8 @@ def with_shared_error(
     """Add to a fit's covariance the errors that points share.
 
     Of each camera: what stretches of its limb have in common (`LimbPoints.shared`), or the
-    errors of the cone that its points lie on (`LimbPoints.cone_errors`).
+    errors of the cone that its points lie on (`LimbPoints.cone_errors`). Of cameras that see the
+    same limb, but for cones: what it does to edges (`same_limb`).
     """
     return replace(fit, cov_nadir_altitude=_with_shared(fit, observations, sphere))
 
@@ -129,7 +131,9 @@ def _with_shared(
     """
     used = [each for each in observations if each.view.name in fit.cameras and len(each.rays)]
     cameras = [_Shared.of(each.limb, each.rays) for each in used]
-    if all(camera.negligible(fit) for camera in cameras):
+    edges = [camera.rays for camera in cameras if camera.limb.cone_errors is None]
+    together = common_stretches(fit.nadir_base, edges)
+    if not together and all(camera.negligible(fit) for camera in cameras):
         return fit.cov_nadir_altitude
     basis = tangent_basis(fit.nadir_base)
     to_tangent = tangent_rows(basis)
@@ -137,6 +141,7 @@ def _with_shared(
     gain = inverse(sum((a.T @ a for a in rows), np.zeros((3, 3))))
     cov, of_cones = np.zeros((3, 3)), np.zeros((3, 1))
     height, by_scale = np.zeros(3), np.zeros(3)
+    moved = []
     usual = _usual_log_scale([(camera.limb, camera.rays) for camera in cameras])
     variance = np.diag(fit.cov_nadir_altitude).copy()
     variance[3] /= sphere.altitude_slope(fit.rho_rad) ** 2
@@ -158,6 +163,8 @@ def _with_shared(
             by_scale += shared.scale_px * (camera.rays.log_scale - usual) @ by_px
         cov += more_own * by_sigma.T @ by_sigma + camera.of_the_limb(order, by_px)
         cov += coherent2 * len(a) / _STRETCHES * by_px.T @ by_px
+        moved.append(by_px * np.sqrt(more_own * sigma_px**2 + coherent2 * len(a) / _STRETCHES))
+    cov += of_same_limb(together, moved)
     cov += np.outer(height, height) + np.outer(by_scale, by_scale) + of_cones @ of_cones.T
     return covariance_nadir_altitude(cov, basis, fit.rho_rad, sphere)
 
