@@ -415,7 +415,7 @@ class HorizonEstimator:
             reason = (
                 doubt(evidence, *at_limb, self.config, sky_hidden=i in hidden)
                 or sun_artefact(limb.px, working, view, fit.nadir_base, fit.rho_rad)
-                or terminator(limb, view, fit.nadir_base)
+                or terminator(limb, view, fit.nadir_base, image, working.space_level)
             )
             if reason:
                 doubts[i] = LimbPoints.none(Status.NO_LIMB, reason)

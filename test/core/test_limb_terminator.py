@@ -81,19 +81,44 @@ def rising(step: float, power: float, contrast: float = 0.0, seed: int = 0) -> f
 ARC = np.column_stack((np.linspace(150.0, 330.0, 40), np.full(40, 100.0)))
 
 
-def told(share: float, px: np.ndarray, nadir: np.ndarray) -> str:
-    limb = LimbPoints(Status.OK, "", px, np.zeros_like(px), np.full(len(px), 0.1))
-    return terminator(replace(limb, beside_over_deep=share), VIEW, nadir)
+def told(
+    share: float, px: np.ndarray, nadir: np.ndarray, step: float = 0.0, power: float = 0.5
+) -> str:
+    """Whether an edge is told, of such a share, below which brightness goes on as of `rising`; it
+    is a row of pixels, or around the middle of the frame.
+    """
+    y, x = np.mgrid[:360, :480].astype(float)
+    depth = y - 100.0
+    normal = np.tile([0.0, -1.0], (len(px), 1))
+    if np.ptp(px[:, 1]) > 0.0:
+        middle = np.array([239.5, 179.5])
+        depth = 100.0 - np.hypot(x - middle[0], y - middle[1])
+        normal = (px - middle) / 100.0
+    lit = step + (1.0 - step) * (np.maximum(depth, 0.0) / 5.0) ** power
+    gray = np.clip(np.where(depth > 0.0, 8.0 + 40.0 * lit, 8.0), 0.0, 255.0).astype(np.uint8)
+    limb = LimbPoints(Status.OK, "", px, normal, np.full(len(px), 0.1))
+    return terminator(replace(limb, beside_over_deep=share), VIEW, nadir, gray, 8.0)
 
 
 @given(st.floats(0.5, 1.0))
 def test_what_rises_from_nothing_is_told(power: float) -> None:
-    assert "a terminator" in told(rising(0.0, power), ARC, np.array([0.0, 0.0, 1.0]))
+    nadir = np.array([0.0, 0.0, 1.0])
+    assert "a terminator" in told(rising(0.0, power), ARC, nadir, power=power)
 
 
 @pytest.mark.parametrize(("step", "refused"), [(0.35, True), (0.65, False), (1.0, False)])
 def test_half_of_the_brightness_has_to_be_the_limbs(step: float, refused: bool) -> None:
-    assert bool(told(rising(step, 0.5), ARC, np.array([0.0, 0.0, 1.0]))) == refused
+    assert bool(told(rising(step, 0.5), ARC, np.array([0.0, 0.0, 1.0]), step)) == refused
+
+
+def test_clouds_that_end_farther_in_are_none() -> None:
+    """Beside the edge a third as bright as five pixels in, and no brighter twenty pixels in."""
+    assert told(0.3, ARC, np.array([0.0, 0.0, 1.0]), step=0.95) == ""
+
+
+def test_where_it_cannot_be_seen_to_go_on_it_is_told() -> None:
+    at_the_end = ARC + np.array([0.0, 245.0])
+    assert told(0.3, at_the_end, np.array([0.0, 0.0, 1.0]), step=0.95) != ""
 
 
 @given(st.floats(0.3, 3.0))

@@ -5,7 +5,8 @@ Lambert's law with the root of it, ``s + g sqrt(depth)``. Along a terminator the
 brightness rises from nothing, with the root or faster. Such an edge is sharp enough to pass for a
 blurred step, and lies anywhere inside of the limb. Where the Sun stands right behind the craft s is
 0 all round the limb too, and an arc does not tell which of them it is; of the outline of what is
-lit the terminator is half at most. Derived here.
+lit the terminator is half at most. Clouds farther in may look like that for a few pixels, but where
+light fades ground goes on to be brighter the farther in it lies. Derived here.
 """
 
 from __future__ import annotations
@@ -20,15 +21,19 @@ from horizon_sensor_ros.core.limb.edge.model import BESIDE_PX
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, space_mean
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.robust import stretches
+from horizon_sensor_ros.core.white_level import full_scale
 
 DEEP_PX = (-6.0, -4.0)  # where the planet farther in is seen
 _STRETCHES = 6
 # Brightness beside the edge over that farther in where half of the latter is the limb's own, by the
 # law above, blurred by .5 to .6 px, and a blurred step that is fitted to it lies .3 px too far in.
 _HALF = 0.81
-# Sigmas of the mean of six stretches that one in a thousand exceeds, by Student's law: with two of
-# them clouds of real limbs were taken for a terminator's.
-_BY_CHANCE = 5.9
+_BY_CHANCE = 2.0  # sigmas of the mean of stretches
+# By the same law ground is one and a half times as bright four times as deep, and as bright where
+# nothing fades: what is seen there tells one from the other.
+_FARTHER = 4.0
+_GOES_ON = 1.25
+_WHITE = 0.9  # of full scale, beyond which brightness has no way to go on
 
 
 def mean_at(profiles: np.ndarray, grid: ProfileGrid, part_px: tuple[float, float]) -> np.ndarray:
@@ -61,12 +66,17 @@ def _unblurred(profiles: np.ndarray, grid: ProfileGrid, part_px: tuple[float, fl
     return mean_at(profiles, grid, part_px) + outside - 2.0 * space_mean(profiles)
 
 
-def terminator(limb: LimbPoints, view: CameraView, nadir_base: np.ndarray) -> str:
+def terminator(
+    limb: LimbPoints, view: CameraView, nadir_base: np.ndarray, gray: np.ndarray, space_level: float
+) -> str:
     """Why a limb may be a terminator; empty where it is none, or was not measured for it.
 
-    nadir_base : (3,) of the cone that it was found on.
+    nadir_base : (3,) of the cone that it was found on. gray : (H, W) the frame, whose space is at
+    space_level.
     """
     if not limb.beside_over_deep < _HALF:
+        return ""
+    if _farther_over_deep(limb, gray, space_level) < _GOES_ON:
         return ""
     across = view.camera.rays(limb.px) @ view.rot_base_from_cam.T @ tangent_basis(nadir_base)
     azimuth = np.sort(np.arctan2(across[:, 1], across[:, 0]))
@@ -76,3 +86,21 @@ def terminator(limb: LimbPoints, view: CameraView, nadir_base: np.ndarray) -> st
         f"a terminator, or a limb that fades like one: beside its edge the ground is "
         f"{limb.beside_over_deep:.0%} as bright as a few pixels farther in"
     )
+
+
+def _farther_over_deep(limb: LimbPoints, gray: np.ndarray, space_level: float) -> float:
+    """How bright the planet is `_FARTHER` times as deep as `DEEP_PX`, over how bright it is there:
+    of points that see both. Infinite where these are too few, or white.
+    """
+    height, width = gray.shape
+    deep_px = 0.5 * limb.factor * np.array(DEEP_PX).sum()
+    steps = deep_px * np.array([[0.8, 1.0, 1.2], [0.8 * _FARTHER, _FARTHER, 1.2 * _FARTHER]])
+    at = np.rint(limb.px[:, None, None] + steps[..., None] * limb.normal_px[:, None, None])
+    column, row = np.moveaxis(at.astype(int), -1, 0)
+    inside = ((column >= 0) & (column < width) & (row >= 0) & (row < height)).all(axis=(1, 2))
+    if np.count_nonzero(inside) < _STRETCHES:
+        return np.inf
+    deep, farther = gray[row[inside], column[inside]].mean(axis=(0, 2))
+    if farther > _WHITE * full_scale(gray):
+        return np.inf
+    return float((farther - space_level) / max(deep - space_level, 1e-9))
