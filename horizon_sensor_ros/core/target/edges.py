@@ -161,24 +161,8 @@ def _ends(image: RangeImage, planes: Planes) -> Edges:
     width = image.inverse_depth.shape[1]
     found, cosine, noise = planes.found.ravel(), planes.cosine.ravel(), planes.noise.ravel()
     level, slope_u, slope_v = (m.ravel() for m in (planes.level, planes.slope_u, planes.slope_v))
-    # A return that is on no plane may belong to a narrow face seen at a slant.
-    off_plane = level - _OFF_PLANE * noise
-    steps = _WAYS[:, 0] + width * _WAYS[:, 1]
-    # The image has an empty margin, so that every return has neighbours.
-    margin = 2 * width + 2
-    inner = slice(margin, -margin)
-    starts = []
-    for ahead, (du, dv) in zip(steps.tolist(), _WAYS.tolist(), strict=True):
-        slope = slope_u[inner] if du else slope_v[inner]
-        limit = off_plane[inner] + slope if du + dv > 0 else off_plane[inner] - slope
-        beyond = inverse[margin + ahead : ahead - margin]
-        starts.append(margin + np.flatnonzero(beyond < limit))
-    k = np.concatenate(starts)
-    way = np.repeat(np.arange(4), [len(start) for start in starts])
-    # Between lines no return was to be expected.
-    across = ~image.in_lines[np.abs(_WAYS[way, 1])]
-    k, way = k[across], way[across]
-    step, (du, dv) = steps[way], _WAYS[way].T
+    k, way = _falling_back(image, planes)
+    step, (du, dv) = (_WAYS @ (1, width))[way], _WAYS[way].T
     q = k + step
     own, slope = level[k], du * slope_u[k] + dv * slope_v[k]
     behind = own - _BEHIND * noise[k] - np.float32(_BEHIND_PX / image.focal_px) * inverse[k]
@@ -212,6 +196,31 @@ def _ends(image: RangeImage, planes: Planes) -> Edges:
     end = np.where(sharp, own[keep] + 0.5 * slope[keep], inverse[k]).astype(float)
     inwards = np.where(gap[0], np.nan, inverse[k - step[keep]] - inverse[k]).astype(float)
     return _lines(image, planes, _Places(k, way, spot, end, inwards, sharp, thin))
+
+
+def _falling_back(image: RangeImage, planes: Planes) -> tuple[np.ndarray, np.ndarray]:
+    """Flat pixel indices, and of `_WAYS` the one (N,), where the next return does not lie on the
+    plane of a pixel but behind it."""
+    inverse, noise = image.inverse_depth.ravel(), planes.noise.ravel()
+    width = image.inverse_depth.shape[1]
+    slopes = planes.slope_u.ravel(), planes.slope_v.ravel()
+    # A return that is on no plane may belong to a narrow face seen at a slant.
+    off_plane = planes.level.ravel() - _OFF_PLANE * noise
+    # The image has an empty margin, so that every return has neighbours.
+    margin = 2 * width + 2
+    inner = slice(margin, -margin)
+    starts = []
+    for du, dv in _WAYS.tolist():
+        ahead = du + width * dv
+        slope = slopes[0 if du else 1][inner]
+        limit = off_plane[inner] + slope if du + dv > 0 else off_plane[inner] - slope
+        beyond = inverse[margin + ahead : ahead - margin]
+        starts.append(margin + np.flatnonzero(beyond < limit))
+    k = np.concatenate(starts)
+    way = np.repeat(np.arange(4), [len(start) for start in starts])
+    # Between lines no return was to be expected.
+    across = ~image.in_lines[np.abs(_WAYS[way, 1])]
+    return k[across], way[across]
 
 
 def _goes_on(image: RangeImage, planes: Planes, k: np.ndarray, way: np.ndarray) -> np.ndarray:

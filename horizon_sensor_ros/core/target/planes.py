@@ -77,10 +77,7 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     seen = inverse > 0
     middle = _quantile(inverse[seen], 0.5)
     footprint = 1 / (middle * image.focal_px)
-    guess = _range_noise(inverse, seen) if sigma_m is None else sigma_m
-    rounded = sigma_m is None and image.range_step_m > _COARSE_STEP * guess
-    if rounded:
-        guess = _stepped_noise(inverse, seen, image.range_step_m)
+    guess, rounded = _noise_of_returns(image, seen) if sigma_m is None else (sigma_m, False)
     sigma = max(guess, 1e-3 * footprint)
     radius = _window_radius(sigma / footprint)
     fit = _plane_fit(without_holes(inverse), seen, middle, radius)
@@ -96,11 +93,8 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     found, slope_u, slope_v, level, lender = _borrow_planes(
         fit, own, lending, seen, inverse, noise, radius
     )
-    tan_u, tan_v = (tangent.astype(np.float32) for tangent in image.tangents())
     returns = np.flatnonzero(seen)
-    row, column = np.divmod(returns, inverse.shape[1])
-    ray = np.ones((3, len(returns)), np.float32)
-    ray[0], ray[1] = tan_u[column], tan_v[row]
+    ray = _rays(image, returns)
     some = np.flatnonzero(found[returns])
     at, (x, y, one) = returns[some], ray[:, some]
     focal = np.float32(image.focal_px)
@@ -162,6 +156,24 @@ def _at_limb(
     inwards = np.clip(place + dv * width + du, 0, len(cosine) - 1)
     bend = np.einsum("ij,ij->i", normals[place], normals[inwards])
     return (cosine[inwards] > cosine[place]) & (LIMB_BEND[1] < bend) & (bend < LIMB_BEND[0])
+
+
+def _rays(image: RangeImage, pixel: np.ndarray) -> np.ndarray:
+    """Rays (3, N) float32, of depth 1, through flat pixel indices (N,)."""
+    tan_u, tan_v = (tangent.astype(np.float32) for tangent in image.tangents())
+    row, column = np.divmod(pixel, image.inverse_depth.shape[1])
+    ray = np.ones((3, len(pixel)), np.float32)
+    ray[0], ray[1] = tan_u[column], tan_v[row]
+    return ray
+
+
+def _noise_of_returns(image: RangeImage, seen: np.ndarray) -> tuple[float, bool]:
+    """Standard deviation (m) of single returns, and whether it is mostly that of coarse steps, of
+    which planes tell no better one."""
+    noise_m = _range_noise(image.inverse_depth, seen)
+    if image.range_step_m > _COARSE_STEP * noise_m:
+        return _stepped_noise(image.inverse_depth, seen, image.range_step_m), True
+    return noise_m, False
 
 
 def _range_noise(inverse: np.ndarray, seen: np.ndarray) -> float:

@@ -272,6 +272,50 @@ def _judge(
     )
 
 
+@dataclass(frozen=True)
+class _Margins:
+    """By how much better than the motion that was found a rival must agree with the views.
+
+    search_rad, turned_rad : what is searched for, and what the target may have turned by.  far :
+        the motion found is beyond the search.  likely_rad : turns up to this are as likely as it.
+    noise : what odd returns make scores differ by.
+    """
+
+    search_rad: float
+    turned_rad: float
+    far: bool
+    likely_rad: float
+    noise: float
+
+    def of_prism(self, turn_rad: float) -> float:
+        """Of a rival turned further as a prism is like itself: with a likely turn it may even agree
+        a little less well, and less well still if the motion found is beyond the search; beyond
+        that it has to agree better.
+        """
+        return self._less if turn_rad < self.likely_rad else _SAME_SCORE + self.noise
+
+    def of_right_angles(self, turn_rad: float) -> float:
+        """Of a rival turned further by right angles: the same, where the target may have turned by
+        more than the search, as by then a box may have turned by a side.
+
+        Else it has to agree better, and clearly so if its turn is beyond twice the search. But if
+        the motion found is itself beyond the search, a rival with a likely turn may even agree a
+        little less well, and any other one need only agree better at all.
+        """
+        if self.turned_rad > self.search_rad and turn_rad < self.likely_rad:
+            return self._less
+        likely = turn_rad < 2 * self.search_rad
+        margin = (_SAME_SCORE if likely else _OTHER_SCORE) + self.noise
+        if self.far:
+            return -margin if likely else 0.0
+        return margin
+
+    @property
+    def _less(self) -> float:
+        # Turns as likely as its own speak against it and need not be better.
+        return -(_FAR_SCORE if self.far else _OTHER_SCORE)
+
+
 def _doubt(
     found: Found,
     a: SurfaceView,
@@ -286,20 +330,13 @@ def _doubt(
 
     still : as of `Finder`. turned_rad, doubted : as of `register`, the former not below the search.
     Rivals are the same motion turned further, about the target's axes, with which the views agree
-    about as well. How much better a rival must agree depends on how likely its turn is:
-
-    - Turned as a prism is like itself: up to `_AS_LIKELY` times the turn that was found, within
-      what the target may have turned, it may even agree a little less well, and less well still if
-      the motion found is beyond the search; beyond that it has to agree better. Where views between
-      these two were doubted a rival may be as likely whatever was found: a prism that was seen to
-      turn, and then not to, has turned by a side. Beyond `_TURNED_AWAY_RAD` no motion is believed
-      then.
-    - Turned by right angles: the same, where it may have turned by more than the search, as by
-      then a box may have turned by a side. Else it has to agree better, and clearly so if its turn
-      is beyond twice the search. But if the motion found is itself beyond the search, a rival with
-      a likely turn may even agree a little less well, and any other one need only agree better at
-      all. This is not asked of a motion within the search with which the views agree beyond doubt;
-      one beyond the search with which they do not is refused without asking.
+    about as well. How much better a rival must agree (`_Margins`) depends on how likely its turn
+    is: up to `_AS_LIKELY` times the turn that was found, within what the target may have turned.
+    Where views between these two were doubted a rival may be as likely whatever was found: a prism
+    that was seen to turn, and then not to, has turned by a side. Beyond `_TURNED_AWAY_RAD` no
+    motion is believed then.
+    Right angles are not asked for of a motion within the search with which the views agree beyond
+    doubt; one beyond the search with which they do not is refused without asking.
     """
     if doubted and turned_rad > _TURNED_AWAY_RAD:
         return (
@@ -311,18 +348,14 @@ def _doubt(
     far = turn > config.search_rad
     odd = odd_share(a, b)
     clear = found.score > BEYOND_DOUBT - SCORE_LOST * odd
-    # Turns as likely as its own speak against it and need not be better; others must be.
     likely_rad = turned_rad if doubted else min(_AS_LIKELY * turn, turned_rad)
+    margins = _Margins(config.search_rad, turned_rad, far, likely_rad, _SCORE_NOISE * odd)
     most_rad = max(_BEYOND_SEARCH * config.search_rad, turned_rad)
-    less = _FAR_SCORE if far else _OTHER_SCORE
     starts = prism_turned(b, rotation, translation, still, min(most_rad, np.pi))
     for rival in rivals(a, b, rotation, translation, still, starts):
-        likely = rival.turn_rad < likely_rad
-        margin = -less if likely else _SAME_SCORE + _SCORE_NOISE * odd
-        if rival.lead > margin:
+        if rival.lead > margins.of_prism(rival.turn_rad):
             return _tell_rival(rival, found)
-    missed = turned_rad > config.search_rad
-    if clear and not far and not missed:
+    if clear and not far and turned_rad <= config.search_rad:
         return ""
     if far and not clear:
         return (
@@ -330,13 +363,7 @@ def _doubt(
             f" to {found.score:.3f} only"
         )
     for rival in rivals(a, b, rotation, translation, still, right_turned(a, b, rotation)):
-        likely = rival.turn_rad < 2 * config.search_rad
-        margin = (_SAME_SCORE if likely else _OTHER_SCORE) + _SCORE_NOISE * odd
-        if far:
-            margin = -margin if likely else 0.0
-        if missed and rival.turn_rad < likely_rad:
-            margin = -less
-        if rival.lead > margin:
+        if rival.lead > margins.of_right_angles(rival.turn_rad):
             return _tell_rival(rival, found)
     return ""
 
