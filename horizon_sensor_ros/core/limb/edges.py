@@ -176,16 +176,12 @@ def limb_of_edges(
     """
     given = bool(looks)
     places, good, of_clipping = _with_feet(sample, edges, looks)
-    num_good = int(np.count_nonzero(good))
-    if num_good < MIN_PROFILES:
-        reason = f"{num_good} of {len(good)} profiles across the limb show an edge"
+    if np.count_nonzero(good) < MIN_PROFILES:
+        reason = f"{np.count_nonzero(good)} of {len(good)} profiles across the limb show an edge"
         return LimbPoints.none(Status.NO_LIMB, reason), ()
     edges_px = places.offset_px
     jumps_px = scatter_px(steepest.offset_px[good])
-    profiles, px, normal_px = sample.profiles, sample.px, sample.normal_px
-    if num_good < len(profiles):
-        places, profiles = places.take(good), profiles[good]
-        px, normal_px = px[good], normal_px[good]
+    profiles, px, normal_px, places = _taken(sample, places, good)
     if step.guess and not given:
         looks = guess_looks(profiles, sample.grid.d_px, places)
     glow_px = max((look.glow_px for look in looks), default=0.0)
@@ -223,6 +219,15 @@ def limb_of_edges(
         rises = beside_over_deep(profiles, sample.grid)
         points = replace(points, modelled=not no_model, beside_over_deep=rises)
     return points, () if no_model else tuple(looks)
+
+
+def _taken(
+    sample: LimbSample, places: EdgePlaces, good: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, EdgePlaces]:
+    """Profiles (N, J), their pixels and normals (N, 2), and places, where edges (M,) are good."""
+    if good.all():
+        return sample.profiles, sample.px, sample.normal_px, places
+    return sample.profiles[good], sample.px[good], sample.normal_px[good], places.take(good)
 
 
 def _darkening(
@@ -311,13 +316,9 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
         return None
     places = found.places
     fits = believable(places)
-    num_fits = int(np.count_nonzero(fits))
-    if num_fits < max(_EXPECTED_SHARE * np.count_nonzero(good), MIN_PROFILES):
+    if np.count_nonzero(fits) < max(_EXPECTED_SHARE * np.count_nonzero(good), MIN_PROFILES):
         return None
-    profiles, px, normal_px = sample.profiles, sample.px, sample.normal_px
-    if num_fits < len(fits):
-        profiles, px, normal_px = profiles[fits], px[fits], normal_px[fits]
-        places = places.take(fits)
+    profiles, px, normal_px, places = _taken(sample, places, fits)
     jumps_px = scatter_px(places.offset_px)
     falls = _falls(profiles)
     if not (jumps_px < _CALM_PX and _falls_there(falls, sample.grid)):

@@ -79,9 +79,8 @@ def refine_limb(
     if step.at_once and enough:
         looks = guess_looks(profiles[good], grid.d_px, steepest.take(good), CLEAR_SHARE)
         if any(look.glow_px > 0.0 for look in looks):
-            return LimbPoints.none(
-                Status.NO_LIMB, "the edge is soft, or the air above it glows"
-            ), ()
+            reason = "the edge is soft, or the air above it glows"
+            return LimbPoints.none(Status.NO_LIMB, reason), ()
     edges = LimbEdges(steepest, good)
     if looks and enough:
         plain = good & ~sample.clipped
@@ -97,8 +96,7 @@ def refine_limb(
         looks = (look,)
         edges = modelled_edges(sample, look, edges, rho_rad, step) or edges
     if separate and looks and enough and looks[0].glow_px == 0.0:
-        length_px = usual_length_px(view, rho_rad, step.factor)
-        found = joint.of_thin_air(looks[0], edges, length_px, sample.light_beyond(good))
+        found = joint.of_thin_air(looks[0], edges, sample.light_beyond(good))
         if found is not None:
             return found
     return limb_of_edges(sample, edges, steepest, looks, view, rho_rad, step, uneven=joint.uneven)
@@ -183,15 +181,14 @@ class _JointFit:
         points = replace(points, offset_px=rays_of(view, points).residuals_px(*cone))
         return points, (replace(look, air=limb.air),)
 
-    def of_thin_air(
-        self, look: EdgeLook, edges: LimbEdges, length_px: float, beyond: float
-    ) -> _Refined | None:
+    def of_thin_air(self, look: EdgeLook, edges: LimbEdges, beyond: float) -> _Refined | None:
         """`of` where edges show no glow, but may all the same lie in it.
 
         From far away air is as thin as the blur, and either no edge quite looks like one of them,
-        or it passes for blur, and lifts the edges. look : of these. length_px : over which air
-        usually fades. beyond : `LimbSample.light_beyond`.
+        or it passes for blur, and lifts the edges. look : of these. beyond :
+        `LimbSample.light_beyond`.
         """
+        length_px = usual_length_px(self._view, self._cone[1], self._step.factor)
         blurred = (
             look.psf_px > MOST_IN_FOCUS_PX
             and _passes_for_blur(length_px, self._step)

@@ -223,11 +223,9 @@ def _fitted(
     for _ in range(round(_STEPS * max(1.0, length_px / _LONG_PX))):
         if sight is None or since > _AFRESH_PX:
             glaring = sight is not None and bool(sight.glare.any())
-            sight = _look(gray, view, (nadir_base, rho_rad), outer_px, factor, glaring)
+            sight = _look(gray, view, (nadir_base, rho_rad), outer_px, factor, glaring, part)
             since = 0.0
-            if sight is not None and part is not None:
-                sight = sight.part(*part)
-            if sight is None or len(sight) < _LEAST_STRETCHES:
+            if sight is None:
                 return None
         if air is None or len(keep) != len(sight):
             guess = _first_guess(sight, look, air)
@@ -349,11 +347,28 @@ def _look(
     outer_px: float,
     factor: int,
     glaring: bool,
+    part: tuple[float, float] | None,
 ) -> GlowSight | None:
-    """What is seen along a limb up to outer_px above it, without the Sun's glare; None if little.
+    """What is seen along a limb, or a part of it as of `_fitted`, up to outer_px above it, without
+    the Sun's glare; None if little.
 
     glaring : it is known to be there.
     """
+    sight = _without_glare(gray, view, cone, outer_px, factor, glaring)
+    if sight is not None and part is not None:
+        sight = sight.part(*part)
+    return None if sight is None or len(sight) < _LEAST_STRETCHES else sight
+
+
+def _without_glare(
+    gray: np.ndarray,
+    view: CameraView,
+    cone: tuple[np.ndarray, float],
+    outer_px: float,
+    factor: int,
+    glaring: bool,
+) -> GlowSight | None:
+    """`_look` at all of the limb."""
     sight = look_along(gray, view, *cone, outer_px, factor)
     if sight is None or len(sight) < _LEAST_STRETCHES:
         return None
