@@ -88,19 +88,9 @@ def calibrate(
         reason = f"the frame sets scatter {adjustment.scale:.0f} times as much as their limbs claim"
         none = Calibration.none(Status.POOR_FIT, reason, unknowns, nominal, telling)
         return replace(none, scatter=adjustment.scale)
-    opposite = adjustment.opposite()
-    if opposite:
-        reason = (
-            f"{', '.join(opposite)} would see nadir opposite to where the frames show it: mounted "
-            "otherwise than the rotations say?"
-        )
-        return Calibration.none(Status.POOR_FIT, reason, unknowns, nominal, telling)
-    if adjustment.last_step2 > _AT_REST:
-        reason = (
-            f"after {_MAX_ROUNDS} rounds the mountings still move by "
-            f"{np.sqrt(adjustment.last_step2):.1f} sigma a round: the sets do not agree on any"
-        )
-        return Calibration.none(Status.NOT_CONVERGED, reason, unknowns, nominal, telling)
+    status, reason = _objection(adjustment)
+    if status is not Status.OK:
+        return Calibration.none(status, reason, unknowns, nominal, telling)
     return adjustment.result(telling, nominal)
 
 
@@ -118,6 +108,24 @@ def _adjusted(
     while (known := adjustment.known) is not None:
         adjustment = _Adjustment(model, nominal, config, known)
     return adjustment
+
+
+def _objection(adjustment: _Adjustment) -> tuple[Status, str]:
+    """Status that is not OK, and why, where the mountings that were found are not to be believed,
+    for all that the sets agree.
+    """
+    opposite = adjustment.opposite()
+    if opposite:
+        return Status.POOR_FIT, (
+            f"{', '.join(opposite)} would see nadir opposite to where the frames show it: mounted "
+            "otherwise than the rotations say?"
+        )
+    if adjustment.last_step2 > _AT_REST:
+        return Status.NOT_CONVERGED, (
+            f"after {_MAX_ROUNDS} rounds the mountings still move by "
+            f"{np.sqrt(adjustment.last_step2):.1f} sigma a round: the sets do not agree on any"
+        )
+    return Status.OK, ""
 
 
 def _without_unsure(

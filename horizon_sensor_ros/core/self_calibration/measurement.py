@@ -118,17 +118,9 @@ def camera_horizon(
         return None
     cov = _cov_nadir_rho(fix.fit, initial[0], view.rot_base_from_cam, sphere)
     noise = _cov_nadir_rho(alone, initial[0], np.eye(3), sphere)
-    slope = np.zeros(3)
-    if focal:
-        basis = tangent_basis(initial[0])
-        for sign in (1.0, -1.0):
-            camera = view.camera.with_focal_scale(1 + sign * _FOCAL_STEP)
-            scaled = replace(optical, camera=camera)
-            moved = fit_maximum_likelihood([LimbObservation(scaled, limb)], sphere, initial)
-            if not moved.ok:
-                return None
-            change = np.append(moved.nadir_base @ basis, moved.rho_rad)
-            slope += sign / (2.0 * _FOCAL_STEP) * change
+    slope = _focal_slope(seen[0], sphere, initial) if focal else np.zeros(3)
+    if slope is None:
+        return None
     exact = replace(alone, cov_nadir_altitude=np.zeros((4, 4)))
     of_lens = with_calibration_error(exact, seen, sphere, lens_sigma_px=lens_sigma_px)
     steady_cov = _cov_nadir_rho(of_lens, initial[0], np.eye(3), sphere)
@@ -154,6 +146,27 @@ def camera_horizon(
         slope,
         _corner_blur(view, limb, fix.fit.rho_rad, sphere),
     )
+
+
+def _focal_slope(
+    seen: LimbObservation, sphere: Planet, initial: tuple[np.ndarray, float]
+) -> np.ndarray | None:
+    """(3,) of nadir's two tangent components and rho, by a share of the focal length; None where a
+    fit fails.
+
+    initial : (nadir, rho) of the limb.
+    """
+    basis = tangent_basis(initial[0])
+    slope = np.zeros(3)
+    for sign in (1.0, -1.0):
+        camera = seen.view.camera.with_focal_scale(1 + sign * _FOCAL_STEP)
+        scaled = LimbObservation(replace(seen.view, camera=camera), seen.limb)
+        moved = fit_maximum_likelihood([scaled], sphere, initial)
+        if not moved.ok:
+            return None
+        change = np.append(moved.nadir_base @ basis, moved.rho_rad)
+        slope += sign / (2.0 * _FOCAL_STEP) * change
+    return slope
 
 
 def _corner_blur(
