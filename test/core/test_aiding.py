@@ -68,6 +68,45 @@ def test_an_altitude_of_long_ago_says_little_but_is_finite() -> None:
     assert 10e3 < pose.altitude(WGS84, 30.0).sigma_m < 100e3
 
 
+@pytest.mark.parametrize("distance_m", [6.6e6, 8e6, 42.2e6, 400e6])
+def test_how_far_a_circular_orbit_flies(distance_m: float) -> None:
+    pose = CoarsePose(np.array([distance_m, 0.0, 0.0]), np.eye(3), age_s=50.0)
+    kepler_rad = 50.0 * np.sqrt(MU_M3_S2 / distance_m**3)
+    assert pose.flown_rad(WGS84) == pytest.approx(kepler_rad, rel=0.01)
+
+
+def test_a_pose_below_the_surface_flies_no_faster_than_above_it() -> None:
+    low, high = (
+        CoarsePose(np.array([distance, 0.0, 0.0]), np.eye(3), age_s=50.0).flown_rad(WGS84)
+        for distance in (1.0, WGS84.mean_radius_m)
+    )
+    assert low == high
+
+
+@pytest.mark.parametrize("latitude_deg", [-90.0, -45.0, 0.0, 20.0, 70.0])
+@pytest.mark.parametrize("age_s", [60.0, 300.0])
+def test_what_the_flattened_surface_sinks_by_is_in_the_sigma(
+    latitude_deg: float, age_s: float
+) -> None:
+    """Along circles about the centre, with any heading; what an orbit rises by is left out."""
+    position = WGS84.ecef_from_geodetic(float(np.radians(latitude_deg)), 0.3, 500e3)
+    told = CoarsePose(position, np.eye(3), age_s=age_s)
+    variances = [told.altitude(p, 1.0).sigma_m ** 2 for p in (WGS84, Planet(WGS84.mean_radius_m))]
+    north = np.cross(position, np.cross([0.0, 0.0, 1.0], position))
+    axes = np.column_stack((north / np.linalg.norm(north), np.cross([0.0, 0.0, 1.0], position)))
+    if abs(latitude_deg) == 90.0:
+        axes = np.eye(3)[:, :2]
+    axes /= np.linalg.norm(axes, axis=0)
+    angle_rad = age_s * np.sqrt(MU_M3_S2 / np.linalg.norm(position) ** 3)
+    sunk_m = []
+    for heading in np.linspace(0.0, 2 * np.pi, 60, endpoint=False):
+        axis = axes @ [np.cos(heading), np.sin(heading)]
+        there = Rotation.from_rotvec(angle_rad * axis).apply(position)
+        sunk_m.append(WGS84.geodetic_from_ecef(there)[2] - 500e3)
+    claimed_m = np.sqrt(variances[0] - variances[1])
+    assert 0.5 < claimed_m / np.sqrt(np.mean(np.square(sunk_m))) < 1.6
+
+
 @pytest.mark.parametrize("sigma_m", [0.0, -1.0, np.nan, np.inf])
 def test_a_poses_altitude_has_a_sigma(sigma_m: float) -> None:
     with pytest.raises(ValueError, match="sigma_m must be positive"):
