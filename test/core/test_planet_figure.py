@@ -277,6 +277,44 @@ def test_a_coarse_attitude_that_the_limb_contradicts_is_not_believed() -> None:
     assert error < 4.0 * np.sqrt(np.linalg.eigvalsh(cov[:3, :3])[-1])
 
 
+@pytest.mark.parametrize(("off_deg", "believed"), [(4.0, True), (6.0, False)])
+def test_five_sigma_contradict_an_attitude(off_deg: float, believed: bool) -> None:
+    craft = Craft(12)
+    tilt = np.radians(off_deg) * tangent_basis(craft.nadir("geocentric"))[:, 1]
+    rot = craft.rot_ecef_from_base @ Rotation.from_rotvec(tilt).as_matrix()
+    pose = CoarsePose(craft.position, rot, 1e3, float(np.radians(1.0)))
+    figure = StretchedEllipsoid(WGS84, "geodetic", pose).aligned(craft.nadir("geocentric"))
+    assert isinstance(figure, StretchedEllipsoid) == believed
+
+
+def test_no_shortest_way_leads_from_an_attitude_of_which_nothing_is_known_upside_down() -> None:
+    craft = Craft(12)
+    over = np.pi * tangent_basis(craft.nadir("geocentric"))[:, 0]
+    rot = craft.rot_ecef_from_base @ Rotation.from_rotvec(over).as_matrix()
+    pose = CoarsePose(craft.position, rot, rotation_sigma_rad=3.2)
+    estimate, cov, figure = solved(
+        StretchedEllipsoid(WGS84, "geodetic", pose), craft.observations()
+    )
+    assert isinstance(figure, MeanSphere)
+    assert nees(estimate, cov, craft.nadir("geodetic")) < 11.8
+
+
+@pytest.mark.parametrize("vertical", VERTICALS)
+def test_the_covariance_has_nothing_along_the_vertical_that_is_told(vertical: str) -> None:
+    """The vertical of the fitted sphere is another one."""
+    craft = Craft(3, FLAT)
+    figure = StretchedEllipsoid(FLAT, vertical, craft.pose())
+    fit = fitted(figure, craft.observations())[0]
+    told = figure.estimate(fit)
+    assert angle_between(fit.nadir_base, told.nadir_base) > 1e-3
+    cov = told.cov_nadir_altitude[:3, :3]
+    along = [one.nadir_base @ cov @ one.nadir_base for one in (told, fit)]
+    assert abs(along[0]) < 1e-3 * along[1]
+    # Turned, and otherwise as it was.
+    sigmas2 = [np.linalg.eigvalsh(c)[1:] for c in (cov, fit.cov_nadir_altitude[:3, :3])]
+    np.testing.assert_allclose(*sigmas2, rtol=1e-6)
+
+
 def nees(estimate: HorizonFit, cov: np.ndarray, nadir: np.ndarray) -> float:
     """Two degrees of freedom, with 0.003 deg of other errors: the figure's own may be singular."""
     basis = tangent_basis(nadir)
@@ -440,7 +478,7 @@ def test_poles_covariance_against_drawn_ones() -> None:
     np.testing.assert_allclose(found, drawn, atol=0.03 * np.abs(drawn).max())
 
 
-@pytest.mark.parametrize("heading_rad", [0.8, 1.2, 3.2])
+@pytest.mark.parametrize("heading_rad", [0.8, 1.2, 3.2, 40.0])
 def test_poles_covariance_where_the_heading_is_hardly_known(heading_rad: float) -> None:
     """A position from an orbit, and no attitude: up to the half of the error was not claimed."""
     nadir, pole = np.array([0.0, 0.0, 1.0]), np.array([0.6, 0.0, -0.8])
@@ -481,23 +519,28 @@ def test_coarse_poses_without_an_attitude(vertical: str, rotation_sigma_deg: flo
 def test_the_mean_of_all_headings_is_nearer_than_one_at_random(vertical: str) -> None:
     """Of a vector of any direction the mean is as far as one sigma, another one 1.4 times that."""
     rng = np.random.default_rng(54)
-    by_mean, by_one = [], []
+    by_mean, by_one, squares = [], [], []
     for seed in range(60):
         craft = Craft(seed, cameras=(BARREL,) * 2)
         observations, nadir = craft.observations(count=600), craft.nadir(vertical)
         turned = Rotation.from_rotvec(rng.uniform(-np.pi, np.pi) * nadir).as_matrix()
         told = CoarsePose(craft.position, craft.rot_ecef_from_base @ turned, 1e3, 0.01)
         for pose, errors in ((told, by_one), (replace(told, rotation_sigma_rad=3.2), by_mean)):
-            estimate, _, _ = solved(StretchedEllipsoid(WGS84, vertical, pose), observations)
+            estimate, cov, _ = solved(StretchedEllipsoid(WGS84, vertical, pose), observations)
             errors.append(np.linalg.norm(estimate.nadir_base - nadir))
+            if errors is by_mean:
+                squares.append(nees(estimate, cov, nadir))
     ratio_of = np.sqrt(np.mean(np.square(by_mean)) / np.mean(np.square(by_one)))
     assert ratio_of == pytest.approx(np.sqrt(0.5), abs=0.1)
+    # And no more is claimed than that.
+    assert np.mean(squares) == pytest.approx(2.0, abs=0.6)
 
 
+@pytest.mark.parametrize("limb_height_m", [0.0, 3e4])
 @pytest.mark.parametrize("vertical", VERTICALS)
-def test_influence_against_refits_with_the_axis_moved(vertical: str) -> None:
+def test_influence_against_refits_with_the_axis_moved(vertical: str, limb_height_m: float) -> None:
     # The influence is of first order: hardly flattened, nothing else is left.
-    planet = Planet(6378137.0, 0.0, 1e-5)
+    planet = Planet(6378137.0, limb_height_m, 1e-5)
     craft = Craft(21, planet)
     true = StretchedEllipsoid(planet, vertical, craft.pose())
     observations = craft.observations()
@@ -520,6 +563,48 @@ def test_influence_against_refits_with_the_axis_moved(vertical: str) -> None:
         )
         np.testing.assert_allclose(predicted[:2], found[:2], atol=0.05 * np.abs(found[:2]).max())
         assert predicted[2] == pytest.approx(found[2], rel=0.02, abs=0.01)
+
+
+def test_influence_of_the_cameras_and_points_that_the_fit_goes_by() -> None:
+    craft = Craft(21)
+    figure = MeanSphere(WGS84, "geocentric")
+    one, other = craft.observations(count=20_000)
+    assert min(len(each.limb.px) for each in (one, other)) > 1000
+    fit = fitted(figure, [one, other])[0]
+
+    def influence(fit: HorizonFit, *seen: LimbObservation) -> np.ndarray:
+        return figure_influence(fit, seen, WGS84, "geocentric")
+
+    def near(found: np.ndarray, expected: np.ndarray) -> None:
+        for row, goal in zip(found, expected, strict=True):
+            np.testing.assert_allclose(row, goal, atol=0.02 * np.abs(goal).max())
+
+    expected = influence(fit, one, other)
+    # A tenth as many points, each as sure as ten.
+    few = _points(one, slice(None, None, 10), 0.1**0.5)
+    near(influence(fit, few, other), expected)
+    # Points far off say nothing.
+    limb = one.limb
+    aside = LimbPoints(
+        Status.OK,
+        "",
+        np.vstack((limb.px, limb.px[::3] + 60.0 * limb.normal_px[::3])),
+        np.vstack((limb.normal_px, limb.normal_px[::3])),
+        np.concatenate((limb.sigma_px, limb.sigma_px[::3])),
+    )
+    near(influence(fit, LimbObservation(one.view, aside), other), expected)
+    # Nor does a camera that the fit left out.
+    alone = fitted(figure, [one])[0]
+    np.testing.assert_array_equal(influence(alone, one, other), influence(alone, one))
+
+
+def _points(observation: LimbObservation, which: slice, times: float) -> LimbObservation:
+    """Some of the points, with so many times their sigma."""
+    limb = observation.limb
+    part = LimbPoints(
+        limb.status, "", limb.px[which], limb.normal_px[which], times * limb.sigma_px[which]
+    )
+    return LimbObservation(observation.view, part)
 
 
 # ------------------------------------------------------------------ altitudes
