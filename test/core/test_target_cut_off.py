@@ -1,7 +1,10 @@
 """Where the sensor's frame cuts the target off there is no edge, nor does a cloud without its empty
 pixels say where that is."""
 
+from collections.abc import Callable
+
 import numpy as np
+import pytest
 
 from horizon_sensor_ros.core.rigid import (
     inverse_pose,
@@ -98,3 +101,34 @@ def test_outlines_in_view_are_known_to_end() -> None:
         depth = 2 / (1 + 0.3 * x)
         cloud = np.stack([x * depth, y * depth, depth], axis=-1)[inside]
         assert not range_image(cloud).unknown.any()
+
+
+def strewn(
+    rng: np.random.Generator, inside: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """(N, 3) cloud, on no grid, of a slanted face as far as ``inside`` of its tangents says."""
+    u, v = rng.uniform(-0.25, 0.25, (2, 30_000))
+    depth = 2 / (1 + 0.3 * u) + rng.normal(0.0, 0.002, len(u))
+    return (np.array([u, v, np.ones(len(u))]) * depth)[:, inside(u, v)].T
+
+
+def test_outside_a_round_field_nothing_is_known() -> None:
+    image = range_image(strewn(np.random.default_rng(5), lambda u, v: np.hypot(u, v) < 0.2))
+    assert not image.on_grid
+    seen = image.inverse_depth > 0
+    assert not image.unknown[seen].any()
+    u, v = image.tangents()
+    assert image.unknown[np.hypot(*np.meshgrid(u, v)) > 0.205].all()
+
+
+@pytest.mark.parametrize("side", [0.14, 0.17])
+def test_a_square_in_a_round_field_is_known_to_end(side: float) -> None:
+    """Its corners are as far from the axis as one another, and its sides are not."""
+
+    def inside(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return np.asarray(np.maximum(abs(u + 0.4 * v), abs(v - 0.4 * u)) < side)
+
+    image = range_image(strewn(np.random.default_rng(6), inside))
+    assert not image.on_grid
+    # But for a hole or two in the cloud.
+    assert np.mean(image.unknown[image.inverse_depth == 0]) < 0.01

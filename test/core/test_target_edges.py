@@ -115,3 +115,19 @@ def test_a_gap_in_a_scan_is_no_end_of_a_face() -> None:
     outermost = np.abs(edges.points[:, :2]).max(axis=1)
     # But for where the gap meets the outline; without it two thirds lay along the gap.
     assert np.mean(outermost > 0.46) > 0.9
+
+
+def test_an_edge_along_the_pixels_is_off_as_one() -> None:
+    """By up to half a pixel, as its row is; the more rows it crosses the less is claimed."""
+    off_px, claims_px = [], {}
+    for angle_deg in (0.0, 1.0, 4.0):
+        claimed_px = []
+        for seed in range(100):
+            edges, outwards_px = edges_of_bar(angle_deg, 3.0, seed)
+            claimed_px.append(np.median(edges.alike_m) * FOCAL_PX / DEPTH_M)
+            if angle_deg == 0.0:
+                off_px.append(np.mean(outwards_px[edges.sides[:, 1] < 0] - 1.5))
+        claims_px[angle_deg] = np.median(claimed_px)
+    assert claims_px[0.0] == pytest.approx(np.sqrt(np.mean(np.square(off_px))), rel=0.15)
+    assert claims_px[1.0] < claims_px[0.0] / 2.5
+    assert claims_px[4.0] < claims_px[0.0] / 10
