@@ -71,7 +71,7 @@ class CoarsePose:
         return float(np.linalg.norm(self.position_ecef_m))
 
     def flown_rad(self, planet: Planet) -> float:
-        """Return how far a circular orbit goes around the planet within age_s."""
+        """Return the angle by which a circular orbit goes around the planet within age_s."""
         radii = max(self.distance_m / planet.mean_radius_m, 1.0)
         return _ORBIT_RAD_S * radii**-1.5 * self.age_s
 

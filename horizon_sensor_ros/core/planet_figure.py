@@ -3,7 +3,9 @@
 Stretched along its axis by the ratio of its semi-axes, an ellipsoid of revolution becomes a sphere,
 straight lines stay straight, and rays that graze the one graze the other. So with the axis known
 in the base frame (a coarse pose) the cameras' rays are stretched, the limb is found and fitted as a
-sphere's, exactly, and the result is brought back. Without it the mean sphere is fitted.
+sphere's, exactly, and the result is brought back. Where its heading is hardly known they are
+stretched by the mean over all headings, to first order in the flattening. Without an axis the mean
+sphere is fitted.
 """
 
 from __future__ import annotations
@@ -161,9 +163,9 @@ class StretchedEllipsoid:
 
     def view(self, view: CameraView) -> CameraView:
         """Return the camera with its rays stretched along the planet's axis."""
-        # Asked for a few times a set.
+        # Asked for a few times a set. Beside its own view, so that no other one gets its id.
         kept = self._views.get(id(view))
-        if kept is None or kept[0] is not view:
+        if kept is None:
             kept = self._views[id(view)] = (view, stretched_view(view, self._stretch))
         return kept[1]
 
@@ -221,7 +223,7 @@ class StretchedEllipsoid:
         if self._vertical == "geodetic" and np.any(across):
             east_free = across / np.linalg.norm(across)
             normal = np.cos(latitude) * east_free + np.sin(latitude) * self._pole
-            # Towards the pole, which is in the mean so far off.
+            # Off the centre towards the pole, by the mean over its headings.
             nadir -= np.exp(-0.5 * self._mean_heading**2) * (normal + nadir)
             nadir /= np.linalg.norm(nadir)
         # The covariance turns along; what stretching does to its size is a few parts in a thousand.

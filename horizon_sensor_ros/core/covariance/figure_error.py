@@ -130,7 +130,8 @@ def pole_covariance(
 ) -> np.ndarray:
     """(6, 6) of K from one sigma of the position, as an angle each way, and of the heading.
 
-    mean_heading_rad : of the `mean_figure` that K was taken to be; by default the pole's own.
+    mean_heading_rad : one sigma of the headings that K was taken to be the mean of (`mean_figure`);
+    0, the default: it was taken to be that of pole_base.
     """
     axes = np.column_stack((tangent_basis(nadir_base), nadir_base))
     k = pole_base @ axes
