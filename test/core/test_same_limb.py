@@ -9,10 +9,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from limb_samples import PINHOLE, cone_rays, view_at_limb
+from limb_samples import PINHOLE, cone_rays, nadir_nees, view_at_limb
 from scipy.ndimage import map_coordinates
 
-from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.covariance.same_limb import common_stretches
@@ -29,7 +28,6 @@ from horizon_sensor_ros.core.status import Status
 NADIR = np.array([0.0, 0.0, 1.0])
 PLANET = Planet(has_air=False)
 RHO_RAD = PLANET.rho_from_altitude(800e3)
-BASIS = tangent_basis(NADIR)
 AZIMUTHS = np.arange(-1.0, 3.0, 0.01)
 SMALL = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
 FINE = 3  # drawn pixels to a pixel
@@ -59,14 +57,6 @@ def fitted(seen: list[LimbObservation]) -> HorizonFit:
     return fit
 
 
-def nees_of(fit: HorizonFit, nadir: np.ndarray) -> float:
-    """Of nadir: two degrees of freedom."""
-    basis = tangent_basis(nadir)
-    cov = basis.T @ fit.cov_nadir_altitude[:3, :3] @ basis
-    off = basis.T @ fit.nadir_base
-    return float(off @ np.linalg.solve(cov, off))
-
-
 def sigma_rad(fit: HorizonFit) -> float:
     return float(np.sqrt(np.trace(fit.cov_nadir_altitude[:3, :3])))
 
@@ -85,7 +75,7 @@ def test_what_they_see_alike_is_no_second_look(apart_rad: float, coherent_px: fl
         one.append(sigma_rad(fitted(seen[:1])))
         pair = fitted(seen)
         pairs.append(sigma_rad(pair))
-        nees.append(nees_of(pair, NADIR))
+        nees.append(nadir_nees(pair, NADIR))
     # Stretches that happen to lie off far are believed, which adds to the covariance.
     assert (0.8 if coherent_px else 1.4) < np.mean(nees) < 2.6
     # Taken for independent 0.7.
@@ -145,7 +135,7 @@ def test_two_cameras_side_by_side_know_what_one_does() -> None:
         one, both = (HorizonSensor(sensor).process(some) for some in (frames[:1], frames))
         if not (one.ok and len(both.fit.cameras) == 2):
             continue
-        nees.append(nees_of(both.fit, NADIR))
+        nees.append(nadir_nees(both.fit, NADIR))
         ratios.append(sigma_rad(both.fit) / sigma_rad(one.fit))
     assert len(nees) > 10
     assert np.mean(nees) < 2.6

@@ -3,12 +3,11 @@ pixel."""
 
 import numpy as np
 import pytest
+from registered_motion import motion_nees
 
 from horizon_sensor_ros.core.rigid import (
-    inverse_pose,
     pose_matrix,
     rotation_from_vector,
-    vector_from_rotation,
 )
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.registration import register, target_view
@@ -42,11 +41,7 @@ def squares(roll_deg: float, target: TriangleMesh = SLAB) -> list[float]:
         found = register(a, b)
         if found.status is not Status.OK:
             continue
-        off = found.pose_b_from_a @ poses[0] @ inverse_pose(poses[1])
-        centre = np.append(found.centre_m, 1.0)
-        shift = (centre - inverse_pose(off) @ centre)[:3]
-        error = np.concatenate([vector_from_rotation(off[:3, :3]), shift])
-        nees.append(error @ np.linalg.solve(found.covariance, error))
+        nees.append(motion_nees(found, poses))
     return nees
 
 

@@ -5,16 +5,15 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from registered_motion import motion_nees
 
 from horizon_sensor_ros.core.rigid import (
-    inverse_pose,
     pose_matrix,
     rotation_from_vector,
-    vector_from_rotation,
 )
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.range_image import range_image
-from horizon_sensor_ros.core.target.registration import Registration, register, target_view
+from horizon_sensor_ros.core.target.registration import register, target_view
 from horizon_sensor_ros.sim.shapes import assembly, beam, box, revolved
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 
@@ -24,14 +23,6 @@ PRISM = revolved([(0.0, -1.5), (0.35, -1.5), (0.35, 1.5), (0.0, 1.5)], segments=
 TARGET = assembly(
     [PRISM, box((0.25, 0.25, 0.3), (0.8, 0.1, 0.2)), beam((0.0, 0.0, 0.2), (0.8, 0.1, 0.2), 0.06)]
 )
-
-
-def nees(found: Registration, poses: list[np.ndarray]) -> float:
-    """Squared error of a motion from the first to the second pose, in units of its claim."""
-    off = poses[1] @ inverse_pose(poses[0]) @ inverse_pose(found.pose_b_from_a)
-    centre = np.append(found.centre_m, 1.0)
-    error = np.concatenate([vector_from_rotation(off[:3, :3]), (off @ centre - centre)[:3]])
-    return float(error @ np.linalg.solve(found.covariance, error))
 
 
 def test_a_prism_that_leaves_the_frame_is_not_taken_to_end_there() -> None:
@@ -51,7 +42,7 @@ def test_a_prism_that_leaves_the_frame_is_not_taken_to_end_there() -> None:
         if found.status is not Status.OK:
             continue
         fixed += 1
-        squares.append(nees(found, poses))
+        squares.append(motion_nees(found, poses))
     assert fixed > 15
     assert max(squares) < 30
 
@@ -88,7 +79,7 @@ def test_a_box_that_leaves_a_round_field_is_not_taken_to_end_there() -> None:
         poses = [pose_matrix(start, place), pose_matrix(turn @ start, moved)]
         found = register(*(target_view(rosette(pose, rng)) for pose in poses))
         if found.status is Status.OK:
-            squares.append(nees(found, poses))
+            squares.append(motion_nees(found, poses))
     assert len(squares) > 8
     assert max(squares) < 30
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from registered_motion import motion_nees
 
 from horizon_sensor_ros.core.rigid import (
     inverse_pose,
     pose_matrix,
     rotation_from_vector,
-    vector_from_rotation,
 )
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.registration import register, target_view
@@ -39,12 +39,7 @@ def nees_of_plate(rng: np.random.Generator, known: bool) -> float | None:
     found = register(a, b, None, truth if known else None)
     if found.status is not Status.OK:
         return None
-    off = found.pose_b_from_a @ inverse_pose(truth)
-    centre = np.append(found.centre_m, 1.0)
-    error = np.concatenate(
-        [vector_from_rotation(off[:3, :3]), (centre - inverse_pose(off) @ centre)[:3]]
-    )
-    return float(error @ np.linalg.solve(found.covariance, error))
+    return motion_nees(found, poses)
 
 
 @pytest.mark.parametrize("known", [False, True])
