@@ -397,7 +397,7 @@ def _runs(
     order = np.argsort(run, kind="stable")
     first = np.searchsorted(run[order], np.arange(count))
     row = (_LATTICE @ places.spot)[:, order]
-    rows = np.maximum.reduceat(row, first, axis=1) - np.minimum.reduceat(row, first, axis=1) + 1.0
+    rows = _rows(row, first)
     apart = _LATTICE_PX[:, None]
     alike = (apart * _WITHIN_PIXEL / rows).max(axis=0)
     leaning = (apart * _LEANING_PX / np.maximum(rows - 1, 1)).max(axis=0)
@@ -408,6 +408,22 @@ def _runs(
     alike = np.sqrt(np.maximum(alike * alike - own, 0))
     leaning = np.sqrt(np.maximum(leaning * leaning - 12 * own, 0))
     return run, alike[run], leaning[run] * _along_run(places.spot, angle, run)
+
+
+def _rows(row: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """(L, R) how many rows of pixels the places of each of R runs lie in, along each of L lattice
+    lines: S where as many lie in each of S, and hardly more than one where a few of many are beside
+    the rest, which noise puts there or the end of an edge.
+
+    row : (L, P) of places in the order of their runs, of which ``first`` (R,) is each one's first.
+    """
+    count = np.diff(first, append=row.shape[1])
+    least = np.minimum.reduceat(row, first, axis=1)
+    span = np.maximum.reduceat(row, first, axis=1) - least + 1
+    start = (np.cumsum(span) - span.ravel()).reshape(span.shape)
+    there = np.bincount((row + np.repeat(start - least, count, axis=1)).astype(int).ravel())
+    squares = np.add.reduceat(there * there, start.astype(int).ravel())
+    return count * count / squares.reshape(span.shape)
 
 
 def _along_run(spot: np.ndarray, angle: np.ndarray, run: np.ndarray) -> np.ndarray:
