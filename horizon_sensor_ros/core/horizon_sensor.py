@@ -139,15 +139,17 @@ class HorizonSensor:
         told = rate_by_gyro(aiding)
         if told is None:
             return self._at_rate(frames, by_fixes, aiding)
+        # Nor is the age of a coarse pose counted by a gyro that is not believed.
+        unaided = replace(aiding, rate_base_rad_s=None)
         if not self._gyro_trust.believes(told, by_fixes, aiding.since_last_s):
-            return _without_gyro(self._at_rate(frames, by_fixes, aiding), _NOT_THE_FIXES)
+            return _without_gyro(self._at_rate(frames, by_fixes, unaided), _NOT_THE_FIXES)
         fix = self._at_rate(frames, told, aiding)
         # A rate by which frames of one moment are no more than smeared bends no horizon.
         late = any(frame.late_s > 0.0 for frame in frames)
         if not late or fix.status not in _OF_A_WRONG_RATE:
             return fix
         # Only fixes contradict a gyro, and with one that is far off there may never be any.
-        without = self._at_rate(frames, by_fixes, aiding)
+        without = self._at_rate(frames, by_fixes, unaided)
         if not without.ok:
             return fix
         self._gyro_trust.refute()

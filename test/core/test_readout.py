@@ -12,7 +12,7 @@ from limb_frames import limb_views
 from limb_samples import CAMERAS, angle_between, nadir_nees
 from scipy.spatial.transform import Rotation
 
-from horizon_sensor_ros.core.aiding import Aiding
+from horizon_sensor_ros.core.aiding import Aiding, CoarsePose
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.result import HorizonFit
@@ -20,6 +20,7 @@ from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.nadir_rate import NadirRate
+from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.readout import view_at_stamp
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.turn_rate import TurnRate
@@ -31,6 +32,15 @@ ALTITUDE_M = 600e3
 USUAL_RAD_S = HorizonConfig().rate_sigma_rad_s
 ROT = Rotation.from_euler("xyz", [0.4, -1.1, 2.0]).as_matrix()
 rates = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
+
+
+def coarse_pose(nadir_base: np.ndarray, age_s: float) -> CoarsePose:
+    """Above the equator, north somewhere about that nadir, told so long ago."""
+    up = -nadir_base
+    pole = np.cross(up, np.roll(up, 1))
+    pole /= np.linalg.norm(pole)
+    rot = np.stack([up, np.cross(pole, up), pole])
+    return CoarsePose(np.array([6378137.0 + ALTITUDE_M, 0.0, 0.0]), rot, age_s=age_s)
 
 
 def turning(camera: Camera, rate: np.ndarray, readout_s: float) -> Camera:
@@ -288,24 +298,33 @@ def test_no_times_and_no_rates_break_it(
         assert fix.ok
 
 
-def test_a_gyro_that_the_fixes_contradict_is_not_believed() -> None:
+@pytest.mark.parametrize("posed", [False, True])
+def test_a_gyro_that_the_fixes_contradict_is_not_believed(posed: bool) -> None:
+    """Nor for what the craft has turned since a coarse pose, which it made a heading not known."""
     _, sets = flight(2.0, 7, 4)
     truth = sets[-1][0].truth.nadir_base
-    fix = fixes(sets, READOUT_S, None)[-1]
     views = [
         replace(view, readout_s=READOUT_S)
         for view in limb_views(ALTITUDE_M, azimuths_rad=(0.3, 1.8))
     ]
-    sensor = HorizonSensor()
+    pose = coarse_pose(truth, 1.0) if posed else None
+    config = HorizonConfig(planet=Planet.wgs84() if posed else Planet())
+    without, wrong = HorizonSensor(config), HorizonSensor(config)
     for step, frames in enumerate(sets):
         glitch = np.array([4.0, -2.0, 1.0]) if step == len(sets) - 1 else None
-        aiding = Aiding(rate_base_rad_s=glitch, since_last_s=PERIOD_S if step else None)
+        aiding = Aiding(pose, since_last_s=PERIOD_S if step else None)
         shown = [Frame(view, frame.image) for view, frame in zip(views, frames, strict=True)]
-        wrong = sensor.process(shown, aiding)
-    assert nadir_nees(wrong.fit, truth) < 11.8
-    np.testing.assert_array_equal(wrong.fit.nadir_base, fix.fit.nadir_base)
-    assert wrong.gyro_refused
-    assert "not the one by which the horizon moves" in wrong.reason
+        rates = (None, glitch)
+        fix, doubted = (
+            sensor.process(shown, replace(aiding, rate_base_rad_s=rate))
+            for sensor, rate in zip((without, wrong), rates, strict=True)
+        )
+    assert posed or nadir_nees(doubted.fit, truth) < 11.8
+    assert fix.ok
+    np.testing.assert_array_equal(doubted.fit.nadir_base, fix.fit.nadir_base)
+    np.testing.assert_array_equal(doubted.fit.cov_nadir_altitude, fix.fit.cov_nadir_altitude)
+    assert doubted.gyro_refused
+    assert "not the one by which the horizon moves" in doubted.reason
 
 
 @pytest.mark.parametrize("rate_rad_s", [0.4, 0.8, -1.2])
