@@ -24,8 +24,9 @@ _BEND_PX = 0.12
 _FLAT = 2.0
 # Squared ratio of the mean sag of windows to its noise, beyond which a surface counts as curved:
 # carried on to the pixels beside it its planes would lie off it, and those of windows cut off by
-# its limb lean, in both views alike.
-_CURVED = 4.0
+# its limb lie off it and lean, in both views alike. Three standard deviations where the noise is
+# twice as large, as at a slant.
+_CURVED = 36.0
 # Where a surface turns edge-on at less than this cosine, and within two windows bends towards the
 # sensor by an angle with a cosine between these, that is the limb of a curved body; what bends more
 # is another face.
@@ -87,8 +88,10 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     flat = fit.flat(noise)
     sag, curved = _sag(fit, flat, sigma, radius)
     full = (2 * radius + 1) ** 2 - 0.5
-    firm = (~curved | (fit.count > full)).ravel()
     fit = replace(fit, level=fit.level + sag)
+    # Where windows are cut off, those beside them tell whether the surface is curved.
+    near = cv2.dilate(curved.view(np.uint8), np.ones((2 * radius + 1,) * 2, np.uint8)) > 0
+    flat &= (fit.count > full) | ~near
     own, lending = flat.ravel(), (flat & ~curved).ravel()
     found, slope_u, slope_v, level, lender = _borrow_planes(
         fit, own, lending, seen, inverse, noise, radius
@@ -114,7 +117,7 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     points[returns] = (ray / level[returns]).T
     normals[at] = (np.array([a, b, c]) / -length).take(good, axis=1).T
     shape = inverse.shape
-    own &= found & firm
+    own &= found
     limb = np.zeros(inverse.size, bool)
     cut = at[(cosine[at] < _LIMB_COSINE) & (fit.count.ravel()[at] < full)]
     limb[cut] = _at_limb(cut, slope_u, slope_v, cosine, normals, limb_reach_px(radius), shape[1])
@@ -306,8 +309,12 @@ def _sag(
     alike = _box(lead * lead, one, one) / share - square_m < 4 * square_n + 0.25 * square_m
     # On the surface's border a window may have neighbours on another one only.
     alike &= (full == 0) | (np.abs(lead - mean) < 4 * noise + 0.5 * np.abs(mean))
-    curved = square_m * (1 + count / (side * side)) > _CURVED * square_n
-    curved &= count > 0.15 * side * side
+    # The mean of windows that overlap, over as many about them, is as much surer.
+    sums = [np.convolve(each, one / side) for each in (bump, one)]
+    surer = np.float32(bump @ bump * side / np.prod([each @ each for each in sums]))
+    share = count / (side * side)
+    curved = square_m * (1 + (surer - 1) * share * share) > _CURVED * square_n
+    curved &= share > 0.15
     return np.where(enough & alike & flat, mean, np.float32(0)), curved
 
 
