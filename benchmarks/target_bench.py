@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import cv2
 from tables import Options, Table, Text
 from target_beside import beside_table
+from target_claims import claims_table
 from target_pairs import MESHES
 from target_paper import literal_table, paper_table
 from target_peers import MISSING
@@ -39,7 +40,7 @@ def run(options: Options, targets: Sequence[str] = tuple(MESHES)) -> list[Table 
     for each in sets:
         each.measure()
     tables += [pairs_table(sets), acceptance_table(sets), honesty_table(sets), time_table(sets)]
-    tables.append(beside_table(options))
+    tables += [claims_table(options), beside_table(options)]
     tables += [literal_table(options), profile_table(options)]
     tables.append(sequence_table(options, [name for name in targets if name in TRACKED]))
     return tables
