@@ -12,6 +12,7 @@ light fades ground goes on to be brighter the farther in it lies. Derived here.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -50,20 +51,32 @@ def beside_over_deep(profiles: np.ndarray, grid: ProfileGrid) -> float:
     """
     if len(profiles) < _STRETCHES:
         return np.nan
-    beside, deep = (
-        np.array([part.mean() for part in stretches(_unblurred(profiles, grid, where), _STRETCHES)])
-        for where in (BESIDE_PX, DEEP_PX)
-    )
+    first, count = _parts(len(profiles))
+    means = np.add.reduceat(profiles, first, dtype=np.float64) / count[:, None]
+    beside, deep = (means @ _unblurred(grid)).T - 2.0 * space_mean(profiles)
     share = beside / np.maximum(deep, 1e-9)
     return float(share.mean() + _BY_CHANCE * share.std() / math.sqrt(_STRETCHES - 1))
 
 
-def _unblurred(profiles: np.ndarray, grid: ProfileGrid, part_px: tuple[float, float]) -> np.ndarray:
-    """Brightness (N,) above space in a part of profiles (N, J), and as far outside the edge: a step
-    that is blurred, by whatever is alike on both sides, loses to there what it lacks here.
+@lru_cache(maxsize=64)
+def _parts(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """First of each stretch of so many profiles, and how many of them it has."""
+    sizes = np.array([len(part) for part in stretches(np.empty(count), _STRETCHES)])
+    return np.cumsum(sizes) - sizes, sizes
+
+
+@lru_cache(maxsize=8)
+def _unblurred(grid: ProfileGrid) -> np.ndarray:
+    """(J, 2) that takes profiles to their brightness beside the edge and farther in, each with that
+    as far outside: a step that is blurred, by whatever is alike on both sides, loses to there what
+    it lacks here.
     """
-    outside = mean_at(profiles, grid, (-part_px[1], -part_px[0]))
-    return mean_at(profiles, grid, part_px) + outside - 2.0 * space_mean(profiles)
+    one = np.eye(grid.num)
+    parts = [
+        mean_at(one, grid, part_px) + mean_at(one, grid, (-part_px[1], -part_px[0]))
+        for part_px in (BESIDE_PX, DEEP_PX)
+    ]
+    return np.stack(parts, axis=1)
 
 
 def terminator(
