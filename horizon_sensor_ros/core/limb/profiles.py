@@ -17,7 +17,7 @@ from horizon_sensor_ros.core.robust import median, robust_sigma
 # edge is never quite the model's: on frames of known noise this factor makes the residuals of a
 # clean limb as large as their sigmas.
 _NOISE_FACTOR = 1.3
-_PIECE = 96  # profiles that are sampled at a time
+_PIECE = 192  # profiles that are sampled at a time
 _REMAP_STEPS = np.float32(32.0)  # to a pixel: cv2.remap rounds positions to these
 # Samples near an edge, and what each says about its place, over the steps to a pixel.
 _NEAR_EDGE_PX = np.array([-1.0, 0.0, 1.0])
@@ -105,10 +105,9 @@ def sample_profiles(
     at = d_px.astype(np.float32)[:, None] * curve.normal_px.T.astype(np.float32)[:, None]
     at += centre.T.astype(np.float32)[:, None]
     # Profiles are straight: they reach as far as their ends do.
-    ends = at[:, [0, -1]]
-    low, high = ends.min(axis=1), ends.max(axis=1)
-    last = np.array([[gray.shape[1] - 2], [gray.shape[0] - 2]])
-    valid = ((low >= 1.0) & (high <= last)).all(axis=0)
+    low, high = np.minimum(at[:, 0], at[:, -1]), np.maximum(at[:, 0], at[:, -1])
+    inside = (low >= 1.0) & (high <= np.array([[gray.shape[1] - 2], [gray.shape[0] - 2]]))
+    valid = inside[0] & inside[1]
     profiles = np.empty(at.shape[1:], dtype=np.float32)
     # Only the part of the image that is looked at is turned into floats (8-bit interpolation would
     # round), a stretch of limb at a time: the box around all of it is most of the image.
