@@ -26,14 +26,16 @@ from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 D_PX = np.arange(-7.0, 8.0)
 
 
-def overexposed(height_dn: float, offset_px: float, tilt: float = 0.21) -> np.ndarray:
+def overexposed(
+    height_dn: float, offset_px: float, tilt: float = 0.21, blur_px: float = 0.757
+) -> np.ndarray:
     """Mean profiles (40, J) across a slanted straight edge, predicted `offset_px` inside it."""
     rng = np.random.default_rng(2)
     y, x = np.mgrid[0.0:60.0, 0.0:700.0]
     normal = np.array([np.sin(tilt), -np.cos(tilt)])
     through = np.array([350.0, 30.0])
     distance = (x - through[0]) * normal[0] + (y - through[1]) * normal[1]
-    light = 4.0 + height_dn * normal_cdf(-distance / 0.757) + rng.normal(0.0, 2.0, x.shape)
+    light = 4.0 + height_dn * normal_cdf(-distance / blur_px) + rng.normal(0.0, 2.0, x.shape)
     image = np.rint(np.clip(light, 0.0, 255.0)).astype(np.uint8)
     along = np.arange(-80.0, 80.0)[:, None] * np.array([np.cos(tilt), np.sin(tilt)])
     px = through + along - offset_px * normal
@@ -56,6 +58,17 @@ def test_places_lie_on_the_edge_within_the_error_they_share(
     assert abs(np.mean(off)) < 2.0 * found.shared.shift_px
     assert not found.places.at_border.any()
     assert found.places.misfit.max() < 3.0
+
+
+@pytest.mark.parametrize("blur_px", [0.45, 0.57])
+@pytest.mark.parametrize("height_dn", [290.0, 330.0])
+def test_a_lens_that_is_sharper_than_usual_is_known_by_edges_that_are_not_clipped(
+    blur_px: float, height_dn: float
+) -> None:
+    """As of a usual lens such edges lay .2 to .5 px too far in."""
+    profiles = overexposed(height_dn, 0.1, blur_px=blur_px)
+    found = place_clipped_edges(profiles, D_PX, 255.0, 0.5, 1.0, blur_px)
+    assert abs(np.mean(found.places.offset_px) - 0.1) < 0.1
 
 
 def test_white_is_a_level_of_cameras() -> None:

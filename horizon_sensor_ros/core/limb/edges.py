@@ -14,7 +14,7 @@ from horizon_sensor_ros.core.limb.edge.darkening import darkening_error
 from horizon_sensor_ros.core.limb.edge.looks import guess_looks
 from horizon_sensor_ros.core.limb.edge.model import PSF_LADDER_PX, EdgeLook
 from horizon_sensor_ros.core.limb.edge.places import place_edges
-from horizon_sensor_ros.core.limb.edge.terminator import beside_over_deep
+from horizon_sensor_ros.core.limb.edge.terminator import beside_over_deep, fading_ends
 from horizon_sensor_ros.core.limb.glow.contour import ContourLimb, contour_limb
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.profiles import (
@@ -81,6 +81,9 @@ _CLIPPED_HEIGHT = 0.6
 # Where glow changes too fast along a limb to be fitted with it its contour is no more of a limb:
 # errors of simulated ones towards the terminator and beside the Sun, over the other limbs'.
 _UNEVEN_GLOW = 1.5
+# Slope of the line, from one end of a limb (-1) to the other (1), that least squares fits where a
+# share s at one end is off by one: 3 s (1 - s).
+_PART_TURNS = 3.0
 # Errors of a camera's whole limb and of its ends, over that of its stretches, where air glows or no
 # model fits.
 _SHIFT, _SLOPE = 1.5, 0.7
@@ -176,6 +179,8 @@ def limb_of_edges(
     """
     given = bool(looks)
     places, good, of_clipping = _with_feet(sample, edges, looks)
+    if all(look.glow_px == 0.0 for look in looks):
+        good = _of_limb(sample, places.step, good)
     if np.count_nonzero(good) < MIN_PROFILES:
         reason = f"{np.count_nonzero(good)} of {len(good)} profiles across the limb show an edge"
         return LimbPoints.none(Status.NO_LIMB, reason), ()
@@ -230,6 +235,17 @@ def _taken(
     return sample.profiles[good], sample.px[good], sample.normal_px[good], places.take(good)
 
 
+def _of_limb(sample: LimbSample, step: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Which of good edges (M,) lie where the planet ends, not at an end where its light does.
+
+    step : (M,) as of `EdgePlaces`.
+    """
+    where = np.flatnonzero(good)
+    of_limb = good.copy()
+    of_limb[where] = ~fading_ends(sample.profiles[where], sample.grid, step[where])
+    return of_limb
+
+
 def _darkening(
     sample: LimbSample,
     profiles: np.ndarray,
@@ -278,7 +294,10 @@ def _with_feet(
     clipped = sample.clipped
     if not clipped.any() or any(look.glow_px > 0 for look in looks):
         return edges.places, edges.good, NOTHING_SHARED
-    places, shared = _with_clipped(sample, clipped, edges.places)
+    # One lens blurs them all.
+    shown = not edges.model_free and np.count_nonzero(edges.good & ~clipped) >= MIN_PROFILES
+    blur_px = looks[0].psf_px if shown else None
+    places, shared = _with_clipped(sample, clipped, edges.places, blur_px)
     return places, (edges.good & ~clipped) | (clipped & believable(places)), shared
 
 
@@ -307,6 +326,7 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
     Nothing is asked of the steepest fall, and edges are not placed one by one.
     """
     step, good = sample.steps()
+    good = _of_limb(sample, step, good)
     if np.count_nonzero(good) < MIN_PROFILES or not _to_be_kriged(look, step[good]):
         return None
     if sample.clipped.any():
@@ -315,7 +335,7 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
     if found is None:
         return None
     places = found.places
-    fits = believable(places)
+    fits = _of_limb(sample, places.step, believable(places))
     if np.count_nonzero(fits) < max(_EXPECTED_SHARE * np.count_nonzero(good), MIN_PROFILES):
         return None
     profiles, px, normal_px, places = _taken(sample, places, fits)
@@ -380,17 +400,28 @@ def _falls_at(falls: np.ndarray, grid: ProfileGrid) -> np.ndarray:
 
 
 def _with_clipped(
-    sample: LimbSample, clipped: np.ndarray, places: EdgePlaces
+    sample: LimbSample, clipped: np.ndarray, places: EdgePlaces, shown_blur_px: float | None
 ) -> tuple[EdgePlaces, SharedError]:
-    """Places with those of clipped edges (M,) as their feet tell them, and the error they share."""
+    """Places with those of clipped edges (M,) as their feet tell them, and the error they share.
+
+    shown_blur_px : as of `place_clipped_edges`.
+    """
     found = place_clipped_edges(
-        sample.profiles[clipped], sample.grid.d_px, sample.white, sample.noise, sample.grid.reach_px
+        sample.profiles[clipped],
+        sample.grid.d_px,
+        sample.white,
+        sample.noise,
+        sample.grid.reach_px,
+        shown_blur_px,
     )
     # Texture may end beside these edges as it does beside the others.
     sigma_px = np.hypot(found.places.sigma_px, places.sigma_px[clipped])
     by = replace(found.places, sigma_px=sigma_px)
     share = float(np.mean(clipped))
-    return places.replaced(clipped, by), found.shared.times(share)
+    # A part of a limb that is off, and the rest not, turns it: by the slope of a line fitted to
+    # both, the part at one end, as it is where brightness grows along the limb.
+    turned_px = _PART_TURNS * share * (1.0 - share) * found.shared.shift_px
+    return places.replaced(clipped, by), found.shared.times(share)._replace(slope_px=turned_px)
 
 
 def _points(

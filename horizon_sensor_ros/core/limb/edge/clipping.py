@@ -37,6 +37,7 @@ _HEIGHTS = 2.0 ** np.arange(0.0, 2.6, 0.125)  # of the step, over the white leve
 _BLURS_PX = np.array([0.3, 0.36, 0.43, 0.51, 0.6, 0.68, 0.76, 0.85, 0.95])
 _USUAL_BLUR_PX = 0.76
 _BLUR_SPREAD = 0.1
+_SHOWN_SPREAD = 0.05  # likewise, where edges of the same limb that are not clipped show it
 _DRAWN = np.log(0.03)  # beforehand, of a picture that was drawn without optics, over the usual one
 _MODEL_ERROR = 0.01  # of a sample, over the white level: no blur is quite a normal law
 _LOBES = 4  # of the Lanczos kernel by which profiles are interpolated between pixels
@@ -102,12 +103,18 @@ def cut_off(levels: np.ndarray, white: float, noise: float) -> bool:
 
 
 def place_clipped_edges(
-    profiles: np.ndarray, d_px: np.ndarray, white: float, noise: float, reach_px: float
+    profiles: np.ndarray,
+    d_px: np.ndarray,
+    white: float,
+    noise: float,
+    reach_px: float,
+    shown_blur_px: float | None = None,
 ) -> ClippedEdges:
     """Places of the edges of clipped profiles (N, J) along the normals.
 
     d_px : (J,) whole pixels outwards from the predicted place. noise : one sigma of a sample.
-    reach_px : beyond it an edge counts as at the border.
+    reach_px : beyond it an edge counts as at the border. shown_blur_px : one sigma of the lens's
+    blur, with the pixel's own width, as edges beside these show it; None: none do.
     """
     used = (d_px >= _INNER_PX) & (d_px <= _OUTER_PX)
     space = space_level(profiles)
@@ -122,7 +129,7 @@ def place_clipped_edges(
     evidence = np.maximum(-0.5 * (cost - least[:, None]), -_MOST_EVIDENCE)
     nearby = nearness(len(samples), _WINDOW) + _ANYWHERE
     nearby *= np.minimum(1.0, _TOLD / nearby.sum(axis=1))[:, None]
-    evidence = nearby @ evidence + _log_prior()
+    evidence = nearby @ evidence + _log_prior(shown_blur_px)
     share = np.exp(evidence - evidence.max(axis=1, keepdims=True))
     share /= share.sum(axis=1, keepdims=True)
     place = (share * offset).sum(axis=1)
@@ -149,10 +156,13 @@ def _lowest(chi2: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return offset, 2.0 * _PITCH_PX**2 / bend, top - 0.5 * bend * np.square(lean)
 
 
-@lru_cache(maxsize=1)
-def _log_prior() -> np.ndarray:
+@lru_cache(maxsize=4)
+def _log_prior(shown_blur_px: float | None) -> np.ndarray:
     """Of blurs and heights (M,): much too bright is less likely than a little."""
-    blur = -0.5 * np.square(np.log(_BLURS_PX / _USUAL_BLUR_PX) / _BLUR_SPREAD)
+    around_px, spread = _USUAL_BLUR_PX, _BLUR_SPREAD
+    if shown_blur_px is not None:
+        around_px, spread = min(max(shown_blur_px, _BLURS_PX[0]), _BLURS_PX[-1]), _SHOWN_SPREAD
+    blur = -0.5 * np.square(np.log(_BLURS_PX / around_px) / spread)
     blur = np.maximum(blur, _DRAWN)
     return np.asarray((blur[:, None] - np.log(_HEIGHTS)).ravel())
 

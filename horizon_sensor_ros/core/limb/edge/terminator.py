@@ -21,7 +21,7 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.edge.model import BESIDE_PX
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, space_mean
 from horizon_sensor_ros.core.limb_points import LimbPoints
-from horizon_sensor_ros.core.robust import stretches
+from horizon_sensor_ros.core.robust import median, stretches
 from horizon_sensor_ros.core.white_level import full_scale
 
 DEEP_PX = (-6.0, -4.0)  # where the planet farther in is seen
@@ -29,6 +29,10 @@ _STRETCHES = 6
 # Brightness beside the edge over that farther in where half of the latter is the limb's own, by the
 # law above, blurred by .5 to .6 px, and a blurred step that is fitted to it lies .3 px too far in.
 _HALF = 0.81
+# The darkest edge of an end of the lit arc, over what is usual along the rest of it: light that
+# fades goes on to nothing, and to half of it at least before its edges are off by much.
+_FADED = 0.5
+_ALIKE = 3  # neighbouring edges whose mean is taken: noise and texture differ from one to the next
 _BY_CHANCE = 2.0  # sigmas of the mean of stretches
 # By the same law ground is one and a half times as bright four times as deep, and as bright where
 # nothing fades: what is seen there tells one from the other.
@@ -56,6 +60,28 @@ def beside_over_deep(profiles: np.ndarray, grid: ProfileGrid) -> float:
     beside, deep = (means @ _unblurred(grid)).T - 2.0 * space_mean(profiles)
     share = beside / np.maximum(deep, 1e-9)
     return float(share.mean() + _BY_CHANCE * share.std() / math.sqrt(_STRETCHES - 1))
+
+
+def fading_ends(profiles: np.ndarray, grid: ProfileGrid, step: np.ndarray) -> np.ndarray:
+    """Which edges (N,), in order along a limb, lie at an end of it where light fades.
+
+    profiles (N, J) : across them. step : (N,) gray levels from space to the planet beside each.
+    None do where all fade alike: see `terminator`.
+    """
+    ends = np.zeros(len(profiles), dtype=bool)
+    if len(profiles) < _STRETCHES:
+        return ends
+    beside, deep = (
+        np.convolve(part, np.ones(_ALIKE), "same")
+        for part in (profiles @ _unblurred(grid)).T - 2.0 * space_mean(profiles)
+    )
+    lasting = np.flatnonzero(beside >= _HALF * deep)
+    if len(lasting) == 0:
+        return ends
+    usual = median(step[lasting[0] : lasting[-1] + 1])
+    for end in (slice(0, lasting[0]), slice(lasting[-1] + 1, None)):
+        ends[end] = step[end].min(initial=np.inf) < _FADED * usual
+    return ends
 
 
 @lru_cache(maxsize=64)
