@@ -178,9 +178,7 @@ def limb_of_edges(
     steepest : where brightness falls most steeply. uneven : glow is known to change fast along it.
     """
     given = bool(looks)
-    places, good, of_clipping = _with_feet(sample, edges, looks)
-    if all(look.glow_px == 0.0 for look in looks):
-        good = _of_limb(sample, places.step, good)
+    places, good, of_clipping = _lasting(sample, edges, looks)
     if np.count_nonzero(good) < MIN_PROFILES:
         reason = f"{np.count_nonzero(good)} of {len(good)} profiles across the limb show an edge"
         return LimbPoints.none(Status.NO_LIMB, reason), ()
@@ -283,6 +281,17 @@ def _contour(
         pixel_rad_across(view, px, normal_px),
         **alike,
     )
+
+
+def _lasting(
+    sample: LimbSample, edges: LimbEdges, looks: Sequence[EdgeLook]
+) -> tuple[EdgePlaces, np.ndarray, SharedError]:
+    """As `_with_feet`, good without those at ends where light fades."""
+    places, good, shared = _with_feet(sample, edges, looks)
+    # Until looks are known light beyond the edges may be air's, which fades otherwise.
+    if looks and all(look.glow_px == 0.0 for look in looks):
+        good = _of_limb(sample, places.step, good)
+    return places, good, shared
 
 
 def _with_feet(
