@@ -30,8 +30,8 @@ _STRETCHES = 6
 # law above, blurred by .5 to .6 px, and a blurred step that is fitted to it lies .3 px too far in.
 _HALF = 0.81
 # The darkest edge of an end of the lit arc, over what is usual along the rest of it: light that
-# fades goes on to nothing, and to half of it at least before its edges are off by much.
-_FADED = 0.5
+# fades goes on to nothing, where dark ground at the end of an arc stays as dark as it is.
+_FADED = 1.0 / 3.0
 _ALIKE = 3  # neighbouring edges whose mean is taken: noise and texture differ from one to the next
 _BY_CHANCE = 2.0  # sigmas of the mean of stretches
 # By the same law ground is one and a half times as bright four times as deep, and as bright where
