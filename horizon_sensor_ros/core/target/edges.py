@@ -110,6 +110,7 @@ class Edges:
     fronts: np.ndarray
     rough_m: np.ndarray
     tilt_rad: np.ndarray
+    half_width_m: np.ndarray
     creases: np.ndarray
     run: np.ndarray
     alike_m: np.ndarray
@@ -130,7 +131,9 @@ def _none() -> Edges:
     empty = np.empty((0, 3))
     none = np.empty(0)
     one = np.empty(0, np.int32)
-    return Edges(empty, empty, empty, none, empty, none, none, np.empty(0, bool), one, none, none)
+    return Edges(
+        empty, empty, empty, none, empty, none, none, none, np.empty(0, bool), one, none, none
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +141,8 @@ class _Places:
     """Half way between a surface's last pixel and the next one: that pixel (flat) and which of
     _WAYS leads outwards, (P,), in the order of the ways; pixel coordinates (2, P); inverse depth,
     and how much more it is a pixel inwards, NaN where the surface is one pixel wide; whether it is
-    a face's; whether the surface is but a few pixels wide there."""
+    a face's; how many pixels wide the surface is there, along the way; 0 where it is more than a
+    few."""
 
     pixel: np.ndarray
     way: np.ndarray
@@ -146,7 +150,12 @@ class _Places:
     inverse_depth: np.ndarray
     inwards: np.ndarray
     sharp: np.ndarray
-    thin: np.ndarray
+    width_px: np.ndarray
+
+    @property
+    def thin(self) -> np.ndarray:
+        """(P,) bool, whether it is but a few."""
+        return self.width_px > 0
 
 
 def _ends(image: RangeImage, planes: Planes) -> Edges:
@@ -189,13 +198,14 @@ def _ends(image: RangeImage, planes: Planes) -> Edges:
     # Before a small hole a surface is not thin.
     backs = k - np.arange(1, _THIN_PX + _HOLE_PX + 1)[:, None] * step[keep]
     gap = inverse.take(backs, mode="clip") < past[keep]
-    thin = np.logical_and.reduce([gap[n : n + _THIN_PX] for n in range(_HOLE_PX + 1)]).any(axis=0)
-    thin &= image.on_grid
+    other_side = np.logical_and.reduce([gap[n : n + _THIN_PX] for n in range(_HOLE_PX + 1)])
+    thin = image.on_grid & other_side.any(axis=0)
+    width_px = np.where(thin, 1 + other_side.argmax(axis=0), 0)
     row, column = np.divmod(k, width)
     spot = np.array([column, row]) + 0.5 * _WAYS[way].T
     end = np.where(sharp, own[keep] + 0.5 * slope[keep], inverse[k]).astype(float)
     inwards = np.where(gap[0], np.nan, inverse[k - step[keep]] - inverse[k]).astype(float)
-    return _lines(image, planes, _Places(k, way, spot, end, inwards, sharp, thin))
+    return _lines(image, planes, _Places(k, way, spot, end, inwards, sharp, width_px))
 
 
 def _falling_back(image: RangeImage, planes: Planes) -> tuple[np.ndarray, np.ndarray]:
@@ -369,10 +379,30 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     sigma = edge_px / (smooth * image.focal_px)
     run, *off_px = _runs(places, angle, i, j)
     alike, leaning = (each[k] / (smooth * image.focal_px) for each in off_px)
+    half_width = _half_widths_px(image, planes, places, angle, run)[k] / (smooth * image.focal_px)
     creases = np.zeros(len(k), bool)
     return Edges(
-        points.T, side.T, direction.T, sigma, front.T, rough, tilt, creases, run[k], alike, leaning
-    )
+        points.T, side.T, direction.T, sigma, front.T, rough, tilt, half_width, creases, run[k],
+        alike, leaning,
+    )  # fmt: skip
+
+
+def _half_widths_px(
+    image: RangeImage, planes: Planes, places: _Places, angle: np.ndarray, run: np.ndarray
+) -> np.ndarray:
+    """(P,) half of how wide a narrow face is across each run of places at its end; 0 of others, and
+    of those without a plane.
+
+    One that most of a run is not of is none, but a corner of what is wide. And a bar shows a face
+    within 45 deg of the sight: what falls back faster is a plate at a slant, which ends on its
+    plane.
+    """
+    share = np.bincount(run, places.thin) / np.bincount(run)
+    across = np.array([-np.sin(angle), np.cos(angle)])
+    slopes = np.array([planes.slope_u.ravel(), planes.slope_v.ravel()])[:, places.pixel]
+    facing = image.focal_px * np.abs(_dot(across, slopes)) < places.inverse_depth
+    width_px = places.width_px * np.abs(_dot(across, _WAYS[places.way].T))
+    return np.where(places.sharp & facing & (share[run] > 0.5), width_px / 2, 0.0)
 
 
 def _runs(
@@ -540,6 +570,7 @@ def _creases(image: RangeImage, planes: Planes) -> Edges:
         np.concatenate([direction, direction], axis=1).T,
         np.tile(_CREASE_PX / (w * image.focal_px), 2),
         np.full((2 * len(w), 3), np.nan),
+        none,
         none,
         none,
         np.ones(2 * len(w), bool),

@@ -70,11 +70,7 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     information -= pairs.without_thickness(j, weight)
     residual = pairs.residual
     rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else np.nan
-    place = pairs.point_b.copy()
-    for k, axis in enumerate(pairs.bars):
-        # All along a bar alike.
-        bar = np.flatnonzero(pairs.kind == THIN + k)
-        place[:, bar] -= np.outer(axis, axis @ place[:, bar])
+    place = _across_bars(pairs, b.edges)
     coarser_m = max(a.footprint_m, b.footprint_m)
     scale = comparable(b.size_m)
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
@@ -95,8 +91,30 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     covariance += np.outer(drawn, drawn)
     alike = inverse @ _of_runs(pairs, j * weight, a.edges, b.edges)
     covariance += alike @ alike.T
-    by_range = inverse @ (j * weight) @ _apart_by_range(pairs)
+    by_range = inverse @ (j * weight) @ pairs.apart_by_range
     return Uncertainty((covariance + covariance.T) / 2, by_range, centre, rms)
+
+
+def _across_bars(pairs: Pairs, edges: Edges) -> np.ndarray:
+    """(3, N) places of the pairs, those on a narrow part of b's moved along it to one: what shows
+    of it, and what of that falls into the pixels, is alike all along."""
+    from scipy.spatial import cKDTree  # noqa: PLC0415  heavy to import, and only used here
+
+    place = pairs.point_b.copy()
+    narrow = np.flatnonzero(edges.half_width_m > 0)
+    of_bar = pairs.kind - THIN
+    if len(narrow):
+        reach = 1.5 * edges.half_width_m[narrow]
+        distance, nearest = cKDTree(edges.points[narrow]).query(
+            place.T, distance_upper_bound=reach.max()
+        )
+        near = np.flatnonzero(distance < reach.take(nearest, mode="clip"))
+        lines = edges.directions[narrow[nearest[near]]]
+        of_bar[near] = np.abs(lines @ pairs.bars.T).argmax(axis=1)
+    for k, axis in enumerate(pairs.bars):
+        bar = np.flatnonzero(of_bar == k)
+        place[:, bar] -= np.outer(axis, axis @ place[:, bar])
+    return place
 
 
 def block_sums(
@@ -109,14 +127,6 @@ def block_sums(
     order = np.argsort(key)
     first = np.flatnonzero(np.diff(key[order], prepend=-1))
     return np.add.reduceat(score[:, order], first, axis=1) if len(first) else score
-
-
-def _apart_by_range(pairs: Pairs) -> np.ndarray:
-    """(N,) how much farther pairs lie apart along their normals for each metre by which all ranges
-    are too long: a's points were seen along other rays, and turned since."""
-    seen_a, seen_b = pairs.point_a - pairs.translation_m[:, None], pairs.point_b
-    rays_a, rays_b = (seen / np.sqrt((seen * seen).sum(axis=0)) for seen in (seen_a, seen_b))
-    return np.einsum("ij,ij->j", rays_a - rays_b, pairs.normal)
 
 
 def _of_runs(pairs: Pairs, rows: np.ndarray, a: Edges, b: Edges) -> np.ndarray:

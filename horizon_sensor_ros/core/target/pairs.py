@@ -27,6 +27,9 @@ _PLATE_PX = 1.0
 _BEHIND_FACE = {FAR_SIDE: (1.0, 1.0), EDGE_ON: (0.5, 0.7)}
 # What differs from place to place of that, in pixel widths, by kind.
 _ROUGH_PX = np.array([0, 0, _PLATE_PX / 6, _PLATE_PX / 2], np.float32)
+# The outline of a narrow part lies behind what faces the sensor of it: by nothing if it is a slat,
+# by up to half of its width if it is a bar. Anything between is as likely, in halves of the width.
+_OUTLINE, _OUTLINE_STD = 0.5, 12**-0.5
 # Bars show other sides as they turn about themselves, which lie off by half of their width for each
 # radian, in pixel widths: at least this, as other parts of them fall into the pixels, and at most.
 _SIDES_PX, _SAME_SIDES_PX, _OTHER_SIDES_PX = 0.85, 0.1, 0.3
@@ -54,7 +57,8 @@ class Pairs:
         sides.
     rotation, translation_m : the motion that moved a's points.
     across_edges : which pairs, M of them, lie apart across edges.  of_edges : (M,) numbers of these
-        edges of a, and the same of b.
+        edges of a, and the same of b.  half_width_m : (M,) of the narrow face that they end; 0
+        where it is none.  of_bar : (M,) number of its direction.
     """
 
     point_a: np.ndarray
@@ -72,6 +76,8 @@ class Pairs:
     translation_m: np.ndarray
     across_edges: slice
     of_edges: tuple[np.ndarray, np.ndarray]
+    half_width_m: np.ndarray
+    of_bar: np.ndarray
 
     @cached_property
     def _behind(self) -> list[tuple[np.ndarray, float, float]]:
@@ -94,7 +100,29 @@ class Pairs:
             known = (self.weight[rows] / self.sigma_m[rows] ** 2).sum()
             prior = deviation**-2
             distance[rows] -= (np.median(distance[rows]) * known - mean * prior) / (known + prior)
+        for rows, arm in self._outlines:
+            expected = distance[rows] - arm * _OUTLINE
+            square = (expected / (1.5 * self.sigma_m[rows])) ** 2
+            known = arm * self.weight[rows] / (self.sigma_m[rows] ** 2 * (1 + square))
+            distance[rows] = expected - arm * (known @ expected) / (known @ arm + _OUTLINE_STD**-2)
         return distance
+
+    @cached_property
+    def apart_by_range(self) -> np.ndarray:
+        """(N,) how much farther pairs lie apart along their normals for each metre by which all
+        ranges are too long: a's points were seen along other rays, and turned since."""
+        seen_a, seen_b = self.point_a - self.translation_m[:, None], self.point_b
+        rays_a, rays_b = (seen / np.sqrt((seen * seen).sum(axis=0)) for seen in (seen_a, seen_b))
+        return np.einsum("ij,ij->j", rays_a - rays_b, self.normal)
+
+    @cached_property
+    def _outlines(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Ends of narrow faces of each direction, which lie alike behind them, and how much farther
+        apart each pair is where they do by half of the width: as by ranges that are too short."""
+        arm = -self.apart_by_range[self.across_edges] * self.half_width_m
+        first = self.across_edges.start or 0
+        groups = (np.flatnonzero(self.of_bar == k) for k in range(len(self.bars)))
+        return [(first + some, arm[some]) for some in groups if arm[some].any()]
 
     def information(self, robust: np.ndarray) -> np.ndarray:
         """(N,) 1/m^2 on the distance along each normal, by the pairs' robust weights (N,)."""
@@ -107,6 +135,10 @@ class Pairs:
             of_kind = weight[plates]
             total = rows[:, plates] @ of_kind
             taken += np.outer(total, total) / (of_kind.sum() + deviation**-2)
+        for outline, arm in self._outlines:
+            known = weight[outline] * arm
+            total = rows[:, outline] @ known
+            taken += np.outer(total, total) / (known @ arm + _OUTLINE_STD**-2)
         return taken
 
     @cached_property
@@ -171,10 +203,12 @@ class Matcher:
             np.array(part.T, np.float64, order="C") for part in parts[:4]
         )
         sigma, weight, tilt2, kind = parts[4:]
+        of_a, of_b = of_edges
+        half_width = np.minimum(a.edges.half_width_m[of_a], b.edges.half_width_m[of_b])
         return Pairs(
             point_a, point_b, normal_a, normal_b, sigma, weight, tilt2, kind,
             _PLATE_PX * b.footprint_m, self._directions, self._sides_m(rotation), rotation,
-            translation, across_edges, of_edges,
+            translation, across_edges, of_edges, half_width, self._direction[of_b],
         )  # fmt: skip
 
     def _sides_m(self, rotation: np.ndarray) -> np.ndarray:
@@ -253,7 +287,7 @@ def _directions(edges: Edges) -> tuple[np.ndarray, np.ndarray]:
     """(K, 3) directions of bars, the commonest first, and (E,) which of them each edge has; 0 where
     it is no bar's."""
     which = np.zeros(len(edges), np.int8)
-    left = np.flatnonzero(np.isfinite(edges.fronts[:, 0]))
+    left = np.flatnonzero(np.isfinite(edges.fronts[:, 0]) | (edges.half_width_m > 0))
     axes: list[np.ndarray] = []
     while len(left) and len(axes) < _MOST_DIRECTIONS:
         lines = edges.directions.take(left, axis=0)
