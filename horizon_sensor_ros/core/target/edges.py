@@ -96,6 +96,7 @@ class Edges:
         NaN elsewhere.
     rough_m : (E,) scatter of the returns about that line, along its front, beyond the noise; 0
         where there is none.  tilt_rad : (E,) error of the front that comes of it.
+    half_width_m : (E,) of the narrow face that it ends; 0 where it ends none.
     creases : (E,) bool, where the face meets another one that is seen as well. Each is there
         twice, as the end of either face.
     run : (E,) number of the run of places that err together across it.  alike_m : (E,) one sigma of

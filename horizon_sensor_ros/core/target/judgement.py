@@ -91,7 +91,7 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     covariance += np.outer(drawn, drawn)
     alike = inverse @ _of_runs(pairs, j * weight, a.edges, b.edges)
     covariance += alike @ alike.T
-    by_range = inverse @ (j * weight) @ pairs.apart_by_range
+    by_range = inverse @ (j * weight) @ pairs.apart_by_range(slice(None))
     return Uncertainty((covariance + covariance.T) / 2, by_range, centre, rms)
 
 

@@ -95,7 +95,7 @@ class Pairs:
     def residual(self) -> np.ndarray:
         """(N,) distances along the mean normal, metres; of plates beyond what all of a kind have in
         common."""
-        distance = np.einsum("ij,ij->j", self.point_a - self.point_b, self.normal)
+        distance = _column_dots(self.point_a - self.point_b, self.normal)
         for rows, mean, deviation in self._behind:
             known = (self.weight[rows] / self.sigma_m[rows] ** 2).sum()
             prior = deviation**-2
@@ -107,22 +107,25 @@ class Pairs:
             distance[rows] = expected - arm * (known @ expected) / (known @ arm + _OUTLINE_STD**-2)
         return distance
 
-    @cached_property
-    def apart_by_range(self) -> np.ndarray:
-        """(N,) how much farther pairs lie apart along their normals for each metre by which all
-        ranges are too long: a's points were seen along other rays, and turned since."""
-        seen_a, seen_b = self.point_a - self.translation_m[:, None], self.point_b
-        rays_a, rays_b = (seen / np.sqrt((seen * seen).sum(axis=0)) for seen in (seen_a, seen_b))
-        return np.einsum("ij,ij->j", rays_a - rays_b, self.normal)
+    def apart_by_range(self, which: slice | np.ndarray) -> np.ndarray:
+        """(M,) how much farther ``which`` pairs lie apart along their normals for each metre by
+        which all ranges are too long: a's points were seen along other rays, and turned since."""
+        seen_a = self.point_a[:, which] - self.translation_m[:, None]
+        seen_b = self.point_b[:, which]
+        rays_a, rays_b = (seen / np.sqrt(_column_dots(seen, seen)) for seen in (seen_a, seen_b))
+        return _column_dots(rays_a - rays_b, self.normal[:, which])
 
     @cached_property
     def _outlines(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Ends of narrow faces of each direction, which lie alike behind them, and how much farther
         apart each pair is where they do by half of the width: as by ranges that are too short."""
-        arm = -self.apart_by_range[self.across_edges] * self.half_width_m
-        first = self.across_edges.start or 0
-        groups = (np.flatnonzero(self.of_bar == k) for k in range(len(self.bars)))
-        return [(first + some, arm[some]) for some in groups if arm[some].any()]
+        narrow = np.flatnonzero(self.half_width_m)
+        if not len(narrow):
+            return []
+        pairs, of_bar = (self.across_edges.start or 0) + narrow, self.of_bar[narrow]
+        arm = -self.apart_by_range(pairs) * self.half_width_m[narrow]
+        groups = (np.flatnonzero(of_bar == k) for k in range(len(self.bars)))
+        return [(pairs[some], arm[some]) for some in groups if len(some)]
 
     def information(self, robust: np.ndarray) -> np.ndarray:
         """(N,) 1/m^2 on the distance along each normal, by the pairs' robust weights (N,)."""
@@ -145,7 +148,7 @@ class Pairs:
     def normal(self) -> np.ndarray:
         """(3, N) mean of both normals."""
         normal = self.normal_a + self.normal_b
-        return normal / np.sqrt(np.einsum("ij,ij->j", normal, normal))
+        return normal / np.sqrt(_column_dots(normal, normal))
 
     def moved(self, rotation: np.ndarray, translation_m: np.ndarray) -> Pairs:
         """The same pairs after a small further motion of a."""
@@ -310,6 +313,11 @@ def _alike(
 def _dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(N,) products of the rows of (N, 3)."""
     return np.einsum("ij,ij->i", a, b)
+
+
+def _column_dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(N,) products of the columns of (3, N)."""
+    return np.einsum("ij,ij->j", a, b)
 
 
 def _counted(pairs: _Set, share: float) -> _Set:
