@@ -86,13 +86,13 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
         sigma = max(fit.noise_m(sigma, radius), 1e-3 * footprint)
     noise = np.float32(sigma) * inverse * inverse + inverse * np.float32(_BEND_PX / image.focal_px)
     flat = fit.flat(noise)
-    sag, curved = _sag(fit, flat, sigma, radius)
+    sag, bends, curved = _sag(fit, flat, sigma, radius)
     full = (2 * radius + 1) ** 2 - 0.5
     fit = replace(fit, level=fit.level + sag)
     # Where windows are cut off, those beside them tell whether the surface is curved.
     near = cv2.dilate(curved.view(np.uint8), np.ones((2 * radius + 1,) * 2, np.uint8)) > 0
     flat &= (fit.count > full) | ~near
-    own, lending = flat.ravel(), (flat & ~curved).ravel()
+    own, lending = flat.ravel(), (flat & ~bends).ravel()
     found, slope_u, slope_v, level, lender = _borrow_planes(
         fit, own, lending, seen, inverse, noise, radius
     )
@@ -285,8 +285,9 @@ def _plane_fit(inverse: np.ndarray, seen: np.ndarray, middle: float, radius: int
 
 def _sag(
     fit: _PlaneFit, flat: np.ndarray, sigma_m: float, radius: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """By how much a curved surface leads the planes fitted to it, and where it is curved.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """By how much a curved surface leads the planes fitted to it, where it bends, and where it is
+    curved: bends alike from window to window.
 
     The plane of a window passes behind the middle of a dome, the farther the more slanted the dome
     is seen: two views of it would differ, all over the surface alike. What a fit of second degree
@@ -313,9 +314,9 @@ def _sag(
     sums = [np.convolve(each, one / side) for each in (bump, one)]
     surer = np.float32(bump @ bump * side / np.prod([each @ each for each in sums]))
     share = count / (side * side)
-    curved = square_m * (1 + (surer - 1) * share * share) > _CURVED * square_n
-    curved &= share > 0.15
-    return np.where(enough & alike & flat, mean, np.float32(0)), curved
+    bends = square_m * (1 + (surer - 1) * share * share) > _CURVED * square_n
+    bends &= share > 0.15
+    return np.where(enough & alike & flat, mean, np.float32(0)), bends, bends & alike
 
 
 def _borrow_planes(
