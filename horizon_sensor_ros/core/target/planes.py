@@ -20,6 +20,10 @@ _MIN_COSINE = 0.03
 MIN_BORROWED_COSINE = 0.1
 # So much of a pixel's width a surface may bend within a window and still count as flat.
 _BEND_PX = 0.12
+# Noise of normals to be asked of windows. These are no wider than leaves such a share of them
+# whole; or narrow ones if at least the second share of those is: on slats two pixels wide none is.
+_MOST_NOISE_RAD = 0.065
+_WIDE, _NARROW = 0.5, 0.2
 # Mean square residual of a window over the expected one, up to which it holds one plane.
 _FLAT = 2.0
 # Squared ratio of the mean sag of windows to its noise, beyond which a surface counts as curved:
@@ -80,7 +84,7 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     footprint = 1 / (middle * image.focal_px)
     guess, rounded = _noise_of_returns(image, seen) if sigma_m is None else (sigma_m, False)
     sigma = max(guess, 1e-3 * footprint)
-    radius = _window_radius(sigma / footprint)
+    radius = _window_radius(sigma / footprint, seen if image.on_grid else None)
     fit = _plane_fit(without_holes(inverse), seen, middle, radius)
     if sigma_m is None and not rounded:
         sigma = max(fit.noise_m(sigma, radius), 1e-3 * footprint)
@@ -208,13 +212,29 @@ def _stepped_noise(inverse: np.ndarray, seen: np.ndarray, step_m: float) -> floa
     return float(np.sqrt(max(square - rounding, rounding)))
 
 
-def _window_radius(noise_px: float) -> int:
-    """Smallest window (2 r + 1 wide) whose normals are good to some 3 deg; noise in pixel
-    widths."""
-    for radius in (2, 3, 4, 5):
-        if noise_px < 0.065 * _slope_gain(radius):
+def _window_radius(noise_px: float, seen: np.ndarray | None) -> int:
+    """Smallest window (2 r + 1 wide) whose normals are good to some 3 deg; of a narrow target some
+    6 deg do. Noise in pixel widths.
+
+    seen : of an image of the sensor's own pixels. Only whole windows tell how far a curved surface
+    leads its planes. Those as wide as a target's parts pass behind them by a quarter of a pixel's
+    width, which nothing claims, and not so in another view whose noise came out a little smaller.
+    """
+    wanted, least = (
+        next((r for r in (2, 3, 4, 5) if noise_px < most_rad * _slope_gain(r)), 6)
+        for most_rad in (_MOST_NOISE_RAD, 2 * _MOST_NOISE_RAD)
+    )
+    if seen is None or wanted == least:
+        return wanted
+    # Lone missing returns are no gap.
+    whole = cv2.morphologyEx(seen.view(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    count = np.count_nonzero(whole)
+    inner = 0
+    for radius in range(wanted, least - 1, -1):
+        inner = int(np.count_nonzero(cv2.erode(whole, np.ones((2 * radius + 1,) * 2, np.uint8))))
+        if inner > _WIDE * count:
             return radius
-    return 6
+    return least if inner > _NARROW * count else wanted
 
 
 def _slope_gain(radius: int) -> float:
