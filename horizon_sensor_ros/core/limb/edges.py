@@ -81,6 +81,9 @@ _CLIPPED_HEIGHT = 0.6
 # Where glow changes too fast along a limb to be fitted with it its contour is no more of a limb:
 # errors of simulated ones towards the terminator and beside the Sun, over the other limbs'.
 _UNEVEN_GLOW = 1.5
+# What neighbouring edges share of their errors in light that falls inwards, whose law is fitted to
+# three of them together.
+_ALIKE_IN_LIGHT = 0.5
 # Slope of the line, from one end of a limb (-1) to the other (1), that least squares fits where a
 # share s at one end is off by one: 3 s (1 - s).
 _PART_TURNS = 3.0
@@ -179,6 +182,7 @@ def limb_of_edges(
     """
     given = bool(looks)
     places, good, of_clipping = _lasting(sample, edges, looks)
+    places, of_light = _in_falling_light(sample, places, good)
     if np.count_nonzero(good) < MIN_PROFILES:
         reason = f"{np.count_nonzero(good)} of {len(good)} profiles across the limb show an edge"
         return LimbPoints.none(Status.NO_LIMB, reason), ()
@@ -205,7 +209,7 @@ def limb_of_edges(
         if uneven:
             coherent *= _UNEVEN_GLOW
         shared = SharedError(coherent, _SHIFT * coherent, _SLOPE * coherent)
-    shared = shared.besides(of_clipping)
+    shared = shared.besides(of_clipping).besides(of_light)
     no_model = given and edges.model_free
     if glows:
         points = _points(sample, px, normal_px, places, shared, jumps_px, np.empty(0), np.nan)
@@ -233,6 +237,18 @@ def _taken(
     return sample.profiles[good], sample.px[good], sample.normal_px[good], places.take(good)
 
 
+def _in_falling_light(
+    sample: LimbSample, places: EdgePlaces, good: np.ndarray
+) -> tuple[EdgePlaces, SharedError]:
+    """Places of edges (M,), and what good ones share, with what `FallingLight` leaves open."""
+    if sample.light is None or not good.any():
+        return places, NOTHING_SHARED
+    sigma_px = sample.light.sigma_px
+    coherent_px = float(np.sqrt(np.mean(np.square(sigma_px[good]))))
+    places = replace(places, sigma_px=np.hypot(places.sigma_px, sigma_px))
+    return places, SharedError(_ALIKE_IN_LIGHT * coherent_px)
+
+
 def _of_limb(sample: LimbSample, step: np.ndarray, good: np.ndarray) -> np.ndarray:
     """Which of good edges (M,) lie where the planet ends, not at an end where its light does.
 
@@ -241,6 +257,8 @@ def _of_limb(sample: LimbSample, step: np.ndarray, good: np.ndarray) -> np.ndarr
     where = np.flatnonzero(good)
     of_limb = good.copy()
     of_limb[where] = ~fading_ends(sample.profiles[where], sample.grid, step[where])
+    if sample.light is not None:
+        of_limb &= ~sample.light.faded(good)
     return of_limb
 
 
@@ -345,6 +363,7 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
         return None
     places = found.places
     fits = _of_limb(sample, places.step, believable(places))
+    places, of_light = _in_falling_light(sample, places, fits)
     if np.count_nonzero(fits) < max(_EXPECTED_SHARE * np.count_nonzero(good), MIN_PROFILES):
         return None
     profiles, px, normal_px, places = _taken(sample, places, fits)
@@ -355,7 +374,7 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
     if not _lit_there(profiles, places, sample.grid):
         return None
     steepness, blur_px = _steepness(falls, sample.grid), sample.factor * look.psf_px
-    shared = _of_sharpness(found.shared, look)
+    shared = _of_sharpness(found.shared, look).besides(of_light)
     shared = shared.besides(_darkening(sample, profiles, places, rho_rad))
     points = _points(
         sample, px, normal_px, places, shared, jumps_px, steepness, blur_px, found.corner_blur

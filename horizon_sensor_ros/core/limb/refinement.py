@@ -68,6 +68,7 @@ def refine_limb(
     sample = sample_limb(gray, view, *cone, step, modelled=bool(looks) or step.at_once)
     if isinstance(sample, LimbPoints):
         return sample, ()
+    sample = _levelled(sample, looks, step)
     if step.expected and len(looks) == 1 and looks[0].glow_px == 0.0:
         followed = expected_limb(sample, looks[0], rho_rad)
         if followed is not None:
@@ -100,6 +101,15 @@ def refine_limb(
         if found is not None:
             return found
     return limb_of_edges(sample, edges, steepest, looks, view, rho_rad, step, uneven=joint.uneven)
+
+
+def _levelled(sample: LimbSample, looks: Sequence[EdgeLook], step: RefinePass) -> LimbSample:
+    """`LimbSample.levelled`, where no air is known to glow and the limb is near the prediction."""
+    if step.after_search or (len(looks) == 1 and looks[0].glow_px > 0.0):
+        return sample
+    if step.expected:
+        return sample.levelled(sample.steps()[1])
+    return sample.levelled(believable(steepest_fall(sample.profiles, sample.noise, sample.grid)))
 
 
 def separate_limb(

@@ -11,6 +11,7 @@ import numpy as np
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.edge.black import Black, black_of, may_be_clipped
 from horizon_sensor_ros.core.limb.edge.clipping import clipped, cut_off
+from horizon_sensor_ros.core.limb.edge.grazing import FallingLight, falling_light
 from horizon_sensor_ros.core.limb.profiles import (
     Bundles,
     ProfileGrid,
@@ -25,7 +26,7 @@ from horizon_sensor_ros.core.limb.texture.kriging import INNER_PX, OUTER_PX, Str
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.white_level import saturation_level
+from horizon_sensor_ros.core.white_level import NEAR_WHITE, saturation_level
 
 MIN_PROFILES = 8
 LEAST_SIGNIFICANCE = 5.0  # of an edge: its step over the noise
@@ -103,6 +104,7 @@ class LimbSample:
     black: Black | None = None
     blur_open_px: float = 0.0
     corner_px: float | None = None
+    light: FallingLight | None = None
 
     @property
     def px(self) -> np.ndarray:
@@ -119,12 +121,29 @@ class LimbSample:
         """Length of limb of a stretch, in that image."""
         return self.spacing_px * self.bundles.size
 
-    def stretches(self, psf_px: float, rho_rad: float) -> Stretches:
-        """Profiles of an edge of a known blur, on a limb of a known radius, as they are kriged."""
+    @property
+    def base(self) -> np.ndarray:
+        """As of `Stretches` (M, 3)."""
         normal_px = self.normal_px
         base = np.empty((len(normal_px), 3))
         base[:, :2] = normal_px
         base[:, 2] = 1.0
+        return base
+
+    def levelled(self, good: np.ndarray) -> LimbSample:
+        """With light that falls inwards from the limb made up for, where it does; good : (M,)
+        stretches that show an edge.
+        """
+        # What is too bright for the exposure does not show by how much.
+        if self.profiles.max() >= NEAR_WHITE * self.white:
+            return self
+        light = falling_light(self.profiles, self.grid, self.noise, self.base, good)
+        if light is None:
+            return self
+        return replace(self, profiles=self.profiles + light.lacking(self.grid.d_px), light=light)
+
+    def stretches(self, psf_px: float, rho_rad: float) -> Stretches:
+        """Profiles of an edge of a known blur, on a limb of a known radius, as they are kriged."""
         return Stretches(
             profiles=self.profiles,
             d_px=self.grid.d_px,
@@ -132,7 +151,7 @@ class LimbSample:
             psf_px=psf_px,
             length_px=self.stretch_px,
             px_over_radius=ground_across_px(self.pitch_rad, rho_rad),
-            base=base,
+            base=self.base,
             cornered=self.cornered,
             blur_open_px=self.blur_open_px,
             corner_px=self.corner_px,
@@ -185,7 +204,10 @@ class LimbSample:
         profiles = self.bundles.mean(sampled)
         if self.black is not None:
             profiles = self.black.unclipped(profiles)
-        return replace(self, curve=curve, grid=grid, profiles=profiles)
+        light = None if self.light is None else self.light.about(limb)
+        if light is not None:
+            profiles = profiles + light.lacking(grid.d_px)
+        return replace(self, curve=curve, grid=grid, profiles=profiles, light=light)
 
     def phase(self) -> np.ndarray:
         """Means (M, 3) of `pixel_phase`."""

@@ -3,6 +3,6 @@
 ``steepest`` (without a model), ``model`` (of an edge), ``looks`` (which one fits), ``places``
 (where it then lies). What blurs or bends it: ``lens_blur``, ``raster``, ``smear`` (by what the
 edges say), ``told_smear`` (by exposure and rate), ``width`` (by how wide the edge is),
-``darkening`` (ground that darkens towards it). Where gray levels end: ``black``, ``clipping``;
-where light does: ``terminator``.
+``darkening`` (ground that darkens towards it), ``grazing`` (ground that is brightest there). Where
+gray levels end: ``black``, ``clipping``; where light does: ``terminator``.
 """

@@ -31,7 +31,7 @@ _STRETCHES = 6
 _HALF = 0.81
 # The darkest edge of an end of the lit arc, over what is usual along the rest of it: light that
 # fades goes on to nothing, where dark ground at the end of an arc stays as dark as it is.
-_FADED = 1.0 / 3.0
+FADED = 1.0 / 3.0
 _ALIKE = 3  # neighbouring edges whose mean is taken: noise and texture differ from one to the next
 _BY_CHANCE = 2.0  # sigmas of the mean of stretches
 # By the same law ground is one and a half times as bright four times as deep, and as bright where
@@ -80,7 +80,7 @@ def fading_ends(profiles: np.ndarray, grid: ProfileGrid, step: np.ndarray) -> np
         return ends
     usual = median(step[lasting[0] : lasting[-1] + 1])
     for end in (slice(0, lasting[0]), slice(lasting[-1] + 1, None)):
-        ends[end] = step[end].min(initial=np.inf) < _FADED * usual
+        ends[end] = step[end].min(initial=np.inf) < FADED * usual
     return ends
 
 
