@@ -104,8 +104,8 @@ def refine_limb(
 
 
 def _levelled(sample: LimbSample, looks: Sequence[EdgeLook], step: RefinePass) -> LimbSample:
-    """`LimbSample.levelled`, where no air is known to glow and the limb is near the prediction."""
-    if step.after_search or (len(looks) == 1 and looks[0].glow_px > 0.0):
+    """`LimbSample.levelled`, where it is known that no air glows."""
+    if not looks or any(look.glow_px > 0.0 for look in looks):
         return sample
     if step.expected:
         return sample.levelled(sample.steps()[1])
