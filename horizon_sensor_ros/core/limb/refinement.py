@@ -17,7 +17,6 @@ from horizon_sensor_ros.core.limb.edge.looks import (
     likeliest_look,
 )
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.edge.steepest import steepest_fall
 from horizon_sensor_ros.core.limb.edges import (
     LimbEdges,
     believable,
@@ -74,7 +73,7 @@ def refine_limb(
         if followed is not None:
             return followed, tuple(looks)
     profiles, grid, noise = sample.profiles, sample.grid, sample.noise
-    steepest = steepest_fall(profiles, noise, grid)
+    steepest = sample.steepest
     good = believable(steepest)
     enough = np.count_nonzero(good) >= MIN_PROFILES
     if step.at_once and enough:
@@ -109,7 +108,7 @@ def _levelled(sample: LimbSample, looks: Sequence[EdgeLook], step: RefinePass) -
         return sample
     if step.expected:
         return sample.levelled(sample.steps()[1])
-    return sample.levelled(believable(steepest_fall(sample.profiles, sample.noise, sample.grid)))
+    return sample.levelled(believable(sample.steepest))
 
 
 def separate_limb(

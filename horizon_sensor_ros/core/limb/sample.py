@@ -12,8 +12,10 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.edge.black import Black, black_of, may_be_clipped
 from horizon_sensor_ros.core.limb.edge.clipping import clipped, cut_off
 from horizon_sensor_ros.core.limb.edge.grazing import FallingLight, falling_light
+from horizon_sensor_ros.core.limb.edge.steepest import steepest_fall
 from horizon_sensor_ros.core.limb.profiles import (
     Bundles,
+    EdgePlaces,
     ProfileGrid,
     pixel_noise,
     pixel_phase,
@@ -156,6 +158,11 @@ class LimbSample:
             blur_open_px=self.blur_open_px,
             corner_px=self.corner_px,
         )
+
+    @cached_property
+    def steepest(self) -> EdgePlaces:
+        """Edges (M,) where brightness falls most steeply."""
+        return steepest_fall(self.profiles, self.noise, self.grid)
 
     def steps(self) -> tuple[np.ndarray, np.ndarray]:
         """Gray levels (M,) from space to just inside the predicted limb, and which show an edge."""

@@ -323,11 +323,11 @@ def _sag(
     lead = full * gain * (_box(fit.about_middle, bump, one) + _box(fit.about_middle, one, bump))
     noise = np.float32(abs(gain) * np.sqrt(2 * side * float(bump @ bump)) * sigma_m) * fit.level**2
     count = _box(full, one, one)
-    share = np.maximum(count, 1)
-    mean = _box(lead, one, one) / share
+    some = np.maximum(count, 1)
+    mean = _box(lead, one, one) / some
     square_m, square_n = mean * mean, noise * noise
     enough = count > 0.5 * side * side
-    alike = _box(lead * lead, one, one) / share - square_m < 4 * square_n + 0.25 * square_m
+    alike = _box(lead * lead, one, one) / some - square_m < 4 * square_n + 0.25 * square_m
     # On the surface's border a window may have neighbours on another one only.
     alike &= (full == 0) | (np.abs(lead - mean) < 4 * noise + 0.5 * np.abs(mean))
     # The mean of windows that overlap, over as many about them, is as much surer.
