@@ -18,7 +18,7 @@ from horizon_sensor_ros.core.status import Status
 
 MOON = Planet(1737.4e3, has_air=False)
 CAMERA = Camera(320, 240, 220.0, 220.0, 159.5, 119.5)
-FINE = 6  # drawn pixels to a pixel
+FINE = 4  # drawn pixels to a pixel
 NADIR = np.array([0.0, 0.0, 1.0])
 
 

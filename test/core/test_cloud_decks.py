@@ -12,7 +12,7 @@ from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.status import Status
 
-_TURNS = np.linspace(0.0, 2.0 * np.pi, 20001)
+_TURNS = np.arange(20000) * (2.0 * np.pi / 20000)
 
 
 def fixed(seed: int, wave_px: float) -> HorizonFix:
@@ -24,17 +24,17 @@ def fixed(seed: int, wave_px: float) -> HorizonFix:
     radius, x, y = rng.uniform(500, 2000), rng.uniform(200, 440), rng.uniform(150, 330)
     towards = rng.uniform(0.0, 2.0 * np.pi)
     # Wave lengths from 300 pixels down to 6.
-    number = np.arange(radius * 2.0 * np.pi / 300.0, radius * 2.0 * np.pi / 6.0)
+    number = np.round(np.arange(radius * 2.0 * np.pi / 300.0, radius * 2.0 * np.pi / 6.0))
     phase = rng.uniform(0.0, 2.0 * np.pi, len(number))
-    wave = np.zeros_like(_TURNS)
-    for n, start in zip(np.round(number), phase, strict=True):
-        wave += np.cos(n * _TURNS + start) / n
+    spectrum = np.zeros(len(_TURNS) // 2 + 1, complex)
+    np.add.at(spectrum, number.astype(int), np.exp(1j * phase) / number)
+    wave = np.fft.irfft(spectrum, len(_TURNS))
     wave *= wave_px / np.std(wave)
     across, down = np.meshgrid(np.arange(640.0), np.arange(480.0))
     across -= x - radius * np.cos(towards)
     down -= y - radius * np.sin(towards)
     turn = np.arctan2(down, across) % (2.0 * np.pi)
-    inside = radius + np.interp(turn, _TURNS, wave) - np.hypot(across, down)
+    inside = radius + np.interp(turn, _TURNS, wave, period=2.0 * np.pi) - np.hypot(across, down)
     deck = 140.0 + 30.0 * np.sin(across / 50.0 + 1.7) * np.cos(down / 38.0)
     gray = 9.0 + (deck - 9.0) * np.clip(0.5 + inside, 0.0, 1.0)
     gray = cv2.GaussianBlur(gray, None, 0.6) + rng.normal(0.0, 1.5, gray.shape)

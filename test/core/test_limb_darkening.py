@@ -16,7 +16,7 @@ from horizon_sensor_ros.core.planet import Planet
 
 PLANET = Planet()
 CAMERA = Camera(320, 240, 3000.0, 3000.0, 159.5, 119.5)
-FINE = 8  # drawn pixels to a pixel
+FINE = 5  # drawn pixels to a pixel
 
 
 def fix_of_disc(

@@ -30,7 +30,7 @@ PLANET = Planet(has_air=False)
 RHO_RAD = PLANET.rho_from_altitude(800e3)
 AZIMUTHS = np.arange(-1.0, 3.0, 0.01)
 SMALL = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
-FINE = 3  # drawn pixels to a pixel
+FINE = 2  # drawn pixels to a pixel
 HEIGHT_M = 500e3
 
 

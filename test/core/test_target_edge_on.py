@@ -47,8 +47,8 @@ def test_a_plate_that_is_seen_edge_on_is_claimed_as_it_is_known(known: bool) -> 
     """Up to 9 cm off at 5 mm claimed, one in twenty: the few returns of its far end were taken for
     those of a bar, whose range is known to the noise."""
     rng = np.random.default_rng(3)
-    every = [nees_of_plate(rng, known) for _ in range(100)]
+    every = [nees_of_plate(rng, known) for _ in range(50)]
     nees = np.array([each for each in every if each is not None])
-    assert len(nees) > 25
+    assert len(nees) > 20
     assert nees.max() < MOST_NEES
     assert np.median(nees) < 6
