@@ -5,7 +5,8 @@ An image: ``image_feed`` (subscriptions), ``horizon_node`` (decode, core, encode
 core), ``horizon_outputs``; and ``debug_image``. A cloud: ``target_node``, ``target_pipeline``,
 ``point_cloud``. The pipelines know no node: replays run them too.
 
-Every node: ``managed_node`` (lifecycle, ``parameters``), ``reporting_node``, ``state_log``,
+Every node: ``managed_node`` (lifecycle, ``parameters``), ``parameter_requests``,
+``reporting_node``, ``state_log``,
 ``diagnostics`` (with ``horizon_diagnostics``, ``own_counts`` and ``target_diagnostics``), ``qos``.
 Processes: ``executable``, ``interruption``, ``participant_end``, ``node_names``, and the
 executables ``local_vertical_node``, ``attitude_node``, ``target_pose_node`` and, all in one,

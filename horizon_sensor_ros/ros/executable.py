@@ -109,6 +109,7 @@ def run(names: Sequence[str] = ()) -> int:
             raise ValueError(f"unknown argument {left[0]}: ROS arguments go after --ros-args")
         if not names:
             nodes.append(rclpy.create_node(ONE_PROCESS))
+            _load("horizon_sensor_ros.ros.parameter_requests:refuse_values_of_no_type")(nodes[0])
             names = _nodes_parameter(nodes[0])
         _refuse_empty_lists(sys.argv)
         managed = _made({name: classes[name] for name in names}, pinned=bool(nodes))

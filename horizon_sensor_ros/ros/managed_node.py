@@ -16,6 +16,7 @@ from rcl_interfaces.msg import (
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
 
+from horizon_sensor_ros.ros.parameter_requests import refuse_values_of_no_type
 from horizon_sensor_ros.ros.parameters.ignored import ignored_parameters
 from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
 from horizon_sensor_ros.ros.participant_end import on_one_core
@@ -66,6 +67,7 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
         for service in self.services:
             if service.srv_type is ChangeState:
                 service.callback = partial(self._change_state, service.callback)
+        refuse_values_of_no_type(self)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)
 

@@ -35,7 +35,9 @@ from horizon_messages import (
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState
 from node_processes import Program
-from rcl_interfaces.srv import DescribeParameters, SetParameters
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import DescribeParameters, SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -605,6 +607,28 @@ def test_parameters_describe_themselves_and_some_are_live(
     assert not craft.stamps("attitude")
     assert set_one("altitude_min", 1e5).successful
     craft.expect_pair(2, ("attitude",))
+
+
+@pytest.mark.parametrize("node", ["attitude_node", "horizon_sensor"])
+def test_values_of_no_type_are_refused_and_the_node_lives_on(
+    start: Callable[..., Program], craft: Craft, params: list[str], node: str
+) -> None:
+    program = start(node, *params)
+    odd = ParameterMessage(name="use_sim_time", value=ParameterValue(type=99))
+    good = Parameter("use_sim_time", value=False).to_parameter_msg()
+    each = craft.call(
+        SetParameters, f"/{node}/set_parameters", SetParameters.Request(parameters=[odd, good])
+    ).results
+    assert [result.successful for result in each] == [False, True]
+    together = craft.call(
+        SetParametersAtomically,
+        f"/{node}/set_parameters_atomically",
+        SetParametersAtomically.Request(parameters=[good, odd]),
+    ).result
+    for refused in (each[0], together):
+        assert not refused.successful
+        assert refused.reason == "use_sim_time: there is no type 99 of parameters"
+    assert program.end() == (0, "")
 
 
 def test_quality_of_service_and_its_override(
