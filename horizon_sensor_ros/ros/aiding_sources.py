@@ -12,6 +12,7 @@ from typing import Any
 from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement, CoarsePose
 from horizon_sensor_ros.core.gyro import RateHistory
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.ros.coarse_poses import CoarsePoses
 from horizon_sensor_ros.ros.messages import (
     NANOSECONDS,
     Refusal,
@@ -31,7 +32,7 @@ _LONGEST_GAP_NS = 5 * NANOSECONDS  # of the imu; stamps that lie farther off are
 
 
 class AidingSources:
-    """Keeps the latest coarse pose and the rates since the last set of frames.
+    """Keeps the coarse poses and the rates since the last set of frames.
 
     ignored : messages that were not used, by cause. words : what became of each topic for the last
     set, for a person.
@@ -44,7 +45,7 @@ class AidingSources:
         self._planet = planet
         self._base_frame = base_frame
         self._rates = RateHistory(settings.imu_max_gap_ns)
-        self._pose: tuple[int, CoarsePose] | None = None
+        self._poses = CoarsePoses()
         self._refused: dict[str, str] = {}
         self._last_set: int | None = None
 
@@ -55,11 +56,9 @@ class AidingSources:
         other = AidingSources(settings, planet, base_frame)
         other.ignored, other.words = self.ignored.copy(), self.words.copy()
         other._refused = self._refused.copy()
-        if self._pose is not None:
-            stamp, pose = self._pose
-            position, rotation = settings.position_sigma_m, settings.rotation_sigma_rad
-            pose = replace(pose, position_sigma_m=position, rotation_sigma_rad=rotation)
-            other._pose = stamp, pose
+        other._poses = self._poses.with_sigmas(
+            settings.position_sigma_m, settings.rotation_sigma_rad
+        )
         other._last_set = self._last_set
         return other
 
@@ -68,8 +67,8 @@ class AidingSources:
         self._last_set = None
 
     def jump_back(self, stamp: int) -> None:
-        """Go on at an earlier time (a looped bag): drop a coarse pose whose stamp is nearer to the
-        last set before the jump than to `stamp`.
+        """Go on at an earlier time (a looped bag): drop coarse poses whose stamps are nearer to
+        the last set before the jump than to `stamp`.
 
         After that set's stamp the sets have not jumped: one image came late, or one stamp was far
         ahead.
@@ -77,10 +76,8 @@ class AidingSources:
         if self._last_set is not None and stamp > self._last_set:
             return
         last, self._last_set = self._last_set, None
-        if last is None or self._pose is None:
-            return
-        if abs(self._pose[0] - last) <= abs(self._pose[0] - stamp):
-            self._pose = None
+        if last is not None:
+            self._poses.drop(lambda pose: abs(pose - last) <= abs(pose - stamp))
 
     def on_coarse_pose(self, msg: Any) -> None:
         """Take a `geometry_msgs/PoseStamped` of the base frame in the frame `earth`."""
@@ -92,7 +89,7 @@ class AidingSources:
         else:
             self._refused.pop(COARSE_POSE_TOPIC, None)
             sigmas = self._settings.position_sigma_m, self._settings.rotation_sigma_rad
-            self._pose = stamp, CoarsePose(*pose, *sigmas)
+            self._poses.add(stamp, CoarsePose(*pose, *sigmas))
 
     def on_imu(self, msg: Any) -> None:
         """Take the angular rate of a `sensor_msgs/Imu`."""
@@ -147,17 +144,20 @@ class AidingSources:
         return f"of another time: its nearest stamp is {seconds:.1f} s {way} the frames'"
 
     def _pose_at(self, stamp: int) -> CoarsePose | None:
-        if self._pose is None:
+        chosen = self._poses.of_set(stamp, self._settings.max_age_ns)
+        if chosen is None:
             self._say(COARSE_POSE_TOPIC, "none")
             return None
-        age = stamp - self._pose[0]
+        if chosen.of_another_time:
+            self.ignored[f"{COARSE_POSE_TOPIC}_of_another_time"] += chosen.of_another_time
+        age = chosen.age_ns
         if abs(age) > self._settings.max_age_ns:
             off = "too old" if age > 0 else "of the future"
             self._say(COARSE_POSE_TOPIC, f"{off}: {abs(age) / NANOSECONDS:.1f} s")
             return None
         of_use = self._planet.flattening > 0.0 or self._settings.pose_altitude_sigma_m > 0.0
         self.words[COARSE_POSE_TOPIC] = "used" if of_use else _OF_NO_USE
-        return replace(self._pose[1], age_s=abs(age) / NANOSECONDS)
+        return replace(chosen.pose, age_s=abs(age) / NANOSECONDS)
 
     def _altitude(self, pose: CoarsePose | None) -> AltitudeMeasurement | None:
         """That of the pose, where its altitude has a sigma; else the parameter's, if any."""

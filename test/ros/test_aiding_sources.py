@@ -228,6 +228,40 @@ def test_a_jump_back_drops_the_pose_of_the_time_before() -> None:
     assert aiding.of_set(START_NS).coarse_pose is not None
 
 
+@pytest.mark.parametrize("off_s", [-3600, 3600])
+def test_a_pose_of_another_time_takes_no_good_ones_place(off_s: int) -> None:
+    aiding = sources()
+    aiding.on_coarse_pose(pose_of())
+    odd = coarse_pose_of(START_NS + off_s * S, 2 * POSITION, ROTATION)
+    for second in range(3):
+        aiding.on_coarse_pose(odd)
+        pose = aiding.of_set(START_NS + second * S).coarse_pose
+        assert pose is not None
+        np.testing.assert_array_equal(pose.position_ecef_m, POSITION)
+        assert aiding.words["coarse_pose"] == "used"
+        assert aiding.ignored == {"coarse_pose_of_another_time": second + 1}
+    # A set without a message between is no reason to count one again.
+    aiding.of_set(START_NS + 3 * S)
+    assert aiding.ignored == {"coarse_pose_of_another_time": 3}
+    # With nothing better it is spoken of.
+    alone = sources()
+    alone.on_coarse_pose(odd)
+    assert alone.of_set(START_NS).coarse_pose is None
+    assert alone.words["coarse_pose"].endswith(": 3600.0 s")
+    assert not alone.ignored
+
+
+def test_a_pose_that_comes_before_time_jumps_to_it_counts_then() -> None:
+    aiding = sources()
+    aiding.on_coarse_pose(pose_of())
+    aiding.of_set(START_NS)
+    aiding.on_coarse_pose(coarse_pose_of(START_NS + 3600 * S, 2 * POSITION, ROTATION))
+    for after_s, times in ((1, 1), (3601, 2)):
+        pose = aiding.of_set(START_NS + after_s * S).coarse_pose
+        assert pose is not None
+        np.testing.assert_array_equal(pose.position_ecef_m, times * POSITION)
+
+
 def test_sources_with_other_settings_have_their_own_sigmas_and_rates() -> None:
     aiding = sources()
     aiding.on_coarse_pose(pose_of())
