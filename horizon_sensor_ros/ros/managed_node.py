@@ -57,6 +57,7 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
                 f"a parameter was given an empty list: name its values or leave it out ({error})"
             ) from error
         self._failure = ""
+        self._starting = False
         self._parameter_names: set[str] = set()
         self.qos_overrides: dict[str, Any] = {}
         try:
@@ -111,9 +112,11 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
         """Configure and activate, if `autostart` says so; ParameterError says why it cannot."""
         if not self.get_parameter("autostart").value:
             return
+        self._starting = True
         for transition in (self.trigger_configure, self.trigger_activate):
             if transition() != TransitionCallbackReturn.SUCCESS:
                 raise ParameterError(self._failure or "the node could not be activated")
+        self._starting = False
         # Meanwhile the sensors' drivers discover the subscriptions.
         self.warm_up()
 
@@ -186,7 +189,8 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
     def _failure_of(self, error: Exception) -> TransitionCallbackReturn:
         expected = isinstance(error, ParameterError)
         self._failure = str(error) if expected else f"{type(error).__name__}: {error}"
-        if not self.get_parameter("autostart").value:
+        # As it starts by itself the process ends, with these words.
+        if not self._starting:
             self.get_logger().error(self._failure)
         return TransitionCallbackReturn.FAILURE
 

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from craft import ESTIMATES, Chaser, Craft
@@ -543,6 +544,30 @@ def test_a_node_that_ceases_to_work_says_so_at_once(
         assert craft.transition(node, Transition.TRANSITION_CLEANUP)
         craft.wait_for_state("inactive")
     assert craft.statuses(node)[-1].values[0].value == "inactive"
+
+
+@pytest.mark.parametrize("autostart", ["true", "false"])
+def test_why_a_node_cannot_be_configured_again_is_said(
+    start: Callable[..., Program], craft: Craft, tmp_path: Path, autostart: str
+) -> None:
+    node = "attitude_node"
+    mask = tmp_path / "mask.png"
+    cv2.imwrite(str(mask), np.full((HEIGHT, WIDTH), 255, np.uint8))
+    path = write_parameters(tmp_path / "masked.yaml", **{"camera_1.mask": f"'{mask}'"})
+    program = start(node, "--params-file", str(path), "-p", f"autostart:={autostart}")
+    steps = [Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE]
+    if autostart == "true":
+        craft.wait(lambda: craft.state(node) == State.PRIMARY_STATE_ACTIVE, "the node")
+        steps.clear()
+    for step in (*steps, Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP):
+        assert craft.transition(node, step)
+    mask.unlink()
+    assert not craft.transition(node, Transition.TRANSITION_CONFIGURE)
+    assert craft.state(node) == State.PRIMARY_STATE_UNCONFIGURED
+    code, errors = program.end()
+    assert code == 0
+    (line,) = errors.splitlines()
+    assert f"[{node}]: ValueError: there is no file {mask}" in line
 
 
 def test_a_transition_that_the_state_does_not_have_is_refused(
