@@ -6,7 +6,7 @@ An image: ``image_feed`` (subscriptions), ``horizon_node`` (decode, core, encode
 ``target_node``, ``target_pipeline``, ``point_cloud``. The pipelines know no node: replays run them
 too.
 
-Every node: ``managed_node`` (lifecycle, ``parameters``), ``parameter_requests``,
+Every node: ``managed_node`` (lifecycle, ``parameters``), ``parameter_requests``, ``sim_time``,
 ``reporting_node``, ``state_log``, ``diagnostics`` (with ``horizon_diagnostics``, ``own_counts`` and
 ``target_diagnostics``), ``qos``.
 Processes: ``executable``, ``interruption``, ``participant_end``, ``node_names``, and the

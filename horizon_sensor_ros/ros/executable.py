@@ -32,6 +32,12 @@ _CLASSES = {
     "target_pose_node": "horizon_sensor_ros.ros.target_node:TargetPoseNode",
 }
 
+# Of a node that is rclpy's own; the others have them by themselves.
+_DEFENCES = (
+    "horizon_sensor_ros.ros.parameter_requests:refuse_values_of_no_type",
+    "horizon_sensor_ros.ros.sim_time:refuse_times_before_1970",
+)
+
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _WAKE_UP_S = 0.5
 # How long the end may take; it takes half a second.
@@ -109,7 +115,8 @@ def run(names: Sequence[str] = ()) -> int:
             raise ValueError(f"unknown argument {left[0]}: ROS arguments go after --ros-args")
         if not names:
             nodes.append(rclpy.create_node(ONE_PROCESS))
-            _load("horizon_sensor_ros.ros.parameter_requests:refuse_values_of_no_type")(nodes[0])
+            for defence in _DEFENCES:
+                _load(defence)(nodes[0])
             names = _nodes_parameter(nodes[0])
         _refuse_empty_lists(sys.argv)
         managed = _made({name: classes[name] for name in names}, pinned=bool(nodes))

@@ -21,6 +21,7 @@ from horizon_sensor_ros.ros.parameters.ignored import ignored_parameters
 from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
 from horizon_sensor_ros.ros.participant_end import on_one_core
 from horizon_sensor_ros.ros.qos import check_overrides, misspelt_topics
+from horizon_sensor_ros.ros.sim_time import refuse_times_before_1970
 from horizon_sensor_ros.ros.yaml_file import shown
 
 Settings = TypeVar("Settings")
@@ -69,6 +70,7 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
             if service.srv_type is ChangeState:
                 service.callback = partial(self._change_state, service.callback)
         refuse_values_of_no_type(self)
+        refuse_times_before_1970(self)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)
 

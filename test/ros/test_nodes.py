@@ -14,6 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from craft import ESTIMATES, Chaser, Craft
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
@@ -811,6 +812,43 @@ def test_silence_is_told_by_the_nodes_clock(
     assert {status.values[0].value for status in craft.statuses(node)} == {"ok"}
     craft.insist(lambda: tick(4), node, "no frames from camera_1 for 4.0 s")
     assert stamps() == {0, 4}
+
+
+@pytest.mark.parametrize("node", ["attitude_node", "horizon_sensor"])
+@pytest.mark.parametrize("live", [False, True], ids=["at the start", "live"])
+def test_a_negative_time_is_not_taken_and_the_node_lives_on(
+    start: Callable[..., Program], craft: Craft, params: list[str], node: str, live: bool
+) -> None:
+    clock = craft.node.create_publisher(Clock, "/clock", 10)
+    program = start(node, *params, "-p", f"use_sim_time:={str(not live).lower()}")
+    craft.match(("attitude_node",), 1)
+    if live:
+        for name in {node, "attitude_node"}:
+            request = SetParameters.Request(
+                parameters=[Parameter("use_sim_time", value=True).to_parameter_msg()]
+            )
+            answer = craft.call(SetParameters, f"/{name}/set_parameters", request)
+            assert answer.results[0].successful
+    clocks = {"attitude_node": 1, "horizon_sensor": 2 if live else 4}[node]
+    craft.wait(lambda: clock.get_subscription_count() == clocks, "the nodes' clocks")
+
+    def stamps() -> set[int]:
+        return {m.header.stamp.sec for t, m in craft.heard if t == "/diagnostics"} & sent
+
+    sent: set[int] = set()
+    # Each in turn, since the clock's queue holds one.
+    while len(stamps()) < 3:
+        assert len(sent) < 200, "a node that goes by /clock"
+        for second in (-1 - len(sent), 1000 + len(sent)):
+            clock.publish(Clock(clock=Time(sec=second)))
+            craft.spin(0.1)
+        sent.add(second)
+    code, errors = program.end()
+    assert code == 0
+    lines = errors.splitlines()
+    assert lines
+    told = "not taken: the time on /clock is negative"
+    assert all(told in line for line in lines), errors
 
 
 def test_the_log_says_what_state_a_node_is_in(

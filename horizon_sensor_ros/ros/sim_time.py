@@ -1,0 +1,32 @@
+"""Simulated time, without times that rclpy's clocks do not have."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+
+_SELDOM_S = 10.0
+
+
+def refuse_times_before_1970(node: Node) -> None:
+    """Let a node take the time from /clock as rclpy does, but for one that is negative: rclpy
+    raises its error, a ValueError, and so ends the process.
+    """
+    source: Any = node._time_source
+    take = source.clock_callback
+
+    def take_later_ones(msg: Clock) -> None:
+        if msg.clock.sec < 0:
+            node.get_logger().warning(
+                f"not taken: the time on /clock is negative, {msg.clock.sec} s",
+                throttle_duration_sec=_SELDOM_S,
+            )
+            return
+        take(msg)
+
+    # Of the subscription that there is, and of those to come: use_sim_time can be set live.
+    source.clock_callback = take_later_ones
+    if source._clock_sub is not None:
+        source._clock_sub.callback = take_later_ones
