@@ -87,6 +87,7 @@ def test_defaults_are_the_contracts() -> None:
         ),
         ({"base_frame": ""}, ["base_frame is empty"]),
         ({"base_frame": " "}, ["base_frame is empty"]),
+        ({"base_frame": "/base_link"}, ["base_frame begins with a slash", "'/base_link'"]),
         ({"slop": -0.1}, ["slop", "-0.1"]),
         ({"cameras": []}, ["cameras is empty"]),
         ({"cameras": ["camera_1", "camera_1"]}, ["cameras names one twice"]),
@@ -143,6 +144,7 @@ def test_what_is_known_of_the_range_sensor_reaches_the_core() -> None:
         ({"pixel_angle": "small"}, ["pixel_angle must be a double", "small"]),
         ({"min_score": 1.5}, ["min_score", "1.5"]),
         ({"target_frame": " "}, ["target_frame is empty"]),
+        ({"target_frame": "/target"}, ["target_frame begins with a slash", "'/target'"]),
         ({"min_points": 2.5}, ["min_points must be an integer"]),
     ],
 )

@@ -23,6 +23,7 @@ from horizon_sensor_ros.ros.parameters.camera import (
     rotation_parameter,
 )
 from horizon_sensor_ros.ros.parameters.common import COMMON_PARAMETERS
+from horizon_sensor_ros.ros.parameters.frame_name import frame_problems
 from horizon_sensor_ros.ros.parameters.horizon import CAMERAS, HORIZON_PARAMETERS
 from horizon_sensor_ros.ros.parameters.parameter import (
     Parameter,
@@ -130,8 +131,7 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
     """
     accepted, problems = accept_all((*HORIZON_PARAMETERS, *COMMON_PARAMETERS), values)
     each: list[CameraSettings] = []
-    if not str(accepted.get("base_frame", "base_link")).strip():
-        problems.append("base_frame is empty")
+    problems += frame_problems("base_frame", accepted)
     cameras = accepted.get("cameras", [])
     problems += _camera_name_problems(cameras) if "cameras" in accepted else []
     for camera in filter(_CAMERA_NAME.fullmatch, dict.fromkeys(cameras)):

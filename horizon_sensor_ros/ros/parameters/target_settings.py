@@ -8,6 +8,7 @@ from typing import Any
 
 from horizon_sensor_ros.core.target.config import RegistrationConfig, TrackerConfig
 from horizon_sensor_ros.ros.parameters.common import COMMON_PARAMETERS
+from horizon_sensor_ros.ros.parameters.frame_name import frame_problems
 from horizon_sensor_ros.ros.parameters.parameter import (
     ParameterError,
     accept_all,
@@ -55,8 +56,7 @@ def target_settings(values: Mapping[str, Any]) -> TargetSettings:
     Raises ParameterError with everything that is wrong, in one line.
     """
     accepted, problems = accept_all((*TARGET_PARAMETERS, *COMMON_PARAMETERS), values)
-    if not str(accepted.get("target_frame", "target")).strip():
-        problems.append("target_frame is empty")
+    problems += frame_problems("target_frame", accepted)
     if problems:
         raise ParameterError("; ".join(problems))
     noise, angle = accepted["range_noise"], accepted["pixel_angle"]
