@@ -563,7 +563,9 @@ def test_bags_that_are_none(
 
     assert "there is no bag" in said(tmp_path / "nowhere")
     (tmp_path / "empty").mkdir()
-    assert "cannot be read as a rosbag2" in said(tmp_path / "empty")
+    told = said(tmp_path / "empty")
+    assert "cannot be read as a rosbag2" in told
+    assert "neither a metadata.yaml nor an .mcap or .db3" in told
     shutil.copytree(flight, tmp_path / "flights" / "monday")
     assert f"give {tmp_path / 'flights' / 'monday'}" in said(tmp_path / "flights")
     text = tmp_path / "notes.txt"

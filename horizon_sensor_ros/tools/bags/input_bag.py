@@ -120,6 +120,11 @@ def open_bag(path: Path) -> InputBag:
     inside = [] if _is_bag(path) else sorted(each for each in path.glob("*/") if _is_bag(each))
     if inside:
         raise BagError(f"{path} is a folder with a bag in it, and none itself: give {inside[0]}")
+    if not _is_bag(path):
+        raise BagError(
+            f"{path} cannot be read as a rosbag2: the folder has neither a {_METADATA} nor an "
+            ".mcap or .db3 in it"
+        )
     try:
         with _bounded_memory():
             reader = Reader(path)
