@@ -14,8 +14,10 @@ def refuse_times_before_1970(node: Node) -> None:
     """Let a node take the time from /clock as rclpy does, but for one that is negative: rclpy
     raises its error, a ValueError, and so ends the process.
     """
-    source: Any = node._time_source
-    take = source.clock_callback
+    source: Any = getattr(node, "_time_source", None)
+    take = getattr(source, "clock_callback", None)
+    if take is None:
+        return  # an rclpy that is made otherwise has its own way with such times
 
     def take_later_ones(msg: Clock) -> None:
         if msg.clock.sec < 0:
@@ -28,5 +30,6 @@ def refuse_times_before_1970(node: Node) -> None:
 
     # Of the subscription that there is, and of those to come: use_sim_time can be set live.
     source.clock_callback = take_later_ones
-    if source._clock_sub is not None:
-        source._clock_sub.callback = take_later_ones
+    subscription = getattr(source, "_clock_sub", None)
+    if subscription is not None:
+        subscription.callback = take_later_ones
