@@ -22,6 +22,7 @@ from horizon_sensor_ros.core.limb.profiles import sample_profiles
 from horizon_sensor_ros.core.limb_curve import LimbCurve
 from horizon_sensor_ros.core.white_level import saturation_level
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
+from horizon_sensor_ros.sim.poses import camera_from_fov
 
 D_PX = np.arange(-7.0, 8.0)
 
@@ -71,6 +72,19 @@ def test_a_lens_that_is_sharper_than_usual_is_known_by_edges_that_are_not_clippe
     assert abs(np.mean(found.places.offset_px) - 0.1) < 0.1
 
 
+@pytest.mark.parametrize("blur_px", [1.3, 1.8])
+@pytest.mark.parametrize("height_dn", [400.0, 1200.0])
+def test_edges_of_a_soft_lens_lie_where_they_are_within_the_error_they_share(
+    blur_px: float, height_dn: float
+) -> None:
+    """As of a lens in focus, or nearly, they lay half a pixel to two too far out."""
+    profiles = overexposed(height_dn, 0.3, blur_px=blur_px)
+    found = place_clipped_edges(profiles, D_PX, 255.0, 0.5, 1.0)
+    off = abs(np.mean(found.places.offset_px) - 0.3)
+    assert off < max(2.0 * found.shared.shift_px, 0.1)
+    assert off < 0.5
+
+
 def test_white_is_a_level_of_cameras() -> None:
     frame = np.full((4, 4), 200, dtype=np.uint8)
     assert saturation_level(frame, frame) == np.inf
@@ -104,6 +118,23 @@ def test_an_overexposed_planet_is_fixed_with_errors_as_claimed(brightness_dn: fl
         errors.append(off / sigma)
         assert off < 0.1
     assert np.max(errors) < 2.5
+
+
+@pytest.mark.parametrize("psf_px", [1.5, 1.8])
+def test_the_altitude_below_a_soft_lens_is_as_far_off_as_claimed(psf_px: float) -> None:
+    """It was 20 to 58 sigmas too small. Cameras may disagree: one limb is taken for glow."""
+    camera = camera_from_fov(480, 360, np.radians(45.0))
+    high = []
+    for seed, altitude_m in enumerate((500e3, 1000e3, 1600e3)):
+        views = limb_views(altitude_m, camera, azimuths_rad=(0.7 * seed, 0.7 * seed + np.pi))
+        scene = EarthScene(uniform_dn=1000.0)
+        frames = draw(views, altitude_m, scene, Imaging(noise_dn=1.5, psf_sigma_px=psf_px), seed)
+        fix = HorizonSensor().process(as_frames(views, [frame.image for frame in frames]))
+        if fix.ok:
+            sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
+            high.append((fix.fit.altitude_m - altitude_m) / sigma_m)
+    assert high
+    assert np.abs(high).max() < 3.0
 
 
 def drawn_disc(

@@ -34,7 +34,9 @@ _PLACES_PX = np.arange(-20, 21) * _PITCH_PX
 _HEIGHTS = 2.0 ** np.arange(0.0, 2.6, 0.125)  # of the step, over the white level
 # Blurs that are tried, one sigma each; what is known of the blur beforehand, and the sigma of its
 # logarithm.
-_BLURS_PX = np.array([0.3, 0.36, 0.43, 0.51, 0.6, 0.68, 0.76, 0.85, 0.95])
+_BLURS_PX = np.array(
+    [0.3, 0.36, 0.43, 0.51, 0.6, 0.68, 0.76, 0.85, 0.95, 1.1, 1.25, 1.45, 1.7, 2.0, 2.35]
+)
 _USUAL_BLUR_PX = 0.76
 _BLUR_SPREAD = 0.1
 _SHOWN_SPREAD = 0.05  # likewise, where edges of the same limb that are not clipped show it
