@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -78,6 +79,9 @@ _FINE_PX, _FINEST = 2.0, 2.5
 # Where glow is overexposed as well it is taken for ground: error of simulated limbs' height, over
 # the length over which glow fades.
 _CLIPPED_HEIGHT = 0.6
+# By how many times e light changes to the ends of such a limb, a radian of ground: of air above
+# ground where the Sun stands 30 deg high, about.
+_LIGHT_TURNS = 2.0
 # Where glow changes too fast along a limb to be fitted with it its contour is no more of a limb:
 # errors of simulated ones towards the terminator and beside the Sun, over the other limbs'.
 _UNEVEN_GLOW = 1.5
@@ -213,9 +217,9 @@ def limb_of_edges(
     no_model = given and edges.model_free
     if glows:
         points = _points(sample, px, normal_px, places, shared, jumps_px, np.empty(0), np.nan)
-        overexposed = float(np.mean(sample.clipped))
-        height_px = _CLIPPED_HEIGHT * overexposed * usual_length_px(view, rho_rad)
-        points = replace(points, shared=points.shared._replace(height_px=height_px))
+        length_px = usual_length_px(view, rho_rad)
+        by_white = _in_white_glow(sample, rho_rad, length_px, len(px))
+        points = replace(points, shared=points.shared.besides(by_white))
     else:
         shared = shared.besides(_darkening(sample, profiles, places, rho_rad, edges.model_free))
         steepness = _steepness(_falls(profiles), sample.grid)
@@ -226,6 +230,21 @@ def limb_of_edges(
         rises = beside_over_deep(profiles, sample.grid)
         points = replace(points, modelled=not no_model, beside_over_deep=rises)
     return points, () if no_model else tuple(looks)
+
+
+def _in_white_glow(sample: LimbSample, rho_rad: float, length_px: float, num: int) -> SharedError:
+    """Error that `num` edges share where glow that fades over so many pixels, of the full frame, is
+    overexposed.
+
+    They lie where it comes down to white, and the higher, the brighter it is: beside each other as
+    the Sun's height changes along the limb, or more where a part alone is overexposed.
+    """
+    share = float(np.mean(sample.clipped))
+    # Of the ground below the limb, from the middle to an end.
+    half_rad = 0.5 * num * sample.stretch_px * sample.pitch_rad / math.tan(rho_rad)
+    turned = math.hypot(_PART_TURNS * share * (1.0 - share), _LIGHT_TURNS * half_rad * share)
+    height_px = _CLIPPED_HEIGHT * share * length_px
+    return SharedError(height_px=height_px, slope_px=turned * length_px)
 
 
 def _taken(

@@ -1,0 +1,91 @@
+"""Glow too bright for the exposure, drawn here with light that changes along it, and its nadir."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.horizon_config import HorizonConfig
+from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.planet import Planet
+
+PLANET = Planet()
+FINE = 3  # drawn pixels to a pixel
+HEIGHT_M = 8e3  # over which air fades by e
+
+
+def unit(vector: tuple[float, float, float]) -> np.ndarray:
+    return np.array(vector) / np.linalg.norm(vector)
+
+
+def rays_of(view: CameraView) -> np.ndarray:
+    """Rays (h, w, 3) of the drawn pixels."""
+    camera = view.camera
+    y, x = (np.mgrid[: camera.height * FINE, : camera.width * FINE] + 0.5) / FINE - 0.5
+    px = np.stack([x.ravel(), y.ravel()], axis=1)
+    return camera.rays(px).reshape(*x.shape, 3)
+
+
+def exposed(light_dn: np.ndarray, blur_px: float, noise_dn: float, seed: int) -> np.ndarray:
+    """Frame of the drawn light."""
+    height, width = (side // FINE for side in light_dn.shape)
+    blurred = cv2.GaussianBlur(light_dn, (0, 0), blur_px * FINE)
+    levels = 8.0 + blurred.reshape(height, FINE, width, FINE).mean(axis=(1, 3))
+    levels += np.random.default_rng(seed).normal(0.0, noise_dn, levels.shape)
+    return np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+
+
+def view_of(width: int, height: int, fov_deg: float) -> CameraView:
+    focal_px = 0.5 * width / math.tan(math.radians(0.5 * fov_deg))
+    camera = Camera(width, height, focal_px, focal_px, 0.5 * width - 0.5, 0.5 * height - 0.5)
+    return CameraView("camera_1", camera, np.eye(3))
+
+
+def chi2(fix: HorizonFix, nadir: np.ndarray) -> float:
+    """Square of nadir's error over its covariance, of two degrees of freedom."""
+    across = np.linalg.svd(nadir[None])[2][1:]
+    off = across @ fix.fit.nadir_base
+    cov = across @ fix.fit.cov_nadir_altitude[:3, :3] @ across.T
+    return float(off @ np.linalg.solve(cov, off))
+
+
+def towards_the_sun(altitude_m: float, per_rad: float, white: float, seed: int) -> float:
+    """`chi2` of nadir, 0 where there is none, of glow that changes by e^per_rad a radian of ground
+    along the limb; in the middle it is so many times white. 0 where limb and glow were separated,
+    which this is not about.
+    """
+    view = view_of(640, 480, 50.0)
+    distance_m = PLANET.radius_m + altitude_m
+    rho = math.asin(PLANET.radius_m / distance_m)
+    roll = 0.4 + seed
+    nadir = np.array([math.sin(rho) * math.cos(roll), math.sin(rho) * math.sin(roll), 0.0])
+    nadir[2] = math.cos(rho)
+    rays = rays_of(view)
+    cosine = rays @ nadir
+    height_m = distance_m * np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) - PLANET.radius_m
+    along = unit((-math.sin(roll), math.cos(roll), 0.0))
+    ground_rad = np.arctan2(rays @ along, np.abs(cosine)) / math.tan(rho)
+    brightness = 247.0 * white * np.exp(per_rad * ground_rad)
+    light = brightness * np.where(height_m > 0.0, np.exp(-height_m / HEIGHT_M), 0.8)
+    config = HorizonConfig(planet=PLANET, max_nadir_sigma_rad=math.radians(5.0))
+    fix = HorizonSensor(config).process([Frame(view, exposed(light, 0.6, 1.5, seed))])
+    return chi2(fix, nadir) if fix.ok and not fix.limbs[0].glow_separated else 0.0
+
+
+@pytest.mark.parametrize(("per_rad", "white"), [(2.0, 4.0), (4.0, 2.0)])
+def test_glow_that_is_white_claims_that_light_changes_along_it(
+    per_rad: float, white: float
+) -> None:
+    """Taken to be as high all along, it turned nadir by 8 to 10 sigmas."""
+    found = [
+        towards_the_sun(altitude_m, per_rad, white, seed)
+        for seed, altitude_m in enumerate((350e3, 500e3, 700e3, 1000e3, 1400e3))
+    ]
+    assert max(found) > 0.0
+    assert max(found) < 11.8
