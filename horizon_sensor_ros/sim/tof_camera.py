@@ -9,6 +9,8 @@ import numpy as np
 from horizon_sensor_ros.sim.shapes import TriangleMesh
 
 _PAIRS_AT_ONCE = 32_768  # of a triangle and a pixel: what is made of them stays in the cache
+_ASIDE = 1e-7  # tangent of the angle between two rays that meet the same triangle
+_LEAST_COSINE = 0.02  # noise grows no more from there on
 _LARGE = 400  # pixels from which a triangle's box is worth a turn of its own
 
 
@@ -52,9 +54,10 @@ class ToFScan:
 class ToFCamera:
     """Pinhole range camera; the defaults are the paper's PMD CamCube 2.0.
 
-    The range of each pixel is measured along its ray, with Gaussian noise ``range_noise_m``;
-    ranges outside ``range_min_m .. range_max_m`` return nothing. Raises ValueError for values that
-    make no camera.
+    The range of each pixel is measured along its ray, with Gaussian noise ``range_noise_m`` where
+    the surface is seen squarely; its variance grows as 1 + ``slant_growth`` (1/c^2 - 1) with the
+    cosine c between ray and normal. Ranges outside ``range_min_m .. range_max_m`` return nothing.
+    Raises ValueError for values that make no camera.
     """
 
     width: int = 204
@@ -64,6 +67,7 @@ class ToFCamera:
     range_min_m: float = 0.3
     range_max_m: float = 7.0
     range_noise_m: float = 0.005
+    slant_growth: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("width", "height", "pixel_pitch_m", "focal_length_m"):
@@ -73,8 +77,9 @@ class ToFCamera:
             raise ValueError(
                 f"need 0 <= range_min_m < range_max_m; got {self.range_min_m}, {self.range_max_m}"
             )
-        if not self.range_noise_m >= 0:
-            raise ValueError(f"range_noise_m must not be negative; got {self.range_noise_m}")
+        for name in ("range_noise_m", "slant_growth"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} must not be negative; got {getattr(self, name)}")
 
     @property
     def focal_px(self) -> float:
@@ -106,6 +111,30 @@ class ToFCamera:
         depth *= np.sqrt(u * u + (v * v)[:, None] + 1.0)
         return depth
 
+    def cosines(self, mesh: TriangleMesh, pose_cam_from_target: np.ndarray) -> np.ndarray:
+        """(H, W) cosine between each ray and the normal of the surface it meets; NaN where there is
+        none."""
+        pose = _checked_pose(pose_cam_from_target)
+        corners = (mesh.vertices @ pose[:3, :3].T + pose[:3, 3])[mesh.faces]
+        u, v = self._tangents(1)
+        # Inverse depth is linear over a triangle: a n.(u, v, 1), told by rays close by.
+        here, right, below = (
+            1.0 / _cast(corners, u + du, v + dv, self.focal_px)
+            for du, dv in ((0.0, 0.0), (_ASIDE, 0.0), (0.0, _ASIDE))
+        )
+        slope_u, slope_v = (right - here) / _ASIDE, (below - here) / _ASIDE
+        rest = here - slope_u * u - slope_v * v[:, None]
+        length = np.sqrt(slope_u**2 + slope_v**2 + rest**2)
+        return here / (length * np.sqrt(u * u + (v * v)[:, None] + 1.0))
+
+    def _noise_m(self, mesh: TriangleMesh, pose: np.ndarray) -> np.ndarray | float:
+        """Standard deviation of each range (H, W), or of all of them."""
+        if not self.slant_growth:
+            return self.range_noise_m
+        cosine = np.nan_to_num(self.cosines(mesh, pose), nan=1.0)
+        steep = np.maximum(cosine, _LEAST_COSINE) ** -2.0 - 1.0
+        return self.range_noise_m * np.sqrt(1.0 + self.slant_growth * steep)
+
     def scan(
         self,
         mesh: TriangleMesh,
@@ -122,7 +151,7 @@ class ToFCamera:
         measured = see(mesh, pose_cam_from_target)
         if rng is not None:
             _occlude(measured, extra.occluded_fraction, rng)
-            measured += rng.normal(0.0, self.range_noise_m, measured.shape)
+            measured += rng.normal(0.0, self._noise_m(mesh, pose_cam_from_target), measured.shape)
             _add_outliers(measured, extra.outlier_fraction, rng)
         measured[~((measured >= self.range_min_m) & (measured <= self.range_max_m))] = np.nan
         points = (measured[..., None] * self.rays()).astype(np.float32)

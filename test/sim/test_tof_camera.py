@@ -155,3 +155,20 @@ def test_a_pose_of_another_shape_and_chance_without_a_generator_are_refused() ->
         ToFCamera().scan(box((1, 1, 1)), pose_of(np.eye(3)), None, ToFDisturbances(0.1))
     with pytest.raises(ValueError, match="outlier_fraction"):
         ToFDisturbances(outlier_fraction=1.5)
+
+
+def test_noise_grows_with_the_slant() -> None:
+    """Of a wall that turns away by 60 deg: twice as large where the variance is as one over the
+    cosine squared."""
+    tilt = Rotation.from_euler("y", 60, degrees=True).as_matrix()
+    wall, pose = box((4.0, 0.5, 0.02)), pose_of(tilt, 4.0)
+    camera = ToFCamera(width=200, height=200, range_noise_m=0.005, slant_growth=1.0)
+    truth, cosine = camera.ranges(wall, pose), camera.cosines(wall, pose)
+    seen = np.isfinite(truth)
+    normal = -tilt[:, 2]
+    assert np.array_equal(np.isfinite(cosine), seen)
+    face = seen & (cosine > 0.1)  # not its rim
+    assert np.abs(cosine - np.abs(camera.rays() @ normal))[face].max() < 1e-6
+    scan = camera.scan(wall, pose, np.random.default_rng(0))
+    noise = (np.linalg.norm(scan.points, axis=-1) - truth) * cosine
+    assert noise[face].std() == pytest.approx(0.005, rel=0.05)
