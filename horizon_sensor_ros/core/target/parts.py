@@ -57,7 +57,9 @@ def find_parts(image: RangeImage, planes: Planes) -> Parts:
     kept = np.flatnonzero(cosine > MIN_BORROWED_COSINE)
     place = place[kept]
     tilt = np.full(len(kept), PART_TILT_RAD, np.float32)
-    sigma = normal_noise(planes.sigma_m, planes.footprint_m, cosine[kept], tilt)
+    sigma = normal_noise(
+        planes.sigma_m, planes.slant_growth, planes.footprint_m, cosine[kept], tilt
+    )
     return Parts(place, planes.points.take(place, axis=0), normal.T[kept], sigma)
 
 

@@ -14,6 +14,13 @@ import numpy as np
 
 from horizon_sensor_ros.core.target.holes import without_holes
 from horizon_sensor_ros.core.target.range_image import RangeImage
+from horizon_sensor_ros.core.target.range_noise import (
+    NO_PLANE,
+    least_gain,
+    least_share,
+    noise_of_returns,
+    slant_growth,
+)
 
 # A plane is trusted down to this cosine between ray and normal; a borrowed one down to the second.
 _MIN_COSINE = 0.03
@@ -36,16 +43,15 @@ _CURVED = 36.0
 # is another face.
 _LIMB_COSINE = 0.5
 LIMB_BEND = np.cos(np.radians([10.0, 55.0]))
-# Ranges come in steps that matter where these are above such a share of the noise.
-_COARSE_STEP = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Planes:
     """The local plane at each pixel of an image, (H, W) each.
 
-    sigma_m : range noise.  footprint_m : a pixel's width at the target.  normal_noise_rad : of the
-        normals.  radius_px : of the windows.
+    sigma_m : range noise of what is seen squarely.  slant_growth : k of its variance, which is
+        1 + k (1 / cosine^2 - 1) times that at a slant.  footprint_m : a pixel's width at the
+        target.  normal_noise_rad : of the normals.  radius_px : of the windows.
     found : bool, where there is a plane.  own : bool, where it is that of the pixel's own window,
         whole where the surface is curved; elsewhere it is borrowed from a window beside it, or of
         the part of a window that a limb leaves.  limb : bool, where that is the limb of a curved
@@ -58,6 +64,7 @@ class Planes:
     """
 
     sigma_m: float
+    slant_growth: float
     footprint_m: float
     normal_noise_rad: float
     radius_px: int
@@ -76,21 +83,17 @@ class Planes:
 def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     """Fit planes to a range image whose status is OK.
 
-    sigma_m : range noise; None: estimated from the image.
+    sigma_m : range noise of what is seen squarely; None: estimated from the image. By how much it
+        grows with the slant always is.
     """
     inverse = image.inverse_depth
     seen = inverse > 0
-    middle = _quantile(inverse[seen], 0.5)
-    footprint = 1 / (middle * image.focal_px)
-    guess, rounded = _noise_of_returns(image, seen) if sigma_m is None else (sigma_m, False)
-    sigma = max(guess, 1e-3 * footprint)
-    radius = _window_radius(sigma / footprint, seen if image.on_grid else None)
-    fit = _plane_fit(without_holes(inverse), seen, middle, radius)
-    if sigma_m is None and not rounded:
-        sigma = max(fit.noise_m(sigma, radius), 1e-3 * footprint)
-    noise = np.float32(sigma) * inverse * inverse + inverse * np.float32(_BEND_PX / image.focal_px)
+    fit, known = _fit_and_noise(image, seen, sigma_m)
+    sigma, footprint, radius = known.sigma_m, known.footprint_m, known.radius_px
+    each = np.float32(sigma) * known.gain
+    noise = each * inverse * inverse + inverse * np.float32(_BEND_PX / image.focal_px)
     flat = fit.flat(noise)
-    sag, bends, curved = _sag(fit, flat, sigma, radius)
+    sag, bends, curved = _sag(fit, flat, each, radius)
     full = (2 * radius + 1) ** 2 - 0.5
     fit = replace(fit, level=fit.level + sag)
     # Where windows are cut off, those beside them tell whether the surface is curved.
@@ -129,10 +132,42 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     limb |= limb[lender]
     own &= ~limb
     return Planes(
-        sigma, footprint, sigma / footprint / _slope_gain(radius), radius, found.reshape(shape),
-        own.reshape(shape), limb.reshape(shape), level.reshape(shape), slope_u.reshape(shape),
-        slope_v.reshape(shape), cosine.reshape(shape), noise, points, normals,
+        sigma, known.slant_growth, footprint, sigma / footprint / _slope_gain(radius), radius,
+        found.reshape(shape), own.reshape(shape), limb.reshape(shape), level.reshape(shape),
+        slope_u.reshape(shape), slope_v.reshape(shape), cosine.reshape(shape), noise, points,
+        normals,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Noise:
+    """Noise of ranges, as of `Planes`, and that of each (H, W) over that of what is seen squarely,
+    or 1; a pixel's width at the target; radius of the windows."""
+
+    sigma_m: float
+    slant_growth: float
+    gain: np.ndarray | np.float32
+    footprint_m: float
+    radius_px: int
+
+
+def _fit_and_noise(
+    image: RangeImage, seen: np.ndarray, sigma_m: float | None
+) -> tuple[_PlaneFit, _Noise]:
+    """Planes in windows as wide as the noise asks for, and what they tell of it."""
+    middle = least_share(image.inverse_depth[seen], 0.5)
+    footprint = 1 / (middle * image.focal_px)
+    guess, rounded = noise_of_returns(image) if sigma_m is None else (sigma_m, False)
+    least = 1e-3 * footprint
+    sigma = max(guess, least)
+    radius = _window_radius(sigma / footprint, seen if image.on_grid else None)
+    fit = _plane_fit(without_holes(image.inverse_depth), seen, middle, radius)
+    if rounded:
+        return fit, _Noise(sigma, 0.0, np.float32(1), footprint, radius)
+    growth, gain = fit.slant_noise(image, radius, max(sigma_m or 0.0, least))
+    if sigma_m is None:
+        sigma = max(fit.noise_m(sigma, radius, gain), least)
+    return fit, _Noise(sigma, growth, gain, footprint, radius)
 
 
 def limb_reach_px(radius_px: int) -> int:
@@ -172,44 +207,6 @@ def _rays(image: RangeImage, pixel: np.ndarray) -> np.ndarray:
     ray = np.ones((3, len(pixel)), np.float32)
     ray[0], ray[1] = tan_u[column], tan_v[row]
     return ray
-
-
-def _noise_of_returns(image: RangeImage, seen: np.ndarray) -> tuple[float, bool]:
-    """Standard deviation (m) of single returns, and whether it is mostly that of coarse steps, of
-    which planes tell no better one."""
-    noise_m = _range_noise(image.inverse_depth, seen)
-    if image.range_step_m > _COARSE_STEP * noise_m:
-        return _stepped_noise(image.inverse_depth, seen, image.range_step_m), True
-    return noise_m, False
-
-
-def _range_noise(inverse: np.ndarray, seen: np.ndarray) -> float:
-    """Standard deviation (m) from second differences along the rows, which planes do not have."""
-    three = seen[:, :-2] & seen[:, 1:-1] & seen[:, 2:]
-    bend = np.abs(inverse[:, :-2] - 2 * inverse[:, 1:-1] + inverse[:, 2:])[three]
-    if not bend.size:
-        return 0.0
-    # The lower quarter, as edges and thin parts bend as well: 0.319 standard deviations of a
-    # normal distribution.
-    return _quantile(bend / inverse[:, 1:-1][three] ** 2, 0.25) / (0.3186 * np.sqrt(6))
-
-
-def _quantile(values: np.ndarray, share: float) -> float:
-    """The value with that share of the others below it; several times as fast as NumPy's."""
-    place = int(share * (len(values) - 1))
-    return float(np.partition(values, place)[place])
-
-
-def _stepped_noise(inverse: np.ndarray, seen: np.ndarray, step_m: float) -> float:
-    """Standard deviation (m) of ranges that come in whole steps, rounding included.
-
-    Steps make many neighbours equal, as if there were no noise; spread over the step they came
-    from, they show it again.
-    """
-    spread = np.random.default_rng(0).uniform(-step_m / 2, step_m / 2, inverse.shape)
-    square = _range_noise(inverse + (spread * inverse * inverse).astype(np.float32), seen) ** 2
-    rounding = step_m * step_m / 12
-    return float(np.sqrt(max(square - rounding, rounding)))
 
 
 def _window_radius(noise_px: float, seen: np.ndarray | None) -> int:
@@ -255,17 +252,39 @@ class _PlaneFit:
     count: np.ndarray
     defined: np.ndarray
 
-    def noise_m(self, guess_m: float, radius: int) -> float:
-        """Range noise from the flattest windows; ``guess_m`` where they are few or it is the
-        lower."""
+    def noise_m(self, guess_m: float, radius: int, gain: np.ndarray | np.float32) -> float:
+        """Range noise from the flattest windows, each by its ``gain``; ``guess_m`` where they are
+        few or it is the lower."""
         dof = (2 * radius + 1) ** 2 - 3
         full = self.defined & (self.count > dof)
         if np.count_nonzero(full) < 50:
             return guess_m
         # Of chi squared per degree of freedom a tenth lies below this (Wilson and Hilferty).
         tenth = (1 - 2 / (9 * dof) - 1.2816 * np.sqrt(2 / (9 * dof))) ** 3
-        square = self.mean_square[full] / self.level[full] ** 4
-        return min(guess_m, float(np.sqrt(_quantile(square, 0.1) / tenth)))
+        square = (self.mean_square / (gain * gain))[full] / self.level[full] ** 4
+        return min(guess_m, float(np.sqrt(least_share(square, 0.1) / tenth)))
+
+    def slant_noise(
+        self, image: RangeImage, radius: int, least_m: float
+    ) -> tuple[float, np.ndarray | np.float32]:
+        """By how much range noise grows with the slant, and each return's over that of what is seen
+        squarely, which is ``least_m`` or more."""
+        secant2, side = self._secant2(image), 2 * radius + 1
+        growth = slant_growth(image.inverse_depth, secant2, side, least_m)
+        return growth, least_gain(secant2, growth, side) if growth else np.float32(1)
+
+    def _secant2(self, image: RangeImage) -> np.ndarray:
+        """(H, W) squared secant of the angle between ray and normal; `NO_PLANE` where none is
+        defined."""
+        tan_u, tan_v = (tangent.astype(np.float32) for tangent in image.tangents())
+        focal = np.float32(image.focal_px)
+        tan_v = tan_v[:, None]
+        a, b = focal * self.slope_u, focal * self.slope_v
+        c = self.level - a * tan_u - b * tan_v
+        secant2 = np.full(self.level.shape, NO_PLANE)
+        square = (a * a + b * b + c * c) * (1 + tan_u * tan_u + tan_v * tan_v)
+        np.divide(square, self.level * self.level, out=secant2, where=self.defined)
+        return np.minimum(secant2, NO_PLANE)
 
     def flat(self, noise: np.ndarray) -> np.ndarray:
         return self.defined & (self.mean_square < _FLAT * noise * noise)
@@ -304,7 +323,7 @@ def _plane_fit(inverse: np.ndarray, seen: np.ndarray, middle: float, radius: int
 
 
 def _sag(
-    fit: _PlaneFit, flat: np.ndarray, sigma_m: float, radius: int
+    fit: _PlaneFit, flat: np.ndarray, sigma_m: np.ndarray | np.float32, radius: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """By how much a curved surface leads the planes fitted to it, where it bends, and where it is
     curved: bends alike from window to window.
@@ -321,7 +340,7 @@ def _sag(
     gain = -square.mean() / (side * float(bump @ bump))
     full = (flat & (fit.count > side * side - 0.5)).astype(np.float32)
     lead = full * gain * (_box(fit.about_middle, bump, one) + _box(fit.about_middle, one, bump))
-    noise = np.float32(abs(gain) * np.sqrt(2 * side * float(bump @ bump)) * sigma_m) * fit.level**2
+    noise = np.float32(abs(gain) * np.sqrt(2 * side * float(bump @ bump))) * sigma_m * fit.level**2
     count = _box(full, one, one)
     some = np.maximum(count, 1)
     mean = _box(lead, one, one) / some
@@ -376,16 +395,20 @@ def _borrow_planes(
 
 
 def normal_noise(
-    sigma_m: float, footprint_m: float, cosine: np.ndarray, tilt_rad: np.ndarray
+    sigma_m: float,
+    slant_growth: float,
+    footprint_m: float,
+    cosine: np.ndarray,
+    tilt_rad: np.ndarray,
 ) -> np.ndarray:
     """Standard deviation (m) along the normal of one measurement on a plane seen at ``cosine`` to
     its normal.
 
-    Range noise shrinks with the cosine. A window that passed as flat bends little between its
-    pixels; a borrowed plane (``tilt_rad`` not 0) may, the more so at a slant, where pixels lie
-    wide apart.
+    Range noise shrinks with the cosine, unless it grows as one over that. A window that passed as
+    flat bends little between its pixels; a borrowed plane (``tilt_rad`` not 0) may, the more so at
+    a slant, where pixels lie wide apart.
     """
     slant = np.maximum(cosine, MIN_BORROWED_COSINE)
     bend = footprint_m * (0.05 + 0.008 * (tilt_rad > 0) / (slant * slant))
-    across = sigma_m * cosine
-    return np.sqrt(across * across + bend * bend)
+    across2 = sigma_m**2 * (cosine * cosine + slant_growth * (1 - cosine * cosine))
+    return np.sqrt(across2 + bend * bend)

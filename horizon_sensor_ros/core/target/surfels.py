@@ -43,8 +43,8 @@ class Surfels:
 class SurfaceView:
     """All that the registration needs of one cloud; lengths in metres, in the view frame.
 
-    sigma_m : range noise.  footprint_m : a pixel's width at the target.  size_m : the target's rms
-        radius.
+    sigma_m, slant_growth : range noise, see `Planes`.  footprint_m : a pixel's width at the target.
+        size_m : the target's rms radius.
     point_map, normal_map : (H W, 3) point and normal (towards the sensor) of the local plane at
         each pixel; without a plane the return itself, and 0.
     plane : (H W) bool, where there is one.  steady : (H W) bool, where it may be paired: not at the
@@ -57,6 +57,7 @@ class SurfaceView:
 
     image: RangeImage
     sigma_m: float
+    slant_growth: float
     footprint_m: float
     size_m: float
     point_map: np.ndarray
@@ -119,8 +120,9 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     tilt = np.float32(_BORROWED_TILT_RAD) * ~planes.own.ravel()
     noise = np.zeros(inverse.size, np.float32)
     index = np.flatnonzero(planes.found)
+    cosine = planes.cosine.ravel()[index]
     noise[index] = normal_noise(
-        planes.sigma_m, planes.footprint_m, planes.cosine.ravel()[index], tilt[index]
+        planes.sigma_m, planes.slant_growth, planes.footprint_m, cosine, tilt[index]
     )
     seen = np.flatnonzero(inverse)
     arm = planes.points.take(seen, axis=0) - image.centroid_m.astype(np.float32)
@@ -130,9 +132,9 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     depth_map[seen] = 1 / inverse.ravel()[seen]
     hidden = ((inverse == 0) & ~image.unknown).view(np.uint8)
     return SurfaceView(
-        image, planes.sigma_m, planes.footprint_m, float(size), planes.points, planes.normals,
-        planes.found.ravel(), (planes.found & ~planes.limb).ravel(), tilt,
-        planes.normal_noise_rad, noise, depth_map,
+        image, planes.sigma_m, planes.slant_growth, planes.footprint_m, float(size),
+        planes.points, planes.normals, planes.found.ravel(),
+        (planes.found & ~planes.limb).ravel(), tilt, planes.normal_noise_rad, noise, depth_map,
         cv2.distanceTransform(hidden, cv2.DIST_L2, 3).ravel(),
         _surfels(image, planes, tilt, noise), find_edges(image, planes), find_parts(image, planes),
     )  # fmt: skip
