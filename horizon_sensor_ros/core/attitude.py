@@ -108,7 +108,8 @@ def roll_pitch_from_nadir(nadir_base: np.ndarray, level_z: str = "up") -> tuple[
     z_base = nadir_sign(level_z) * _unit(nadir_base, "nadir_base")
     level = float(np.hypot(z_base[1], z_base[2]))
     roll = float(np.arctan2(z_base[1], z_base[2])) if level > 0 else 0.0
-    return roll, float(np.arctan2(-z_base[0], level))
+    # Just below zero, -0.0 included, half a turn rounds to minus half a turn.
+    return abs(roll) if roll == -np.pi else roll, float(np.arctan2(-z_base[0], level))
 
 
 def level_from_base(nadir_base: np.ndarray, level_z: str = "up") -> np.ndarray:

@@ -93,6 +93,14 @@ def test_nose_straight_at_the_planet_is_no_exception(level_z: str, sign: int) ->
         assert (rot @ nadir)[2] == pytest.approx(z, abs=1e-12)
 
 
+@pytest.mark.parametrize(("level_z", "up"), [("up", 1.0), ("down", -1.0)])
+@pytest.mark.parametrize("side", [0.0, -0.0, 1e-300, -1e-300])
+def test_roll_upside_down_is_half_a_turn_to_the_right(level_z: str, up: float, side: float) -> None:
+    """Half a turn is told in one way: it was -180 deg where rounding left a zero below zero."""
+    roll, pitch = roll_pitch_from_nadir(np.array([0.0, side, up]), level_z)
+    assert (roll, pitch) == (np.pi, 0.0)
+
+
 def test_what_is_no_direction_is_refused() -> None:
     for bad in (np.zeros(3), np.full(3, np.nan), np.zeros(2)):
         with pytest.raises(ValueError, match="nadir_base"):
