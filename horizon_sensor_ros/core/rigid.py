@@ -33,13 +33,12 @@ def vector_from_rotation(rotation: np.ndarray) -> np.ndarray:
     axis2 = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
     sine, cosine = np.linalg.norm(axis2) / 2, (np.trace(r) - 1) / 2
     angle = np.arctan2(sine, cosine)
-    if sine > 1e-7:
-        return axis2 / (2 * sine) * angle
     if cosine > 0:
-        return axis2 / 2
-    # Half a turn: the axis is the eigenvector of R that stays, the largest column of R + 1.
-    column = (r + np.eye(3))[:, np.argmax(np.diag(r))]
-    return column / np.linalg.norm(column) * angle
+        return axis2 / 2 if sine < 1e-7 else axis2 / (2 * sine) * angle
+    # Towards half a turn the sine vanishes, and with it the axis; that of R + R^T does not.
+    along = (r + r.T) / 2 - cosine * np.eye(3)
+    column = along[:, np.argmax(np.diag(along))]
+    return column / np.linalg.norm(column) * (angle if axis2 @ column >= 0 else -angle)
 
 
 def pose_matrix(rotation: np.ndarray, translation_m: np.ndarray) -> np.ndarray:
