@@ -12,11 +12,11 @@ _Factors = tuple[float, float, float, float, float, float]
 def _factors(matrix: np.ndarray) -> _Factors | None:
     """Return L's (21, 31, 32) and D's (1, 2, 3) of ``L D L^T``; None unless it is positive."""
     (a, b, c), (_, d, e), (_, _, f) = matrix.tolist()
-    if not a > 0.0:
+    if not 0.0 < a < math.inf:
         return None
     l21, l31 = b / a, c / a
     d2, e = d - b * l21, e - c * l21
-    if not d2 > 0.0:
+    if not 0.0 < d2 < math.inf:
         return None
     l32 = e / d2
     d3 = f - c * l31 - e * l32

@@ -38,10 +38,15 @@ def test_with_a_negative_eigenvalue(exponent: tuple[float, ...], seed: int) -> N
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
-def test_singular_and_not_finite(value: float) -> None:
-    matrix = np.diag([1.0, 2.0, value])
-    assert not is_positive(matrix)
-    assert np.isnan(inverse(matrix)).all()
+@pytest.mark.parametrize("place", [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)])
+def test_singular_and_not_finite(place: tuple[int, int], value: float) -> None:
+    """An infinite variance of the first two was positive definite, and had an inverse."""
+    matrix = np.diag([1.0, 2.0, 3.0])
+    matrix[place] = matrix[place[::-1]] = value
+    singular = place[0] == place[1] or value != 0.0
+    assert is_positive(matrix) == (not singular)
+    assert np.isnan(inverse(matrix)).all() == singular
+    assert np.isnan(solve(matrix, np.ones(3))).all() == singular
 
 
 @given(exponents, seeds)
