@@ -108,7 +108,7 @@ class Aiding:
     the base frame in its own axes (a gyro), and rate_spread_rad_s, one sigma of it beside a gyro's
     own. since_last_s : time since the last processed set.
     Raises ValueError for a rot_now_from_last that is no rotation, a rate that is not (3,) and
-    finite, or a time that is not positive.
+    finite, a spread that is negative or not finite, or a time that is not positive.
     """
 
     coarse_pose: CoarsePose | None = None
@@ -127,6 +127,9 @@ class Aiding:
             if rate.shape != (3,) or not np.all(np.isfinite(rate)):
                 raise ValueError(f"rate_base_rad_s must be three finite rad/s, got {rate.tolist()}")
             object.__setattr__(self, "rate_base_rad_s", _read_only(rate))
+        if not 0.0 <= self.rate_spread_rad_s < np.inf:
+            got = self.rate_spread_rad_s
+            raise ValueError(f"rate_spread_rad_s must be 0 or positive, got {got}")
         if self.since_last_s is not None and not 0.0 < self.since_last_s < np.inf:
             raise ValueError(f"since_last_s must be positive, got {self.since_last_s}")
 

@@ -57,7 +57,7 @@ class Camera:
     distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if int(self.width) != self.width or int(self.height) != self.height:
+        if not (float(self.width).is_integer() and float(self.height).is_integer()):
             raise ValueError(f"image size must be whole pixels, got {self.width} x {self.height}")
         if self.width <= 0 or self.height <= 0:
             raise ValueError(f"image size must be positive, got {self.width} x {self.height}")

@@ -25,8 +25,8 @@ class CameraView:
     that is taken; None: it does not matter. corner_blur_px : one sigma of an edge's blur in the
     corners of its images, less that in the middle; None: not known.
     Raises ValueError when rot_base_from_cam is not a rotation matrix (orthonormal to 1e-6,
-    determinant +1), the mask has another size than the camera, the readout is not finite, or the
-    exposure is negative or not finite.
+    determinant +1), the mask has another size than the camera, the readout, after_s or
+    corner_blur_px is not finite, or the exposure is negative or not finite.
     """
 
     name: str
@@ -43,15 +43,17 @@ class CameraView:
         rot = require_rotation(self.rot_base_from_cam, f"rot_base_from_cam of {self.name!r}")
         rot.setflags(write=False)
         object.__setattr__(self, "rot_base_from_cam", rot)
-        if not math.isfinite(self.readout_s):
-            raise ValueError(f"readout_s of {self.name!r} must be finite, got {self.readout_s}")
+        for field, got in (
+            ("readout_s", self.readout_s),
+            ("after_s", self.after_s),
+            ("corner_blur_px", self.corner_blur_px),
+        ):
+            if got is not None and not math.isfinite(got):
+                raise ValueError(f"{field} of {self.name!r} must be finite, got {got}")
         if not 0.0 <= self.exposure_s < math.inf:
             raise ValueError(
                 f"exposure_s of {self.name!r} must be 0 or positive, got {self.exposure_s}"
             )
-        if self.corner_blur_px is not None and not math.isfinite(self.corner_blur_px):
-            got = self.corner_blur_px
-            raise ValueError(f"corner_blur_px of {self.name!r} must be finite, got {got}")
         if self.mask is not None and self.mask.shape != (self.camera.height, self.camera.width):
             height, width = self.mask.shape
             raise ValueError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -25,12 +26,17 @@ class Frame:
     gray : (H, W) uint8 or uint16; a sensor keeps it until the camera's next one, which must be
     another array: one buffer that is filled anew is the very same image again. after_s : its time
     after that of the set of frames. unusable : why it is not to be looked at; empty where it is.
+    Raises ValueError when after_s is not finite.
     """
 
     view: CameraView
     gray: np.ndarray
     after_s: float = 0.0
     unusable: str = ""
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.after_s):
+            raise ValueError(f"after_s of {self.view.name!r} must be finite, got {self.after_s}")
 
     @property
     def late_s(self) -> float:

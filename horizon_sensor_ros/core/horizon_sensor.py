@@ -93,11 +93,14 @@ class HorizonSensor:
         left out and the others decide; its entry in `limbs` says why. One that contradicted the
         others before is not believed alone (`Doubts`), nor one whose limb does not move when the
         craft turns (`CraftFixed`), or lies where no craft comes so soon (`Leaps`). Raises
-        ValueError for no frames at all, or an image that is not (H, W) uint8 or uint16; a frame of
-        another size than its camera's is refused with status BAD_IMAGE.
+        ValueError for no frames at all, cameras of one name, or an image that is not (H, W) uint8
+        or uint16; a frame of another size than its camera's is refused with status BAD_IMAGE.
         """
         if len(frames) == 0:
             raise ValueError("frames must hold at least one frame")
+        names = [frame.view.name for frame in frames]
+        if len(set(names)) < len(names):
+            raise ValueError(f"cameras must have names of their own, got {', '.join(names)}")
         frames = self._images.marked(frames, aiding)
         before_s, self._time_s = self._time_s, 0.0
         if any(frame.takes_s > 0.0 for frame in frames):

@@ -297,6 +297,12 @@ def test_a_calibration_without_a_size_says_so() -> None:
         Camera.from_calibration(0, HEIGHT, K, "plumb_bob", [])
 
 
+@pytest.mark.parametrize("width", [640.5, np.nan, np.inf])
+def test_a_size_that_is_no_number_of_pixels_says_so(width: float) -> None:
+    with pytest.raises(ValueError, match=f"whole pixels, got {width} x 480"):
+        Camera(width, HEIGHT, 500.0, 500.0, 320.0, 240.0)  # type: ignore[arg-type]
+
+
 def test_in_frame_is_the_image_area() -> None:
     px = np.array([[-0.5, -0.5], [-0.51, 0], [639.49, 479.49], [639.5, 0], [np.nan, 0]])
     assert make("pinhole").in_frame(px).tolist() == [True, False, True, False, False]

@@ -63,6 +63,22 @@ def test_no_frames_is_the_callers_bug() -> None:
         SENSOR.process([])
 
 
+def test_two_frames_of_one_name_are_the_callers_bug() -> None:
+    """Each was taken for the other one's last image, and chords for those of one camera."""
+    one, two = clouded_pair()
+    twice = [one, replace(two, view=replace(two.view, name=one.view.name))]
+    with pytest.raises(ValueError, match="names of their own, got camera_1, camera_1"):
+        SENSOR.process(twice)
+
+
+def test_a_time_that_is_none_is_the_callers_bug() -> None:
+    one, _ = clouded_pair()
+    with pytest.raises(ValueError, match="after_s of 'camera_1' must be finite, got nan"):
+        replace(one, after_s=np.nan)
+    with pytest.raises(ValueError, match="after_s of 'camera_1' must be finite, got inf"):
+        replace(one.view, after_s=np.inf)
+
+
 def test_frames_are_left_as_they_were() -> None:
     frames = clouded_pair()[:1]
     before = [frame.gray.copy() for frame in frames]

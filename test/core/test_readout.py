@@ -370,6 +370,8 @@ def test_what_is_known_of_the_rate_beforehand_is_claimed() -> None:
     [
         ("rate_base_rad_s", np.array([0.0, np.nan, 0.0]), "finite rad/s"),
         ("rate_base_rad_s", np.zeros(2), "three"),
+        ("rate_spread_rad_s", np.nan, "rate_spread_rad_s must be 0 or positive, got nan"),
+        ("rate_spread_rad_s", -0.1, "rate_spread_rad_s must be 0 or positive, got -0.1"),
         ("since_last_s", 0.0, "positive, got 0.0"),
         ("since_last_s", np.inf, "positive, got inf"),
     ],
