@@ -174,6 +174,18 @@ def angle_rad(a: np.ndarray, b: np.ndarray) -> float:
     return float(2 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b)))
 
 
+def shortest_turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Rotation vector (3,), rad, of the shortest turn of one unit vector (3,) to another; of
+    opposite ones half a turn about one of the axes across them.
+    """
+    cosine = float(start @ end)
+    # Less what is parallel, so that little is left of rounding where the two are so nearly.
+    axis = np.cross(start, end - math.copysign(1.0, cosine) * start)
+    sine = float(np.linalg.norm(axis))
+    angle = math.atan2(sine, cosine)
+    return axis * (angle / sine) if sine > 1e-300 else angle * tangent_basis(start)[:, 0]
+
+
 def nadir_sign(level_z: str) -> float:
     """Nadir's component along the level frame's z: +1 for "down", -1 for "up"; else ValueError."""
     if level_z == "down":

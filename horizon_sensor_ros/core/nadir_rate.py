@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from horizon_sensor_ros.core.attitude import shortest_turn
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.judgement import nadir_sigma_rad
 from horizon_sensor_ros.core.turn_rate import TurnRate
@@ -107,10 +108,8 @@ def _rate(before: _Fix, last: _Fix, late_rad_s: float = 0.0) -> TurnRate:
     """The rate from one fix to another. late_rad_s : one sigma of what it has changed by since."""
     span_s = last.time_s - before.time_s
     # Nadir stands still outside, so that in the base frame it moves by -rate x nadir.
-    axis = np.cross(last.fit.nadir_base, before.fit.nadir_base)
-    sine = float(np.linalg.norm(axis))
-    angle = math.atan2(sine, float(last.fit.nadir_base @ before.fit.nadir_base))
-    rate = axis * (angle / (span_s * sine)) if sine > 0.0 else axis
+    turn = shortest_turn(last.fit.nadir_base, before.fit.nadir_base)
     noise = _noise_rad_s(before, last)
-    sigma = math.hypot(noise, _CHANGE_PER_S * angle, _LEAST_RAD_S, late_rad_s)
-    return TurnRate(rate, sigma, last.fit.nadir_base)
+    changed = _CHANGE_PER_S * float(np.linalg.norm(turn))
+    sigma = math.hypot(noise, changed, _LEAST_RAD_S, late_rad_s)
+    return TurnRate(turn / span_s, sigma, last.fit.nadir_base)

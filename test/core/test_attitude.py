@@ -17,6 +17,7 @@ from horizon_sensor_ros.core.attitude import (
     quaternion_from_rotation,
     roll_pitch_from_nadir,
     rotation_from_quaternion,
+    shortest_turn,
     tangent_basis,
 )
 
@@ -31,6 +32,26 @@ directions = (
     .map(lambda v: np.array(v) / np.linalg.norm(v))
 )
 level_zs = st.sampled_from(["up", "down"])
+
+
+@given(directions, directions, st.floats(-18.0, -0.01), st.sampled_from([1.0, -1.0]))
+def test_the_shortest_turn_leads_there_about_an_axis_across(
+    start: np.ndarray, way: np.ndarray, exponent: float, sign: float
+) -> None:
+    end = sign * start + 10.0**exponent * way
+    end /= np.linalg.norm(end)
+    turn = shortest_turn(start, end)
+    assert Rotation.from_rotvec(turn).apply(start) == pytest.approx(end, abs=1e-14)
+    assert abs(turn @ start) < 1e-14
+    assert np.linalg.norm(turn) <= np.pi + 1e-15
+
+
+@given(directions)
+def test_the_shortest_turns_to_itself_and_to_its_opposite(start: np.ndarray) -> None:
+    assert not shortest_turn(start, start).any()
+    turn = shortest_turn(start, -start)
+    assert np.linalg.norm(turn) == pytest.approx(np.pi)
+    assert Rotation.from_rotvec(turn).apply(start) == pytest.approx(-start, abs=1e-14)
 
 
 @given(unit_quaternions)

@@ -16,6 +16,7 @@ from horizon_sensor_ros.core.rigid import rotation_from_vector
 from horizon_sensor_ros.core.self_calibration import adjustment
 from horizon_sensor_ros.core.self_calibration.adjustment import calibrate
 from horizon_sensor_ros.core.self_calibration.differences import nadir_differences
+from horizon_sensor_ros.core.self_calibration.measurement import CameraHorizon, FrameSet
 from horizon_sensor_ros.core.self_calibration.result import Calibration, CalibrationConfig
 from horizon_sensor_ros.core.status import Status
 
@@ -202,6 +203,16 @@ def test_after_the_correction_the_nadirs_agree() -> None:
     across = [-truth + n * (n @ truth) for n in (r for r in swinging(30))]
     np.testing.assert_allclose(before.turn_rad, across, atol=2e-5)
     assert after.rms_rad < 1e-9
+
+
+def test_a_camera_mounted_the_other_way_round_is_half_a_turn_off() -> None:
+    """Nadirs that were exactly opposite were told to agree."""
+    down = np.array([0.0, 0.0, 1.0])
+    seen = CameraHorizon("camera_1", down, 1.0, 1e-6 * np.eye(3))
+    sets = [FrameSet(0.0, (seen, replace(seen, camera="camera_2")))]
+    about_x = np.diag([1.0, -1.0, -1.0])
+    (apart,) = nadir_differences(sets, {"camera_1": np.eye(3), "camera_2": about_x})
+    assert apart.rms_rad == pytest.approx(np.pi)
 
 
 def test_frames_of_one_camera_alone_tell_nothing() -> None:

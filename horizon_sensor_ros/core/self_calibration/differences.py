@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from horizon_sensor_ros.core.attitude import shortest_turn
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet
 
 
@@ -42,9 +43,7 @@ def nadir_differences(
             nadirs = {"the reference": frames.reference.nadir_base, **nadirs}
         (first, base), *others = nadirs.items()
         for name, nadir in others:
-            across = np.cross(base, nadir)
-            angle = np.arctan2(np.linalg.norm(across), base @ nadir)
-            turn = across * (angle / max(float(np.linalg.norm(across)), 1e-300))
+            turn = shortest_turn(base, nadir)
             found.setdefault(f"{name} against {first}", []).append((index, turn))
     return tuple(
         NadirDifference(name, np.array([i for i, _ in rows]), np.array([t for _, t in rows]))
