@@ -206,16 +206,12 @@ class Camera:
 
     def off_axis(self, px: np.ndarray) -> np.ndarray:
         """Places (N, 2) of pixels from the optical axis, over half the frame's diagonal."""
-        return np.asarray((px - self._axis_px) * self._per_half_diagonal)
+        return np.asarray((px - self._centre_px) * self._per_half_diagonal)
 
     def cornered(self, px: np.ndarray) -> np.ndarray:
         """Squares (N,) of their distances to it: one in the corners, as a rule."""
         off = self.off_axis(px)
         return np.asarray(np.einsum("ij,ij->i", off, off))
-
-    @cached_property
-    def _axis_px(self) -> np.ndarray:
-        return np.array([self.cx, self.cy])
 
     @cached_property
     def _per_half_diagonal(self) -> float:

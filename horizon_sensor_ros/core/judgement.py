@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.attitude import angle_rad, tangent_basis
 from horizon_sensor_ros.core.covariance.shared_error import bend_px
 from horizon_sensor_ros.core.fits.assessment import MIN_POINTS, root_mean_square
 from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD
@@ -297,15 +297,14 @@ def _bends(observation: LimbObservation, cone: HorizonFit) -> str:
 
 def disagreement_rad(one: HorizonFit, other: HorizonFit) -> float:
     """Angle between two fits' nadirs if it is more than their covariances allow, else 0."""
-    chord, sum_ = other.nadir_base - one.nadir_base, other.nadir_base + one.nadir_base
-    apart_rad = 2.0 * math.atan2(math.sqrt(chord @ chord), math.sqrt(sum_ @ sum_))
+    apart_rad = angle_rad(one.nadir_base, other.nadir_base)
     cov = (one.cov_nadir_altitude + other.cov_nadir_altitude)[:3, :3]
     if apart_rad > 0.5 * math.pi:
         # The tangent plane ends here: opposite nadirs are one point of it.
         chi2 = apart_rad**2 / largest_eigenvalue(cov)
     else:
         basis = tangent_basis(one.nadir_base)
-        apart = basis.T @ chord
+        apart = basis.T @ (other.nadir_base - one.nadir_base)
         chi2 = float(apart @ np.linalg.solve(basis.T @ cov @ basis, apart))
     unlikely = chi2 > _DISAGREEMENT_SIGMAS**2
     return apart_rad if unlikely and apart_rad > _DISAGREEMENT_RAD else 0.0

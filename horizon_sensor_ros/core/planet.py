@@ -85,7 +85,8 @@ class Planet:
     def geodetic_from_ecef(self, position_ecef: np.ndarray) -> tuple[float, float, float]:
         """Geodetic latitude (rad), longitude (rad) and height above the surface (m) of (3,), m.
 
-        Source: Bowring 1976, iterated; better than 1e-9 m from well inside the planet outwards.
+        Source: Bowring 1976, iterated to rounding (some nanometres) from half-way to the centre
+        outwards, up to a flattening of 0.2; nearer to it flatter planets have no one normal.
         """
         x, y, z = _position(position_ecef).tolist()
         a, b = self.radius_m, self.polar_radius_m
