@@ -60,6 +60,25 @@ def test_the_covariance_shrinks_as_information_adds(seed: int, sigma_m: float) -
     assert both.rho_rad == pytest.approx(PLANET.rho_from_altitude(both.altitude_m))
 
 
+@given(st.integers(0, 2**31), st.floats(1e3, 1e6), st.floats(-4.0, 3.0))
+def test_an_altitude_known_far_better_than_seen_keeps_its_variance(
+    seed: int, seen_sigma_m: float, exponent: float
+) -> None:
+    """The difference of nearly equal variances was rounding, and mostly zero."""
+    rows = np.random.default_rng(seed).normal(size=(3, 3)) * ((1e-3,), (1e-3,), (seen_sigma_m,))
+    basis = np.zeros((4, 3))
+    basis[:3, :2], basis[3, 2] = tangent_basis(NADIR), 1.0
+    cov = basis @ rows @ rows.T @ basis.T
+    fit = replace(short_arc(3), nadir_base=NADIR, cov_nadir_altitude=cov)
+    sigma_m = 10.0**exponent
+    both, unused = with_altitude(fit, AltitudeMeasurement(fit.altitude_m, sigma_m), PLANET)
+    assert unused == ""
+    want = sigma_m**2 * cov[3, 3] / (cov[3, 3] + sigma_m**2)
+    assert both.cov_nadir_altitude[3, 3] == pytest.approx(want, rel=1e-9)
+    sigmas = np.sqrt(np.diag(three(both)))
+    assert np.linalg.eigvalsh(three(both) / np.outer(sigmas, sigmas))[0] > -1e-9
+
+
 def test_nadir_on_a_short_arc_gains_too_and_stays_honest() -> None:
     errors, gains = [], []
     for seed in range(60):

@@ -37,7 +37,11 @@ def with_altitude(
         )
     gain = cov[:, 3] / variance
     step = gain * apart_m
-    updated = moved(fit, step, cov - np.outer(gain, gain) * variance, sphere)
+    left = np.eye(4)
+    left[:, 3] -= gain
+    # Joseph's form: no difference of nearly equal variances where the altitude is known well.
+    after = left @ cov @ left.T + np.outer(gain, gain) * known.sigma_m**2
+    updated = moved(fit, step, after, sphere)
     if updated is None:
         return fit, (
             f"the known altitude, {known.altitude_m / 1e3:.1f} km, is not used: it lies below the "
