@@ -35,15 +35,19 @@ class RateHistory:
     def add(self, stamp: int, rate: np.ndarray) -> bool:
         """Add a rate (3,); returns False, and adds nothing, if the stamp repeats the last one's.
 
-        A stamp before the last one's starts a new history: time has jumped.
+        A stamp before the last one's starts a new history: time has jumped. Raises ValueError for a
+        rate that is not (3,) and finite.
         """
+        rate = np.array(rate, dtype=float)
+        if rate.shape != (3,) or not np.isfinite(rate).all():
+            raise ValueError(f"rate must be three finite rad/s, got {rate.tolist()}")
         if self._stamps and stamp == self._stamps[-1]:
             return False
         if self._stamps and stamp < self._stamps[-1]:
             self._stamps.clear()
             self._rates.clear()
         self._stamps.append(stamp)
-        self._rates.append(np.array(rate, dtype=float))
+        self._rates.append(rate)
         return True
 
     def rotation(self, start: int, end: int) -> np.ndarray | None:

@@ -121,6 +121,15 @@ def test_a_gap_must_be_positive() -> None:
         RateHistory(0)
 
 
+@pytest.mark.parametrize("rate", [np.zeros(2), np.zeros((1, 3)), np.array([0.0, np.nan, 0.0])])
+def test_what_is_no_rate_is_not_kept(rate: np.ndarray) -> None:
+    """It was, and every rotation over it raised or was NaN."""
+    told = history([START], np.zeros((1, 3)))
+    with pytest.raises(ValueError, match="rate must be three finite rad/s, got"):
+        told.add(START + 1, rate)
+    assert len(told) == 1
+
+
 def test_the_rate_is_the_median_of_the_last_told_before_and_none_after_a_gap() -> None:
     step = S // 10
     rates = np.array([[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [50.0, 0.0, 0.0], [0.3, 0.0, 0.0]])
