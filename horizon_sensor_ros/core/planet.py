@@ -85,6 +85,7 @@ class Planet:
     def geodetic_from_ecef(self, position_ecef: np.ndarray) -> tuple[float, float, float]:
         """Geodetic latitude (rad), longitude (rad) and height above the surface (m) of (3,), m.
 
+        Raises ValueError for what is no position outside the centre, as all that take one do.
         Source: Bowring 1976, iterated to rounding (some nanometres) from half-way to the centre
         outwards, up to a flattening of 0.2; nearer to it flatter planets have no one normal.
         """
@@ -123,7 +124,9 @@ class Planet:
         )
 
     def nadir_ecef(self, position_ecef: np.ndarray, vertical: str = "geocentric") -> np.ndarray:
-        """Nadir (3,), unit, at a position (3,), m; vertical is "geocentric" or "geodetic"."""
+        """Nadir (3,), unit, at a position (3,), m; vertical is "geocentric" or "geodetic", else
+        ValueError.
+        """
         position = _position(position_ecef)
         if vertical == "geocentric":
             return -position / np.linalg.norm(position)

@@ -123,7 +123,7 @@ class SingleCameras:
 
     def refusing(self, fix: HorizonFix) -> HorizonFix | None:
         """Refusal of a fix where as many cameras as agree on it, or more, agree on another, each by
-        itself.
+        itself; else None.
 
         Where the extrinsics are wrong two good limbs lie on no common cone; the consensus keeps
         one of them, and nothing tells which camera is the one that is mounted as it should be: two
@@ -252,7 +252,7 @@ class SingleCameras:
         self, fix: HorizonFix, layer: Consensus | None
     ) -> tuple[HorizonFix, Detection | None] | None:
         """Fix by what single cameras find by themselves, where all together have none; with the
-        detection, if it is of them all.
+        detection, if it is of them all. None where they have one, or none of them is believed.
 
         A flooded frame, or one that glares, may spoil what they agree on. The cone of one camera is
         believed where the others are blind by themselves, or see their limbs on it as well when

@@ -56,7 +56,9 @@ def camera_info_message(camera: Camera, stamp: int, frame_id: str) -> CameraInfo
 
 
 def cloud_message(points: np.ndarray, stamp: int, frame_id: str) -> PointCloud2:
-    """Cloud of (H, W, 3) organised or (N, 3) points, m, as float32; points may be NaN."""
+    """Cloud of (H, W, 3) organised or (N, 3) points, m, as float32; points may be NaN. Raises
+    ValueError for another shape.
+    """
     rows = points[None] if points.ndim == 2 else points
     if rows.ndim != 3 or rows.shape[2] != 3:
         raise ValueError(f"points must be (N, 3) or (H, W, 3), got shape {points.shape}")

@@ -413,7 +413,8 @@ def render_views(
 ) -> tuple[SimFrame, ...]:
     """Draw the frames of several cameras of one craft at one moment, in the order of `views`.
 
-    imaging : one for all, or one a view. turn_base_rad, readout_turn_base_rad : see `render`.
+    imaging : one for all, or one a view; ValueError for another number of them. turn_base_rad,
+    readout_turn_base_rad : see `render`.
     """
     each = [imaging] * len(views) if imaging is None or isinstance(imaging, Imaging) else imaging
     if len(each) != len(views):

@@ -22,7 +22,9 @@ AIR_LIGHTS = ("even", "sine")
 
 
 def unit_vector(vector: Sequence[float] | np.ndarray) -> Vector3:
-    """Return the direction of a vector (3,) as a tuple, fit for a frozen dataclass."""
+    """Return the direction of a vector (3,) as a tuple, fit for a frozen dataclass; ValueError for
+    what has none.
+    """
     v = np.asarray(vector, float)
     length = float(np.linalg.norm(v))
     if v.shape != (3,) or not np.isfinite(length) or length == 0.0:

@@ -37,7 +37,9 @@ def side_views(camera: Camera, base_axes: str = "frd") -> tuple[CameraView, Came
 
 
 def camera_from_fov(width: int, height: int, fov_rad: float) -> Camera:
-    """Pinhole camera with square pixels and a field of view across its width, edge to edge."""
+    """Pinhole camera with square pixels and a field of view across its width, edge to edge; not in
+    (0, pi): ValueError.
+    """
     if not 0.0 < fov_rad < np.pi:
         raise ValueError(f"fov_rad must be between 0 and pi, got {fov_rad}")
     focal = 0.5 * width / np.tan(0.5 * fov_rad)

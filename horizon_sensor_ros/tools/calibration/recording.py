@@ -200,14 +200,14 @@ class _OtherInstruments:
                 )
 
     def altitude_at(self, stamp: int) -> AltitudeMeasurement | None:
-        """Altitude at a stamp (ns)."""
+        """Altitude at a stamp (ns); None where it is not known."""
         if self._altitude_m is not None:
             return AltitudeMeasurement(self._altitude_m, self._altitude_sigma_m)
         known = self._altitudes.at(stamp)
         return None if known is None else AltitudeMeasurement(known[0], self._altitude_sigma_m)
 
     def reference_at(self, stamp: int) -> NadirReference | None:
-        """Nadir at a stamp (ns)."""
+        """Nadir at a stamp (ns); None where it is not known."""
         nadir = self._nadirs.at(stamp)
         if nadir is None:
             return None

@@ -334,7 +334,7 @@ class _Study:
         return blocks + self._photographs(start_ns, answered=False)
 
     def answered_photographs(self, start_ns: int) -> Section | None:
-        """Return frames with an answer, and what was found in them."""
+        """Return frames with an answer, and what was found in them; None without any."""
         blocks: list[Block] = []
         if self._pipeline is not None:
             blocks.append(
