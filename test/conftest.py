@@ -39,6 +39,12 @@ settings.register_profile("explore", settings.get_profile("repeatable"), derando
 settings.load_profile("repeatable")
 
 
+@pytest.fixture
+def modules_of_the_benchmark(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a test import the benchmark's modules, which are in no package."""
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Directory of the shared scenes and photographs, which are not part of the repository."""

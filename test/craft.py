@@ -82,9 +82,6 @@ class Craft(Listener):
             self.send_info(camera)
             self.send_frame(camera, index)
 
-    def estimates(self, topic: str) -> list[Any]:
-        return [msg for name, msg in self.heard if name == f"/{topic}"]
-
     def stamps(self, topic: str) -> list[int]:
         """Index, in `send_pair`, of each estimate."""
         stamps = [msg.header.stamp for msg in self.estimates(topic)]
@@ -115,9 +112,6 @@ class Chaser(Listener):
         fields, _, words = BAD_MESSAGES["truncated"]
         self.insist(lambda: self.clouds.publish(good_cloud(0, **fields)), node, words)
         self.heard.clear()
-
-    def estimates(self, topic: str) -> list[Any]:
-        return [msg for name, msg in self.heard if name == f"/{topic}"]
 
     def stamps(self, topic: str) -> list[int]:
         """Index, in `good_cloud`, of each estimate."""

@@ -93,6 +93,9 @@ class Listener:
             kind, topic, lambda msg: self.heard.append((topic, msg)), qos
         )
 
+    def estimates(self, topic: str) -> list[Any]:
+        return [msg for name, msg in self.heard if name == f"/{topic}"]
+
     def close(self) -> None:
         self.executor.shutdown()
         with on_one_core():

@@ -19,10 +19,7 @@ from horizon_sensor_ros.core.status import Status
 ROOT = Path(__file__).parents[1]
 BENCHMARKS = ROOT / "benchmarks"
 
-
-@pytest.fixture(autouse=True)
-def modules_of_the_benchmark(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
+pytestmark = pytest.mark.usefixtures("modules_of_the_benchmark")
 
 
 def run_benchmark(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import sys
 from collections.abc import Callable
@@ -15,6 +14,7 @@ import numpy as np
 import pytest
 import yaml
 from commands import called, refusal
+from csv_tables import table
 from horizon_messages import (
     ALTITUDE_M,
     CAMERAS,
@@ -96,11 +96,6 @@ def read(bag: Path) -> dict[str, list[tuple[int, Any]]]:
 
 def stamps(messages: list[tuple[int, Any]]) -> list[float]:
     return [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for _, m in messages]
-
-
-def table(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def test_frames_to_estimates_to_tables(tmp_path: Path, folders: Path) -> None:

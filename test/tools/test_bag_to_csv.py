@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import called, refusal
+from csv_tables import table
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped, TwistStamped
 from horizon_messages import START_NS, write_bag
@@ -24,11 +24,6 @@ from horizon_sensor_ros.tools.bags.bag_to_csv import main
 from horizon_sensor_ros.tools.bags.message_tables import TABLES
 
 run = partial(called, main)
-
-
-def table(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
