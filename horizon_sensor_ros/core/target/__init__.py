@@ -5,7 +5,7 @@ The default: ``range_image`` (any cloud as an image of inverse depth; with ``reg
 ``surfels`` (what is in it), ``search``, ``pairs``, ``refinement`` and ``attempts`` (motion between
 two views), ``consistency``, ``one_body``, ``layers``, ``alternatives`` and ``judgement`` (whether
 to believe it), ``registration`` (all of it), ``tracker`` (clouds in order of time); ``config``
-(their parameters).
+(their parameters), ``columns`` (products of many vectors).
 
 Paper D: ``inertia_frame``, ``section_pattern``, ``direct_search``.
 """

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from horizon_sensor_ros.core.target.columns import column_dots
 from horizon_sensor_ros.core.target.consistency import project
 from horizon_sensor_ros.core.target.edges import Edges
 from horizon_sensor_ros.core.target.parts import PART_TILT_RAD
@@ -95,7 +96,7 @@ class Pairs:
     def residual(self) -> np.ndarray:
         """(N,) distances along the mean normal, metres; of plates beyond what all of a kind have in
         common."""
-        distance = _column_dots(self.point_a - self.point_b, self.normal)
+        distance = column_dots(self.point_a - self.point_b, self.normal)
         for rows, mean, deviation in self._behind:
             known = (self.weight[rows] / self.sigma_m[rows] ** 2).sum()
             prior = deviation**-2
@@ -112,8 +113,8 @@ class Pairs:
         which all ranges are too long: a's points were seen along other rays, and turned since."""
         seen_a = self.point_a[:, which] - self.translation_m[:, None]
         seen_b = self.point_b[:, which]
-        rays_a, rays_b = (seen / np.sqrt(_column_dots(seen, seen)) for seen in (seen_a, seen_b))
-        return _column_dots(rays_a - rays_b, self.normal[:, which])
+        rays_a, rays_b = (seen / np.sqrt(column_dots(seen, seen)) for seen in (seen_a, seen_b))
+        return column_dots(rays_a - rays_b, self.normal[:, which])
 
     @cached_property
     def _outlines(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -148,7 +149,7 @@ class Pairs:
     def normal(self) -> np.ndarray:
         """(3, N) mean of both normals."""
         normal = self.normal_a + self.normal_b
-        return normal / np.sqrt(_column_dots(normal, normal))
+        return normal / np.sqrt(column_dots(normal, normal))
 
     def moved(self, rotation: np.ndarray, translation_m: np.ndarray) -> Pairs:
         """The same pairs after a small further motion of a."""
@@ -313,11 +314,6 @@ def _alike(
 def _dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(N,) products of the rows of (N, 3)."""
     return np.einsum("ij,ij->i", a, b)
-
-
-def _column_dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(N,) products of the columns of (3, N)."""
-    return np.einsum("ij,ij->j", a, b)
 
 
 def _counted(pairs: _Set, share: float) -> _Set:

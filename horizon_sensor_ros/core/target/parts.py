@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from horizon_sensor_ros.core.target.columns import column_dots
 from horizon_sensor_ros.core.target.planes import MIN_BORROWED_COSINE, Planes, normal_noise
 from horizon_sensor_ros.core.target.range_image import RangeImage
 
@@ -52,8 +53,8 @@ def find_parts(image: RangeImage, planes: Planes) -> Parts:
     ray = planes.points.take(place, axis=0).T * inverse[place]
     slopes = np.array([slope_u, slope_v]) * np.float32(image.focal_px)
     normal = -np.array([*slopes, level - (slopes * ray[:2]).sum(axis=0)])
-    normal /= np.sqrt(np.einsum("ij,ij->j", normal, normal))
-    cosine = -np.einsum("ij,ij->j", normal, ray) / np.sqrt(np.einsum("ij,ij->j", ray, ray))
+    normal /= np.sqrt(column_dots(normal, normal))
+    cosine = -column_dots(normal, ray) / np.sqrt(column_dots(ray, ray))
     kept = np.flatnonzero(cosine > MIN_BORROWED_COSINE)
     place = place[kept]
     tilt = np.full(len(kept), PART_TILT_RAD, np.float32)
