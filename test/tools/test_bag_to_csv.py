@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 
+from horizon_sensor_ros.core.attitude import level_from_base, quaternion_from_rotation
 from horizon_sensor_ros.tools.bags.bag_to_csv import main
 from horizon_sensor_ros.tools.bags.message_tables import TABLES
 
@@ -73,8 +74,16 @@ def test_a_pose_with_its_covariance(tmp_path: Path) -> None:
     assert sum(name.startswith("cov_") for name in row) == 21
 
 
-@settings(max_examples=50)
-@given(angles=st.tuples(st.floats(-180, 180), st.floats(-89, 89), st.floats(-180, 180)))
+pitches = st.one_of(
+    st.floats(-90, 90),
+    st.tuples(st.sampled_from([1.0, -1.0]), st.floats(-16, 0)).map(
+        lambda t: t[0] * (90 - 10 ** t[1])
+    ),
+)
+
+
+@settings(max_examples=200)
+@given(angles=st.tuples(st.floats(-180, 180), pitches, st.floats(-180, 180)))
 def test_angles_are_those_of_the_quaternion(angles: tuple[float, float, float]) -> None:
     yaw, pitch, roll = angles[0], angles[1], angles[2]
     rotation = Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True)
@@ -84,6 +93,19 @@ def test_angles_are_those_of_the_quaternion(angles: tuple[float, float, float]) 
     (row,) = TABLES["geometry_msgs/msg/QuaternionStamped"].rows(message)
     again = Rotation.from_euler("ZYX", row[-1:-4:-1], degrees=True)
     assert (again * rotation.inv()).magnitude() < 1e-7
+
+
+@pytest.mark.parametrize("nose", [1.0, -1.0])
+@pytest.mark.parametrize("level_z", ["up", "down"])
+def test_nose_straight_up_or_down_roll_is_0(nose: float, level_z: str) -> None:
+    """As the conventions have it, and as the node says; it was 180 deg, and so was yaw."""
+    message = QuaternionStamped()
+    q = message.quaternion
+    rot = level_from_base(np.array([nose, 0.0, 0.0]), level_z)
+    q.x, q.y, q.z, q.w = (float(v) for v in quaternion_from_rotation(rot))
+    (row,) = TABLES["geometry_msgs/msg/QuaternionStamped"].rows(message)
+    roll, pitch, yaw = row[-3:]
+    assert (roll, abs(pitch), yaw) == (0.0, 90.0, 0.0)
 
 
 def test_a_quaternion_that_is_none_gives_no_angles() -> None:

@@ -20,6 +20,7 @@ from horizon_sensor_ros.tools.bags.message_types import (
 )
 
 _STAMP = ("stamp_s", "frame_id")
+_LEAST_LEVEL = 1e-8  # cosine of a pitch: below it rounding decides on roll and yaw
 _LEVELS = ("ok", "warn", "error", "stale")
 
 
@@ -59,15 +60,22 @@ def _xyz(vector: Any) -> tuple[float, float, float]:
 
 
 def _orientation(q: Any) -> tuple[float, ...]:
-    """Quaternion, and the angles (deg) of Rz(yaw) Ry(pitch) Rx(roll); NaN where it is none."""
+    """Quaternion, and the angles (deg) of Rz(yaw) Ry(pitch) Rx(roll); NaN where it is none. At a
+    pitch of +-90 deg, where yaw and roll are the same turn, roll is 0.
+    """
     values = (q.x, q.y, q.z, q.w)
     norm = float(np.linalg.norm(values))
     if not 0.99 < norm < 1.01:
         return (*values, np.nan, np.nan, np.nan)
     x, y, z, w = (value / norm for value in values)
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    side, up = 2 * (w * x + y * z), 1 - 2 * (x * x + y * y)
+    nose, level = 2 * (w * y - z * x), np.hypot(side, up)
+    if level < _LEAST_LEVEL:
+        roll, pitch = 0.0, np.copysign(np.pi / 2, nose)
+        yaw = np.arctan2(2 * (w * z - x * y), 1 - 2 * (x * x + z * z))
+    else:
+        roll, pitch = np.arctan2(side, up), np.arctan2(nose, level)
+        yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return (*values, *(float(angle) for angle in np.degrees([roll, pitch, yaw])))
 
 
