@@ -215,6 +215,14 @@ def test_a_camera_mounted_the_other_way_round_is_half_a_turn_off() -> None:
     assert apart.rms_rad == pytest.approx(np.pi)
 
 
+def test_sets_in_which_nobody_saw_the_horizon_have_no_differences() -> None:
+    """They ended with an error about values to unpack."""
+    sets = [FrameSet(-1.0, ()), *frame_sets(swinging(3), ROTATIONS), FrameSet(9.0, ())]
+    (difference,) = nadir_differences(sets, ROTATIONS)
+    assert difference.index.tolist() == [1, 2, 3]
+    assert nadir_differences(sets[:1], ROTATIONS) == ()
+
+
 def test_frames_of_one_camera_alone_tell_nothing() -> None:
     sets = frame_sets(swinging(30), {"camera_1": ROTATIONS["camera_1"]})
     found = calibrate(sets, ROTATIONS, PLANET)

@@ -32,7 +32,8 @@ class NadirDifference:
 def nadir_differences(
     sets: Sequence[FrameSet], rot_base_from_cam: Mapping[str, np.ndarray]
 ) -> tuple[NadirDifference, ...]:
-    """Each camera against the first one that saw the horizon, or all against the reference.
+    """Each camera against the first one that saw the horizon, or all against the reference; none
+    of sets in which nobody did.
 
     rot_base_from_cam : (3, 3) of each camera by which its nadirs are taken to the base frame.
     """
@@ -41,6 +42,8 @@ def nadir_differences(
         nadirs = {h.camera: rot_base_from_cam[h.camera] @ h.nadir_cam for h in frames.horizons}
         if frames.reference is not None:
             nadirs = {"the reference": frames.reference.nadir_base, **nadirs}
+        if not nadirs:
+            continue
         (first, base), *others = nadirs.items()
         for name, nadir in others:
             turn = shortest_turn(base, nadir)
