@@ -148,13 +148,16 @@ def test_a_body_of_revolution_is_degenerate_about_its_axis() -> None:
     assert np.median(axis) > 0.95
 
 
-@pytest.mark.parametrize("seed", [3, 19, 103, 166, 171, 365])
-def test_a_body_nearly_of_revolution_is_not_mistaken_about_its_axis(seed: int) -> None:
+def test_a_body_nearly_of_revolution_is_not_mistaken_about_its_axis() -> None:
     # What stands out on it comes to rest beside its like: each was once 3 to 17 deg off.
-    a, b, truth = pair("stage", seed)
-    found = register(target_view(a), target_view(b))
-    if found.status is Status.OK:
-        assert errors(found, truth, centroid(a))[0] < 1
+    num_found = 0
+    for seed in (3, 19, 103, 166, 171, 365):
+        a, b, truth = pair("stage", seed)
+        found = register(target_view(a), target_view(b))
+        if found.status is Status.OK:
+            assert errors(found, truth, centroid(a))[0] < 1
+            num_found += 1
+    assert num_found >= 3
 
 
 def without_parts(view: TargetView) -> TargetView:
