@@ -105,7 +105,7 @@ def roll_pitch_from_nadir(nadir_base: np.ndarray, level_z: str = "up") -> tuple[
     At pitch +-pi/2, where roll is free, it is 0. Raises ValueError for a nadir that is no
     direction.
     """
-    z_base = nadir_sign(level_z) * _unit(nadir_base, "nadir_base")
+    z_base = nadir_sign(level_z) * unit_direction(nadir_base, "nadir_base")
     level = float(np.hypot(z_base[1], z_base[2]))
     roll = float(np.arctan2(z_base[1], z_base[2])) if level > 0 else 0.0
     # Just below zero, -0.0 included, half a turn rounds to minus half a turn.
@@ -195,7 +195,8 @@ def nadir_sign(level_z: str) -> float:
     raise ValueError(f'level_z must be "up" or "down", got {level_z!r}')
 
 
-def _unit(vector: np.ndarray, name: str) -> np.ndarray:
+def unit_direction(vector: np.ndarray, name: str) -> np.ndarray:
+    """Unit vector along (3,); ValueError, with its name, when that is no direction."""
     v = np.asarray(vector, dtype=float)
     norm = float(np.linalg.norm(v)) if v.shape == (3,) else np.nan
     if not (np.isfinite(norm) and norm > 0):

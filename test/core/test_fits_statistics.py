@@ -232,7 +232,23 @@ def test_bound_shrinks_with_cameras_and_vanishes_without_limb() -> None:
     assert np.isnan(horizon_bound([away], PLANET, NADIR, 5e5, 0.02)).all()
     assert np.isnan(horizon_bound([], PLANET, NADIR, 5e5, 0.02)).all()
     assert horizon_bound([away, *views], PLANET, NADIR, 5e5, 0.02) == pytest.approx(two)
-    with pytest.raises(ValueError, match="sigma_px"):
-        horizon_bound(views, PLANET, NADIR, 5e5, 0.0)
-    with pytest.raises(ValueError, match="altitude_m"):
-        horizon_bound(views, PLANET, NADIR, -5.0, 0.02)
+
+
+@pytest.mark.parametrize("num_views", [0, 1])
+@pytest.mark.parametrize(
+    ("nadir", "altitude_m", "sigma_px", "words"),
+    [
+        (np.zeros(3), 5e5, 0.02, "nadir_base must be a direction"),
+        (np.full(3, np.nan), 5e5, 0.02, "nadir_base must be a direction"),
+        (NADIR[:2], 5e5, 0.02, "nadir_base must be a direction"),
+        (NADIR, -5.0, 0.02, "altitude_m must be above the limb, got -5.0"),
+        (NADIR, 5e5, 0.0, "sigma_px must be positive, got 0.0"),
+    ],
+)
+def test_a_bound_of_what_makes_no_sense_is_the_callers_bug(
+    nadir: np.ndarray, altitude_m: float, sigma_px: float, words: str, num_views: int
+) -> None:
+    """Of no direction it was not a number; without a camera nothing was asked."""
+    views = [view_at_limb(PINHOLE, NADIR, PLANET.rho_from_altitude(5e5), 0.0)][:num_views]
+    with pytest.raises(ValueError, match=words):
+        horizon_bound(views, PLANET, nadir, altitude_m, sigma_px)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.attitude import tangent_basis, unit_direction
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
 from horizon_sensor_ros.core.fits.limb_rays import outward_per_px
@@ -24,17 +24,15 @@ def horizon_bound(
 
     sigma_px : error across the limb of an edge measurement that uses one pixel of limb length,
     independent from pixel to pixel.
-    NaN when no limb is in any frame, or too little of it. Raises ValueError for a sigma_px that is
-    not positive or an altitude below the limb.
+    NaN when no limb is in any frame, or too little of it. Raises ValueError for a nadir that is no
+    direction, a sigma_px that is not positive or an altitude below the limb.
     """
+    nadir, rho = _cone(planet, nadir_base, altitude_m, sigma_px)
     informations = [
         horizon_information(view, planet, nadir_base, altitude_m, sigma_px) for view in views
     ]
     information = np.sum(informations, axis=0) if informations else np.zeros((3, 3))
-    nadir = np.asarray(nadir_base, dtype=float)
-    basis = tangent_basis(nadir / np.linalg.norm(nadir))
-    cov = bound_of(information)
-    return covariance_nadir_altitude(cov, basis, planet.rho_from_altitude(altitude_m), planet)
+    return covariance_nadir_altitude(bound_of(information), tangent_basis(nadir), rho, planet)
 
 
 def horizon_information(
@@ -51,13 +49,7 @@ def horizon_information(
     the sum. samples : limb rays around the whole disc. Other arguments, and errors, as of
     `horizon_bound`.
     """
-    rho = planet.rho_from_altitude(altitude_m)
-    if not np.isfinite(rho):
-        raise ValueError(f"altitude_m must be above the limb, got {altitude_m}")
-    if not sigma_px > 0:
-        raise ValueError(f"sigma_px must be positive, got {sigma_px}")
-    nadir = np.asarray(nadir_base, dtype=float)
-    nadir = nadir / np.linalg.norm(nadir)
+    nadir, rho = _cone(planet, nadir_base, altitude_m, sigma_px)
     basis = tangent_basis(nadir)
     azimuth = np.arange(samples) * (2 * np.pi / samples)
     around = np.array([np.cos(azimuth), np.sin(azimuth)]).T @ basis.T
@@ -78,6 +70,18 @@ def horizon_information(
     growth = np.linalg.norm(outward_per_px(jacobian, normal), axis=1)
     weight = length_px / (sigma_px * growth) ** 2
     return (rows[seen] * weight[:, None]).T @ rows[seen]
+
+
+def _cone(
+    planet: Planet, nadir_base: np.ndarray, altitude_m: float, sigma_px: float
+) -> tuple[np.ndarray, float]:
+    """Nadir (3,), unit, and rho; ValueError for arguments that make no sense."""
+    rho = planet.rho_from_altitude(altitude_m)
+    if not np.isfinite(rho):
+        raise ValueError(f"altitude_m must be above the limb, got {altitude_m}")
+    if not sigma_px > 0:
+        raise ValueError(f"sigma_px must be positive, got {sigma_px}")
+    return unit_direction(nadir_base, "nadir_base"), rho
 
 
 def bound_of(information: np.ndarray) -> np.ndarray:
