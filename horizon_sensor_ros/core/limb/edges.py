@@ -217,8 +217,7 @@ def limb_of_edges(
     no_model = given and edges.model_free
     if glows:
         points = _points(sample, px, normal_px, places, shared, jumps_px, np.empty(0), np.nan)
-        length_px = usual_length_px(view, rho_rad)
-        by_white = _in_white_glow(sample, rho_rad, length_px, len(px))
+        by_white = _in_white_glow(sample, rho_rad, usual_length_px(view, rho_rad), len(px))
         points = replace(points, shared=points.shared.besides(by_white))
     else:
         shared = shared.besides(_darkening(sample, profiles, places, rho_rad, edges.model_free))

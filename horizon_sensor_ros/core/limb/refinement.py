@@ -72,8 +72,7 @@ def refine_limb(
         followed = expected_limb(sample, looks[0], rho_rad)
         if followed is not None:
             return followed, tuple(looks)
-    profiles, grid, noise = sample.profiles, sample.grid, sample.noise
-    steepest = sample.steepest
+    profiles, grid, steepest = sample.profiles, sample.grid, sample.steepest
     good = believable(steepest)
     enough = np.count_nonzero(good) >= MIN_PROFILES
     if step.at_once and enough:
@@ -88,7 +87,7 @@ def refine_limb(
         # Whether air glows is asked before; what else the edge looks like the joint fit finds out.
         perhaps = separate and any(look.glow_px > 0.0 for look in looks)
         for climb in (False, True) if perhaps and len(looks) > 1 else (True,):
-            look = likeliest_look(shown, noise, looks, grid, climb=climb)
+            look = likeliest_look(shown, sample.noise, looks, grid, climb=climb)
             if separate and look.glow_px > 0.0:
                 found = joint.of(look, edges.jumps_px)
                 if found is not None:
