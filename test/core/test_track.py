@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from limb_frames import CAMERA, PLANET, as_frames, clouds, limb_views
+from limb_frames import CAMERA, PLANET, as_frames, clouds, distance_px, draw, limb_views
 from limb_samples import angle_between
 from scipy.spatial.transform import Rotation
 
@@ -18,7 +18,10 @@ from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb import detector
 from horizon_sensor_ros.core.limb.detection import LimbState
-from horizon_sensor_ros.core.planet_figure import disc_of
+from horizon_sensor_ros.core.limb.detector import follow_limb
+from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.glow.air import Air
+from horizon_sensor_ros.core.planet_figure import disc_of, mean_sphere
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.track import ConeStep, Track
 from horizon_sensor_ros.sim.earth_camera import render_views
@@ -163,6 +166,28 @@ def test_in_glowing_air_too(air_dn: float, searches: list[int]) -> None:
         assert abs(fix.fit.altitude_m - searched.fit.altitude_m) < sigmas * altitude_sigma_m
     # In the stronger glow no model fits the edge of one camera: that is left to the search.
     assert sum(followed) >= (3 if air_dn < 100.0 else 0)
+
+
+@pytest.mark.parametrize("blur_px", [0.8, 1.0])
+def test_edges_in_air_that_is_hardly_any_keep_their_own_blur(blur_px: float) -> None:
+    view = limb_views(ALTITUDE_M, azimuths_rad=(0.0,))[0]
+    scene, imaging = clouds(5), Imaging(noise_dn=1.5, psf_sigma_px=blur_px)
+    drawn = draw([view], ALTITUDE_M, scene, imaging, 3)[0]
+    sphere = mean_sphere(PLANET)
+    rho = PLANET.rho_from_altitude(ALTITUDE_M)
+    cone = drawn.truth.nadir_base, rho
+    # As a fit leaves it that began with another blur, as all do that separate a limb from thin air.
+    air = Air(0.0013, np.array([0.5, 0.0, 0.0]), 0.5, 0.75, 6.0, 0.75, faint=True)
+    held = EdgeLook(0.75, 1.0, air=air)
+    before = LimbState((True,), ((held,),), (1,), (None,), (np.empty(0),), 0.0)
+    found = follow_limb([view], [drawn.image], sphere, cone, before)
+    assert found is not None
+    look = found.looks[0][0]
+    assert look.glow_px == 0.0
+    # Beside the lens's, which pixels widen by their own.
+    assert look.psf_px == pytest.approx(np.hypot(blur_px, 0.29), abs=0.06)
+    off_px = distance_px(drawn.truth.limb, found.limbs[0].px)
+    assert abs(np.median(off_px)) < 0.05
 
 
 def test_a_gyro_tells_of_any_turn(searches: list[int]) -> None:

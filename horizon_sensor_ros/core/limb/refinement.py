@@ -149,6 +149,19 @@ def _passes_for_blur(length_px: float, step: RefinePass) -> bool:
     return _THINNEST_PX < length_px < _PASSES_PX and step.blur_open_px == 0.0
 
 
+def _without_glow(sample: LimbSample, look: EdgeLook) -> EdgeLook:
+    """What edges look like that are taken to have no glow, where they had some look with glow.
+
+    That one's blur is the lens's, or but where a fit began; what is left of the air blurs them too.
+    """
+    _, good = sample.steps()
+    sharp = EdgeLook(look.psf_px, 0.0)
+    if np.count_nonzero(good) < MIN_PROFILES:
+        return sharp
+    looks = (sharp, *sharp.neighbours())
+    return likeliest_look(sample.profiles[good], sample.noise, looks, sample.grid)
+
+
 class _JointFit:
     """Fits of the limb near a predicted cone together with the glow above it.
 
@@ -226,9 +239,9 @@ class _JointFit:
         """
         step, cone = self._step, self._cone
         if step.expected and look.air is not None and look.air.faint:
-            sharp = EdgeLook(look.psf_px, 0.0)
             sample = sample_limb(self._gray, self._view, *cone, step, modelled=True)
             if isinstance(sample, LimbSample):
+                sharp = _without_glow(sample, look)
                 followed = expected_limb(sample, sharp, cone[1])
                 if followed is not None:
                     return followed, (sharp,)
