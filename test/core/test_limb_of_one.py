@@ -54,8 +54,19 @@ def sigmas_apart(frame: Frame, one: Detection, other: Detection) -> float:
     return float(apart_rad / min(map(nadir_sigma_rad, fits)))
 
 
-@pytest.mark.parametrize("kind", ["clouds", "air", "dim", "sun"])
-@pytest.mark.parametrize("turned_deg", [0.0, 0.3])
+@pytest.mark.parametrize(
+    ("kind", "turned_deg"),
+    [
+        ("clouds", 0.3),
+        ("air", 0.0),
+        ("dim", 0.3),
+        ("sun", 0.0),
+        pytest.param("clouds", 0.0, marks=pytest.mark.slow),
+        pytest.param("air", 0.3, marks=pytest.mark.slow),
+        pytest.param("dim", 0.0, marks=pytest.mark.slow),
+        pytest.param("sun", 0.3, marks=pytest.mark.slow),
+    ],
+)
 def test_it_is_where_a_search_of_the_frame_finds_it(kind: str, turned_deg: float) -> None:
     apart = []
     for scene in scenes_of(kind, 8):
