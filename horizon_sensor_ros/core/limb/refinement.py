@@ -17,6 +17,7 @@ from horizon_sensor_ros.core.limb.edge.looks import (
     likeliest_look,
 )
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.limb.edge.terminator import beside_over_deep
 from horizon_sensor_ros.core.limb.edges import (
     LimbEdges,
     believable,
@@ -97,7 +98,9 @@ def refine_limb(
     if separate and looks and enough and looks[0].glow_px == 0.0:
         found = joint.of_thin_air(looks[0], edges, sample.light_beyond(good))
         if found is not None:
-            return found
+            # Where light ends, as along a terminator, glow may be fitted to how it fades.
+            rises = beside_over_deep(profiles[good], grid)
+            return replace(found[0], beside_over_deep=rises), found[1]
     return limb_of_edges(sample, edges, steepest, looks, view, rho_rad, step, uneven=joint.uneven)
 
 

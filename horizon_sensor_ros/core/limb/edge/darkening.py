@@ -23,7 +23,8 @@ _STRETCHES = 6
 # beside the others with that and with its square. Beside the truth of 90 discs of 24 to 200 px in
 # radius, by Lambert's and Minnaert's laws.
 _HEIGHT_PX, _DARK_PX, _DARKER_PX = 2.0, 0.8, 4.0
-# Radii of the limb up to which all of it counts, and from which on brightness rises by too little.
+# Radii of the limb up to which all of it counts, and from which on brightness rises by too little
+# to move edges that a model places.
 _SMALL_PX, _LARGE_PX = 100.0, 250.0
 _MOST = 1.0  # of that rise
 _MODEL_FREE = 2.0  # times these, where brightness falls most steeply and no model places edges
@@ -42,8 +43,8 @@ def darkening_error(
     step : (N,) gray levels from space to the planet beside each edge. px_over_radius :
     `ground_across_px`. model_free : as of `LimbEdges`.
     """
-    counts = min((_LARGE_PX - 1.0 / px_over_radius) / (_LARGE_PX - _SMALL_PX), 1.0)
-    if counts <= 0.0:
+    small = min((_LARGE_PX - 1.0 / px_over_radius) / (_LARGE_PX - _SMALL_PX), 1.0)
+    if small <= 0.0 and not model_free:
         return NOTHING_SHARED
     rise = mean_at(profiles, grid, DEEP_PX) - mean_at(profiles, grid, BESIDE_PX)
     means = [float(part.mean()) for part in stretches(rise, _STRETCHES) if len(part)]
@@ -54,4 +55,4 @@ def darkening_error(
     error = SharedError(
         height_px=_HEIGHT_PX * share**2, dark_px=_DARK_PX * share + _DARKER_PX * share**2
     )
-    return error.times(counts * _MODEL_FREE if model_free else counts)
+    return error.times(_MODEL_FREE if model_free else small)
