@@ -45,5 +45,5 @@ def test_air_shines_beyond_the_edge_and_blur_does_not() -> None:
             (frame,) = draw(views, ALTITUDE_M, scene, imaging, seed)
             sample = sample_limb(frame.image, *near, FINAL, modelled=True)
             assert isinstance(sample, LimbSample)
-            beyond = sample.light_beyond(sample.steps()[1])
+            beyond = sample.light_beyond(sample.steps[1])
             assert beyond > 8.0 if air_dn else abs(beyond) < 5.0

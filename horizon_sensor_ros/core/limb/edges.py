@@ -272,9 +272,12 @@ def _of_limb(sample: LimbSample, step: np.ndarray, good: np.ndarray) -> np.ndarr
 
     step : (M,) as of `EdgePlaces`.
     """
-    where = np.flatnonzero(good)
-    of_limb = good.copy()
-    of_limb[where] = ~fading_ends(sample.profiles[where], sample.grid, step[where])
+    if good.all():
+        of_limb = ~fading_ends(sample.profiles, sample.grid, step)
+    else:
+        where = np.flatnonzero(good)
+        of_limb = good.copy()
+        of_limb[where] = ~fading_ends(sample.profiles[where], sample.grid, step[where])
     if sample.light is not None:
         of_limb &= ~sample.light.faded(good)
     return of_limb
@@ -370,7 +373,7 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
 
     Nothing is asked of the steepest fall, and edges are not placed one by one.
     """
-    step, good = sample.steps()
+    step, good = sample.steps
     good = _of_limb(sample, step, good)
     if np.count_nonzero(good) < MIN_PROFILES or not _to_be_kriged(look, step[good]):
         return None

@@ -37,16 +37,21 @@ class ProfileGrid:
     reach_px: float
     grid_px: float
 
-    @property
+    @cached_property
     def d_px(self) -> np.ndarray:
         """Sample positions (J,) along the normal."""
         return self.first_px + np.arange(self.num)
 
-    @property
+    @cached_property
     def e_px(self) -> np.ndarray:
         """Candidate places (E,) of the edge."""
         count = round(self.reach_px / self.grid_px)
         return np.arange(-count, count + 1) * self.grid_px
+
+    def part(self, first_px: float, last_px: float) -> slice:
+        """Samples from one distance to another."""
+        d_px = self.d_px
+        return slice(*np.searchsorted(d_px, (first_px, np.nextafter(last_px, np.inf))).tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +236,8 @@ def pixel_noise(profiles: np.ndarray, size: int = 1) -> float:
 
 def space_mean(profiles: np.ndarray) -> float:
     """Mean of the outermost six samples (space) of profiles (N, J)."""
-    return float(profiles[:, -_SPACE:].mean())
+    space = profiles[:, -_SPACE:]
+    return float(np.add.reduce(space, axis=None)) / space.size
 
 
 def pixels_across(

@@ -109,7 +109,7 @@ def _levelled(sample: LimbSample, looks: Sequence[EdgeLook], step: RefinePass) -
     if not looks or any(look.glow_px > 0.0 for look in looks):
         return sample
     if step.expected:
-        return sample.levelled(sample.steps()[1])
+        return sample.levelled(sample.steps[1])
     return sample.levelled(believable(sample.steepest))
 
 
@@ -157,7 +157,7 @@ def _without_glow(sample: LimbSample, look: EdgeLook) -> EdgeLook:
 
     That one's blur is the lens's, or but where a fit began; what is left of the air blurs them too.
     """
-    _, good = sample.steps()
+    _, good = sample.steps
     sharp = EdgeLook(look.psf_px, 0.0)
     if np.count_nonzero(good) < MIN_PROFILES:
         return sharp

@@ -108,12 +108,12 @@ class LimbSample:
     corner_px: float | None = None
     light: FallingLight | None = None
 
-    @property
+    @cached_property
     def px(self) -> np.ndarray:
         """Middles (M, 2) of the stretches, pixels of the full image."""
         return self.curve.px[self.bundles.middle]
 
-    @property
+    @cached_property
     def normal_px(self) -> np.ndarray:
         """Unit normals (M, 2) there, towards space."""
         return self.curve.normal_px[self.bundles.middle]
@@ -123,7 +123,7 @@ class LimbSample:
         """Length of limb of a stretch, in that image."""
         return self.spacing_px * self.bundles.size
 
-    @property
+    @cached_property
     def base(self) -> np.ndarray:
         """As of `Stretches` (M, 3)."""
         normal_px = self.normal_px
@@ -164,11 +164,12 @@ class LimbSample:
         """Edges (M,) where brightness falls most steeply."""
         return steepest_fall(self.profiles, self.noise, self.grid)
 
+    @cached_property
     def steps(self) -> tuple[np.ndarray, np.ndarray]:
         """Gray levels (M,) from space to just inside the predicted limb, and which show an edge."""
-        profiles, num_inside = self.profiles, round(-self.grid.first_px)
-        inside = profiles[:, num_inside - 2 : num_inside].sum(axis=1)
-        step = 0.5 * inside - profiles[:, -3:].sum(axis=1) / 3.0
+        samples, num_inside = self.profiles.T, round(-self.grid.first_px)
+        inside = samples[num_inside - 2] + samples[num_inside - 1]
+        step = 0.5 * inside - (samples[-3] + samples[-2] + samples[-1]) / 3.0
         return step, step > LEAST_SIGNIFICANCE * self.noise
 
     def light_beyond(self, good: np.ndarray) -> float:

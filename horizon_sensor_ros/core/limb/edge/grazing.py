@@ -14,6 +14,7 @@ and blur, and what the ground lacks below its limb is added before edges are pla
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -119,15 +120,29 @@ def _falls(profiles: np.ndarray, grid: ProfileGrid) -> bool:
     """Whether brightness falls inwards beside profiles (N, J), evenly along the limb."""
     if len(profiles) < _STRETCHES:
         return False
-    space = space_mean(profiles)
-    beside, deep = (mean_at(profiles, grid, part_px) - space for part_px in (BESIDE_PX, DEEP_PX))
-    first = np.arange(_STRETCHES) * len(profiles) // _STRETCHES
-    lit = np.maximum(np.add.reduceat(beside, first), 1e-9)
-    lost = 1.0 - np.add.reduceat(deep, first) / lit
+    first, count = _parts(len(profiles))
+    means = np.add.reduceat(profiles.T, first, axis=1) / count
+    beside, deep = _beside_and_deep(grid) @ means - space_mean(profiles)
+    lost = 1.0 - deep / np.maximum(beside, 1e-9)
     # Light changes slowly along the limb, where clouds are brighter here and darker there.
     slowly = _SLOW @ lost
-    by_chance = np.linalg.norm(lost - slowly) / np.sqrt(_STRETCHES - 3.0)
-    return bool(slowly.max() - 2.0 * by_chance > _LOST)
+    off = lost - slowly
+    by_chance = math.sqrt(float(off @ off) / (_STRETCHES - 3.0))
+    return float(slowly.max()) - 2.0 * by_chance > _LOST
+
+
+@lru_cache(maxsize=64)
+def _parts(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """First of each stretch of so many profiles, and how many of them it has."""
+    ends = np.arange(_STRETCHES + 1) * count // _STRETCHES
+    return ends[:-1], np.diff(ends)
+
+
+@lru_cache(maxsize=8)
+def _beside_and_deep(grid: ProfileGrid) -> np.ndarray:
+    """(2, J) that takes profiles to their brightness beside the edge and farther in."""
+    one = np.eye(grid.num)
+    return np.stack([mean_at(one, grid, part_px) for part_px in (BESIDE_PX, DEEP_PX)])
 
 
 def _together(cost: np.ndarray) -> np.ndarray:

@@ -33,6 +33,7 @@ _HALF = 0.81
 # fades goes on to nothing, where dark ground at the end of an arc stays as dark as it is.
 FADED = 1.0 / 3.0
 _ALIKE = 3  # neighbouring edges whose mean is taken: noise and texture differ from one to the next
+_OUTERMOST = np.array([0, 1, -2, -1])  # those of them that are at the ends of a limb
 _BY_CHANCE = 2.0  # sigmas of the mean of stretches
 # By the same law ground is one and a half times as bright four times as deep, and as bright where
 # nothing fades: what is seen there tells one from the other.
@@ -43,8 +44,14 @@ _WHITE = 0.9  # of full scale, beyond which brightness has no way to go on
 
 def mean_at(profiles: np.ndarray, grid: ProfileGrid, part_px: tuple[float, float]) -> np.ndarray:
     """Mean brightness (N,) of profiles (N, J) in a part of them."""
-    d_px = grid.d_px
-    return np.asarray(profiles[:, (d_px >= part_px[0]) & (d_px <= part_px[1])].mean(axis=1))
+    part = _part(grid, part_px)
+    sums = np.add.reduce(profiles[:, part], axis=1)
+    return np.asarray(sums * sums.dtype.type(1.0 / (part.stop - part.start)))
+
+
+@lru_cache(maxsize=32)
+def _part(grid: ProfileGrid, part_px: tuple[float, float]) -> slice:
+    return grid.part(*part_px)
 
 
 def beside_over_deep(profiles: np.ndarray, grid: ProfileGrid) -> float:
@@ -56,10 +63,12 @@ def beside_over_deep(profiles: np.ndarray, grid: ProfileGrid) -> float:
     if len(profiles) < _STRETCHES:
         return np.nan
     first, count = _parts(len(profiles))
-    means = np.add.reduceat(profiles, first, dtype=np.float64) / count[:, None]
-    beside, deep = (means @ _unblurred(grid)).T - 2.0 * space_mean(profiles)
+    means = np.add.reduceat(profiles.T, first, axis=1, dtype=np.float64) / count
+    beside, deep = _unblurred(grid).T @ means - 2.0 * space_mean(profiles)
     share = beside / np.maximum(deep, 1e-9)
-    return float(share.mean() + _BY_CHANCE * share.std() / math.sqrt(_STRETCHES - 1))
+    mean = float(np.add.reduce(share)) / _STRETCHES
+    off = share - mean
+    return mean + _BY_CHANCE * math.sqrt(float(off @ off) / (_STRETCHES * (_STRETCHES - 1)))
 
 
 def fading_ends(profiles: np.ndarray, grid: ProfileGrid, step: np.ndarray) -> np.ndarray:
@@ -71,9 +80,13 @@ def fading_ends(profiles: np.ndarray, grid: ProfileGrid, step: np.ndarray) -> np
     ends = np.zeros(len(profiles), dtype=bool)
     if len(profiles) < _STRETCHES:
         return ends
+    parts, space2 = _unblurred(grid), 2.0 * space_mean(profiles)
+    # Light lasts to both ends as a rule, which the outermost edges tell.
+    (a, b), (c, d), (e, f), (g, h) = (profiles[_OUTERMOST] @ parts - space2).tolist()
+    if a + c >= _HALF * (b + d) and e + g >= _HALF * (f + h):
+        return ends
     beside, deep = (
-        np.convolve(part, np.ones(_ALIKE), "same")
-        for part in (profiles @ _unblurred(grid)).T - 2.0 * space_mean(profiles)
+        np.convolve(part, np.ones(_ALIKE), "same") for part in (profiles @ parts).T - space2
     )
     lasting = np.flatnonzero(beside >= _HALF * deep)
     if len(lasting) == 0:
