@@ -171,7 +171,8 @@ def tangent_basis(direction: np.ndarray) -> np.ndarray:
 
 def angle_rad(a: np.ndarray, b: np.ndarray) -> float:
     """Angle (rad) between two unit vectors (3,), accurate for small ones."""
-    return float(2 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b)))
+    p, q = a.tolist(), b.tolist()
+    return 2.0 * math.atan2(math.dist(p, q), math.dist(p, [-each for each in q]))
 
 
 def shortest_turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -38,7 +38,7 @@ class SharedError(NamedTuple):
 
     def besides(self, other: SharedError) -> SharedError:
         """Both errors together, independent of each other: the roots of the sums of squares."""
-        return SharedError(*(math.hypot(a, b) for a, b in zip(self, other, strict=True)))
+        return SharedError(*map(math.hypot, self, other))
 
     def times(self, factor: float) -> SharedError:
         """All of them multiplied by a factor."""

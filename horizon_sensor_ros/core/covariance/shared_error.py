@@ -82,7 +82,8 @@ class _Shared:
         if self.limb.cone_errors is not None:
             return False
         negligible = shared.shift_px**2 + shared.height_px**2 < _NEGLIGIBLE * own2
-        negligible &= float(np.ptp(self.darker_px)) ** 2 < _NEGLIGIBLE * own2
+        if shared.dark_px > 0.0:
+            negligible &= float(np.ptp(self.darker_px)) ** 2 < _NEGLIGIBLE * own2
         if shared.scale_px > 0.0:
             scaled_px = shared.scale_px * float(np.ptp(self.rays.log_scale))
             negligible &= scaled_px**2 < _NEGLIGIBLE * own2
@@ -109,7 +110,7 @@ class _Shared:
         """
         shared = self.limb.shared
         shift = shared.shift_px * by_px.sum(axis=0)
-        cov = np.outer(shift, shift)
+        cov = np.multiply.outer(shift, shift)
         if shared.slope_px > 0.0:
             ends = shared.slope_px * np.linspace(-1.0, 1.0, len(order)) @ by_px[order]
             cov += np.outer(ends, ends)
@@ -143,10 +144,10 @@ def _with_shared(
     height, by_scale = np.zeros(3), np.zeros(3)
     moved = []
     usual = _usual_log_scale([(camera.limb, camera.rays) for camera in cameras])
-    variance = np.diag(fit.cov_nadir_altitude).copy()
-    variance[3] /= sphere.altitude_slope(fit.rho_rad) ** 2
+    *tangent, height2 = fit.cov_nadir_altitude.diagonal().tolist()
+    variance = sum(tangent) + height2 / sphere.altitude_slope(fit.rho_rad) ** 2
     # Factor between the variance that the fit found for the points and that which they claim.
-    more_own = float(variance.sum() / np.trace(gain))
+    more_own = variance / float(gain.trace())
     for camera, a in zip(cameras, rows, strict=True):
         # How a sigma of each point moves the fit, and a pixel.
         by_sigma = a @ gain
@@ -203,7 +204,14 @@ def _left(rows_px: np.ndarray, by_px: np.ndarray) -> float:
     rows_px : (N, 3) derivatives of the points' residuals by the cone's three unknowns. by_px :
     (N, 3) derivatives of these by the points' places. Both in order along the limb.
     """
-    starts = [part[0] for part in stretches(np.arange(len(rows_px)), _STRETCHES)]
-    sizes = np.diff([*starts, len(rows_px)])
-    fitted = np.add.reduceat(rows_px, starts) / sizes[:, None] @ np.add.reduceat(by_px, starts).T
-    return float(np.mean(np.sum((np.eye(_STRETCHES) - fitted) ** 2, axis=1)))
+    starts, sizes = _parts(len(rows_px))
+    left = np.add.reduceat(rows_px, starts) / -sizes[:, None] @ np.add.reduceat(by_px, starts).T
+    left.ravel()[:: _STRETCHES + 1] += 1.0
+    return float(np.einsum("ij,ij->", left, left)) / _STRETCHES
+
+
+@lru_cache(maxsize=64)
+def _parts(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """First of each stretch of so many points, and how many of them it has."""
+    starts = np.array([part[0] for part in stretches(np.arange(count), _STRETCHES)])
+    return starts, np.diff(starts, append=count)

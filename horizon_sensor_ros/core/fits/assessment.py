@@ -57,7 +57,8 @@ def correlation_factor(values: np.ndarray, camera: np.ndarray) -> float:
     chance = _CHANCE * math.sqrt(2.0 * window / len(values)) if few else 0.0
     power = 0.0
     count = 0
-    ends = np.searchsorted(camera, np.arange(int(camera[-1]) + 2)).tolist()
+    last = int(camera[-1])
+    ends = np.searchsorted(camera, np.arange(last + 2)).tolist() if last else [0, len(values)]
     for first, last in pairwise(ends):
         if last - first <= window:
             continue
@@ -114,7 +115,9 @@ def cone_refusal(
         return Status.WRONG_POLARITY, "the limb normals point into the fitted disc"
     if rho_rad > _LARGEST_RHO_RAD:
         return Status.WRONG_POLARITY, "the limb is straight or curved the wrong way"
-    if not is_positive(design.T @ design - _LEAST_EIGENVALUE * len(design) * np.eye(3)):
+    information = design.T @ design
+    information.ravel()[::4] -= _LEAST_EIGENVALUE * len(design)
+    if not is_positive(information):
         return Status.ILL_CONDITIONED, "the limb points cover too little of the limb"
     return None
 
@@ -128,7 +131,7 @@ def too_uncertain(cov: np.ndarray, rho_rad: float) -> tuple[Status, str] | None:
     that the curvature less four sigma would mean.
     """
     reason = "the limb points do not determine nadir"
-    if not np.all(np.isfinite(cov)):
+    if not math.isfinite(float(np.add.reduce(cov, axis=None))):
         return Status.ILL_CONDITIONED, reason
     sigma = math.sqrt(max(_larger_eigenvalue(cov), 0.0))
     curvature = 1.0 / math.tan(rho_rad) - 4.0 * sigma / math.sin(rho_rad) ** 2

@@ -254,20 +254,23 @@ def _assess(
     scale = _scale(chi)
     inlying = np.abs(chi) < TUKEY_SIGMAS * scale
     num_inliers = int(np.count_nonzero(inlying))
-    rms = root_mean_square((chi * rays.sigma_px)[inlying])
+    residual = chi * rays.sigma_px
+    rms = root_mean_square(residual if num_inliers == len(rays) else residual[inlying])
     if not rms <= MAX_RMS_PX:
         return refuse(Status.POOR_FIT, f"residual {rms:.1f} px rms")
     if num_inliers < max(MIN_INLIER_FRACTION * len(rays), 3):
         return refuse(Status.POOR_FIT, f"only {num_inliers} of {len(rays)} points on one limb")
-    order = rays.along_limb(nadir)
-    order = order[inlying[order]]
-    rows, along = (design / cone.growth[:, None])[order], chi[order]
+    rows, along, camera = design / cone.growth[:, None], chi, rays.camera
+    if not (rays.ordered and num_inliers == len(rays)):
+        order = rays.along_limb(nadir)
+        order = order[inlying[order]]
+        rows, along, camera = rows[order], along[order], camera[order]
     ratio2 = np.square(along / (TUKEY_SIGMAS * scale))
     rest = 1.0 - ratio2
     psi = along * (rest * rest)
     slope = float(rest @ (1.0 - 5.0 * ratio2)) / num_inliers
     variance = float(psi @ psi) / max(num_inliers - 3, 1) / slope**2
-    factor = max(1.0, variance * correlation_factor(psi, rays.camera[order]))
+    factor = max(1.0, variance * correlation_factor(psi, camera))
     cov = inverse(rows.T @ rows)
     cov *= factor
     refused = too_uncertain(cov, rho)

@@ -52,13 +52,14 @@ class PerspectiveLens(Lens):
 
     def project_into(self, rays: np.ndarray, places: np.ndarray, jacobian: np.ndarray) -> None:
         """As `Lens.project_into`."""
-        x, y, inverse_z = self._normalised(rays)
         if self.undistorted:
-            places[:, 0], places[:, 1] = x, y
+            found, inverse_z = self._undistorted_places(rays)
+            places.T[:] = found
             jacobian[:, 0, 0] = jacobian[:, 1, 1] = inverse_z
             jacobian[:, 0, 1] = jacobian[:, 1, 0] = 0.0 * inverse_z
             jacobian[:, :, 2] = places * -inverse_z[:, None]
             return
+        x, y, inverse_z = self._normalised(rays)
         x_raw, y_raw, r2, factor, bottom = self._distort(x, y)
         a, b, c, d = self._distortion_jacobian(x, y, r2, factor, bottom)
         if self._tilt_matrix is not None:
@@ -80,16 +81,19 @@ class PerspectiveLens(Lens):
         """As `Lens.project_along`."""
         if not self.undistorted:
             return super().project_along(rays, along)
-        z = rays.T[2]
-        if z.min(initial=1.0) > _GRAZING:
-            inverse_z = 1.0 / z
-            places = rays.T[:2] * inverse_z
-        else:
-            x, y, inverse_z = self._normalised(rays)
-            places = np.stack([x, y])
+        places, inverse_z = self._undistorted_places(rays)
         moved = along.T[:2] - places * along.T[2]
         moved *= inverse_z
         return places, moved
+
+    def _undistorted_places(self, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places (2, N) of unit rays (N, 3), without distortion, and 1/z."""
+        z = rays.T[2]
+        if z.min(initial=1.0) > _GRAZING:
+            inverse_z = 1.0 / z
+            return rays.T[:2] * inverse_z, inverse_z
+        x, y, inverse_z = self._normalised(rays)
+        return np.stack([x, y]), inverse_z
 
     @cached_property
     def _coefficients(self) -> tuple[float, ...]:

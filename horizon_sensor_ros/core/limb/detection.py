@@ -29,6 +29,7 @@ _STRETCHES, _ON_COURSE_PX = 4, 0.6
 _USUAL_SHARES = 0.6, 1.5
 _ALIKE = {(Status.OK, True)}, {(Status.OK, False)}
 _SHORTEST_PX = 1.0  # length of glow that is told from the blur
+_NO_CONSENSUS = Consensus(Status.NO_LIMB)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +92,7 @@ class Detection:
 
     observations: tuple[LimbObservation, ...]
     working: tuple[WorkingImage, ...] = ()
-    consensus: Consensus = field(default_factory=lambda: Consensus(Status.NO_LIMB))
+    consensus: Consensus = _NO_CONSENSUS
     nadir_base: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     rho_rad: float = np.nan
     looks: tuple[tuple[EdgeLook, ...], ...] = ()

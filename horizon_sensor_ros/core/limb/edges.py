@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -400,14 +400,19 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
     points = _points(
         sample, px, normal_px, places, shared, jumps_px, steepness, blur_px, found.corner_blur
     )
-    rises = beside_over_deep(profiles, sample.grid)
-    return replace(points, beside_over_deep=rises)
+    return replace(points, beside_over_deep=beside_over_deep(profiles, sample.grid))
 
 
 def _falls(profiles: np.ndarray) -> np.ndarray:
     """By how much profiles (N, J) fall from sample to sample, in stretches of limb: (S, J - 1)."""
-    falls = profiles[:, :-1] - profiles[:, 1:]
-    return np.add.reduceat(falls, np.arange(_STRETCHES) * len(falls) // _STRETCHES)
+    sums = np.add.reduceat(profiles.T, _first_of_stretches(len(profiles)), axis=1).T
+    return np.asarray(sums[:, :-1] - sums[:, 1:])
+
+
+@lru_cache(maxsize=64)
+def _first_of_stretches(count: int) -> np.ndarray:
+    """First of so many profiles in each stretch of limb."""
+    return np.arange(_STRETCHES) * count // _STRETCHES
 
 
 def _falls_there(falls: np.ndarray, grid: ProfileGrid) -> bool:
@@ -431,7 +436,7 @@ def _lit_there(profiles: np.ndarray, places: EdgePlaces, grid: ProfileGrid) -> b
     share = at - before
     row = np.arange(len(at))
     level = (1.0 - share) * profiles[row, before] + share * profiles[row, before + 1]
-    first = np.arange(_STRETCHES) * len(at) // _STRETCHES
+    first = _first_of_stretches(len(at))
     lit = np.add.reduceat(level - space_mean(profiles), first)
     return bool((lit > _LEAST_LEVEL * np.add.reduceat(places.step, first)).all())
 

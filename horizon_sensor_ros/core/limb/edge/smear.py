@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -73,6 +74,8 @@ class Causes:
 
 # Rows of `Causes`, and what is seen after them.
 _COMMON, _RASTER, _LENS, _SMEAR, _SEEN = 0, 1, 2, slice(3, 5), 5
+_SMEARS = np.zeros((2, 6))
+_SMEARS[:, _SMEAR] = np.eye(2)
 # Information on some of them beforehand.
 _BEFOREHAND = {_RASTER: BLUR_SIGMA_PX**-2.0, _LENS: UNEVEN_PX**-2.0}
 
@@ -125,9 +128,9 @@ class _Told:
         self.mean[_COMMON] = 0.0
         self.square = square - np.multiply.outer(self.mean, square[_COMMON])
         self.square[_COMMON, 1:] = 0.0
-        count = rows.shape[1]
-        self._num = min(_PARTS, count)
-        sums = np.add.reduceat(weighted, np.arange(self._num) * count // self._num, axis=1)
+        first = _first_of_parts(rows.shape[1])
+        self._num = len(first)
+        sums = np.add.reduceat(weighted, first, axis=1)
         weight = np.maximum(sums[_COMMON], _LEAST_INFORMATION)
         sums -= np.multiply.outer(self.mean, sums[_COMMON])
         self.parted = (sums / weight) @ sums.T
@@ -135,6 +138,13 @@ class _Told:
     def repetition(self, rest: np.ndarray) -> float:
         """How often edges say the same: what parts of a limb leave (6,), over chance."""
         return max(1.0, float(rest @ self.parted @ rest) / max(self._num - 3, 1))
+
+
+@lru_cache(maxsize=64)
+def _first_of_parts(count: int) -> np.ndarray:
+    """First of so many edges in each part of a limb."""
+    num = min(_PARTS, count)
+    return np.arange(num) * count // num
 
 
 class _OfLens(NamedTuple):
@@ -191,8 +201,7 @@ def _of_motion(
         float(square[_RASTER] @ seen) + total * raster * lacking,
     )
     level = common + pixels * raster
-    smears = np.zeros((2, 6))
-    smears[:, _SMEAR] = np.eye(2)
+    smears = _SMEARS.copy()
     # What the raster or the lens may do is no smear.
     for other in others:
         smears[:, other] -= smears @ square[other] / (square[other, other] + _BEFOREHAND[other])

@@ -363,8 +363,8 @@ def _shared_error(variance: np.ndarray, count: int, ground: float, contrast: flo
     shared = variance * _SHARED
     more = 1.0 + _BY_CONTRAST * min(contrast, _MOST_CONTRAST)
     part2 = shared @ _alike(max(1, round(count / _PARTS)), ground)
-    whole2 = (shared * ground_texture.by_kind(more * more, 1.0)) @ _alike(count, ground)
-    return SharedError(math.sqrt(part2), math.sqrt(whole2))
+    whole2, rough2 = shared @ _alike(count, ground), shared @ _alike_if_rough(count, ground)
+    return SharedError(math.sqrt(part2), math.sqrt(whole2 + (more * more - 1.0) * rough2))
 
 
 def _rounded(ground: float) -> float:
@@ -394,6 +394,12 @@ def _alike(count: int, ground: float) -> np.ndarray:
     away = np.arange(count)
     pairs = np.where(away > 0, 2.0, 1.0) * (count - away) / count**2
     return ground_texture.correlation(away * ground) @ pairs
+
+
+@lru_cache(maxsize=64)
+def _alike_if_rough(count: int, ground: float) -> np.ndarray:
+    """The same, nothing for smooth ones."""
+    return _alike(count, ground) * ground_texture.by_kind(1.0, 0.0)
 
 
 def _deviation(values: np.ndarray) -> float:
