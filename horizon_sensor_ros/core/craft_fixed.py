@@ -23,6 +23,8 @@ _FORGOTTEN_S, _REFUTED_S = 600.0, 5.0
 _SHARE = 0.1
 # A part of the craft is found in one place, to so much: farther away is something else.
 _ELSEWHERE_RAD = math.radians(1.0)
+_NOT_TURNED = np.eye(3)
+_NOT_TURNED.setflags(write=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +36,7 @@ class _Since:
 
     nadir_base: np.ndarray
     sigma_rad: float
-    rot_now_from_then: np.ndarray = field(default_factory=lambda: np.eye(3))
+    rot_now_from_then: np.ndarray = field(default_factory=lambda: _NOT_TURNED)
     time_s: float = 0.0
     turning: int = 0
     stood_rad: float = 0.0

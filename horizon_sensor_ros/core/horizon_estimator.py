@@ -21,7 +21,7 @@ from horizon_sensor_ros.core.covariance.calibration_error import with_calibratio
 from horizon_sensor_ros.core.covariance.common_cone import nearest_to_cones
 from horizon_sensor_ros.core.covariance.hidden_air import hidden_air_sigma_m
 from horizon_sensor_ros.core.covariance.lifted_edges import with_lifted_edges
-from horizon_sensor_ros.core.covariance.shared_error import with_shared_error
+from horizon_sensor_ros.core.covariance.shared_error import covariance_with_shared
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.known_altitude import with_altitude
 from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD as MAXIMUM_LIKELIHOOD
@@ -293,8 +293,9 @@ class HorizonEstimator:
             return self.refused(*refused, fit, limbs.points)
         doubts = "; ".join(filter(None, (limbs.contradiction, unused)))
         # The disc stays the one that the frames show, wherever the known altitude puts nadir.
-        disc = Disc(figure, fit.nadir_base, fit.rho_rad)
-        found = replace(estimate, disc=disc)
+        found = estimate
+        if estimate.disc is None or estimate.disc.nadir is not fit.nadir_base:
+            found = replace(estimate, disc=Disc(figure, fit.nadir_base, fit.rho_rad))
         return HorizonFix(Status.OK, doubts, found, limbs.points, fit.cameras, airglow=airglow)
 
     def _airglow(
@@ -352,8 +353,11 @@ class HorizonEstimator:
         """
         nearest = nearest_to_cones(fit, observations, figure.sphere)
         # What points of the cones share is in the covariance of these already.
-        fit = with_shared_error(fit, observations, figure.sphere) if nearest is None else nearest
-        cov = fit.cov_nadir_altitude + figure.covariance(fit, observations)
+        if nearest is None:
+            cov = covariance_with_shared(fit, observations, figure.sphere)
+        else:
+            fit, cov = nearest, nearest.cov_nadir_altitude
+        cov = cov + figure.covariance(fit, observations)
         return self._with_calibration_error(replace(fit, cov_nadir_altitude=cov), observations)
 
     def _with_calibration_error(

@@ -233,9 +233,11 @@ class HorizonSensor:
         numbers = None if before is None else before.numbers(views)
         if before is not None and numbers is not None:
             followed = self._follow([frames[i] for i in usable], before, numbers, aiding)
-            if followed is not None:
+            if followed is not None and len(usable) < len(frames):
                 limbs = iter(followed.limbs)
-                return replace(followed, limbs=tuple(limb or next(limbs) for limb in unusable))
+                followed = replace(followed, limbs=tuple(limb or next(limbs) for limb in unusable))
+            if followed is not None:
+                return followed
         fix, detection = self._search.fix(frames, unusable, aiding)
         if (
             self.config.tracking
@@ -302,7 +304,9 @@ class HorizonSensor:
         self._track = track.continued(numbers, detection, fix.fit, aiding.since_last_s)
         # Near the others' limb there is none of such a camera, which says nothing of why.
         limbs = tuple(
-            replace(limb, reason=track.elsewhere.get(view.name, limb.reason))
+            replace(limb, reason=track.elsewhere[view.name])
+            if view.name in track.elsewhere
+            else limb
             for view, limb in zip(views, fix.limbs, strict=True)
         )
         return replace(fix, limbs=limbs, predicted=Disc(figure, nadir, rho))

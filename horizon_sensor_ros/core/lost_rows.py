@@ -38,7 +38,8 @@ def lost_rows(gray: np.ndarray, mask: Mask | None) -> str:
 def _filled(lines: np.ndarray) -> int:
     """How many lines, from the first one, are fill; 0 where these are none."""
     value = lines[0, 0]
-    if (lines[0] != value).any():
+    # As a rule one pixel tells that a line is not all the same.
+    if lines[0, lines.shape[1] // 2] != value or (lines[0] != value).any():
         return 0
     # Where fill ends nearly all pixels of a line change: a few of them, of a few lines, tell where
     # that is.

@@ -17,6 +17,8 @@ from horizon_sensor_ros.core.turn_rate import GYRO_SIGMA_RAD_S
 # is known to some hundredths of a pixel: a whole one would be many sigmas of its fix.
 _OTHERS_CHANGED, _SURE, _LEAST_PX = 2, 3.0, 0.1
 _ROWS = 16  # that are compared one by one before all are: images that differ do so in most of them
+_NOT_TURNED = np.eye(3)
+_NOT_TURNED.setflags(write=False)
 
 
 @dataclass(eq=False)
@@ -29,7 +31,7 @@ class _Shown:
 
     gray: np.ndarray
     others: int = 0
-    rot_now_from_first: np.ndarray = field(default_factory=lambda: np.eye(3))
+    rot_now_from_first: np.ndarray = field(default_factory=lambda: _NOT_TURNED)
     time_s: float = 0.0
 
 
@@ -78,7 +80,7 @@ class RepeatedImages:
             and isinstance(before, np.ndarray)
             and gray.ndim == 2
             and gray.shape == before.shape
-            and all(np.array_equal(gray[i], before[i]) for i in _some_rows(len(gray)))
+            and all((gray[i] == before[i]).all() for i in _some_rows(len(gray)))
             and np.array_equal(gray, before)
         )
 

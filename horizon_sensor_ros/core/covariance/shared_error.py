@@ -37,7 +37,7 @@ def with_shared_error(
     errors of the cone that its points lie on (`LimbPoints.cone_errors`). Of cameras that see the
     same limb, but for cones: what it does to edges (`same_limb`).
     """
-    return replace(fit, cov_nadir_altitude=_with_shared(fit, observations, sphere))
+    return replace(fit, cov_nadir_altitude=covariance_with_shared(fit, observations, sphere))
 
 
 def bend_px(fit: HorizonFit, rays: LimbRays) -> float:
@@ -120,7 +120,7 @@ class _Shared:
         return cov
 
 
-def _with_shared(
+def covariance_with_shared(
     fit: HorizonFit, observations: Sequence[LimbObservation], sphere: Planet
 ) -> np.ndarray:
     """Covariance (4, 4) of nadir and altitude with the errors that neighbouring points share.

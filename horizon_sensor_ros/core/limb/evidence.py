@@ -133,21 +133,22 @@ def _judged(
     of `_on_grid` lie outside the disc.
     """
     small, space_level, noise = working.gray, working.space_level, working.noise
-    within = (sides >= 0.0) & (sides < np.array(small.shape[::-1])[:, None, None])
+    within = (sides >= 0.0) & (sides < np.array([[[small.shape[1]]], [[small.shape[0]]]]))
     known = within[0] & within[1]
     x, y = np.where(known, sides, 0.0).astype(np.intp)
     if usable is not None:
         known &= usable[y, x]
     level = small[y, x] - np.float32(space_level)
     num_ground = len(_GROUND_STEPS_PX)
-    brightest = np.where(known, level, -np.inf)[:num_ground].max(axis=0)
-    outer = np.where(known, level, np.inf)[num_ground:].min(axis=0)
+    inner = known[:num_ground]
+    brightest = np.where(inner, level[:num_ground], -np.inf).max(axis=0)
+    outer = np.where(known[num_ground:], level[num_ground:], np.inf).min(axis=0)
     ground, outer = brightest[brightest > -np.inf], outer[outer < np.inf]
     if len(ground) == 0 or len(outer) == 0:
         return SkyEvidence(limb_px, 0.0, 0.0, np.nan, 0.0, 0.0)
     contrast = quantile(ground, 0.75)
     lit = max(0.1 * contrast, 5.0 * noise)
-    behind = known[:num_ground] & (brightest > lit)
+    behind = inner & (brightest > lit)
     dark = behind & (level[:num_ground] < max(0.05 * contrast, 4.0 * noise))
     clear = np.nan
     beyond = _on_grid(small).ravel()[sky]

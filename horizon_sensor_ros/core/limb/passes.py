@@ -47,6 +47,7 @@ FRESH = (_NEAR, _GLOW, _FINAL)
 _NOT_SEPARATED = "the ground's limb is not told from the glow above it"
 # Jumps from edge to edge of a limb that shows itself well at once.
 _STEADY_PX = 0.3
+_NOTHING = Detection(())
 
 
 def look_for(
@@ -66,7 +67,7 @@ def look_for(
     separated from its glow. Passes that decide the frames' sizes are made again where one changes.
     """
     passes = _Passes(views, frames, planet, near, looks, [*steps, _FINAL])
-    found = Detection(())
+    found = _NOTHING
     while passes.ahead:
         step = passes.ahead.pop(0)
         if step.for_glow and not passes.unknown_glow:

@@ -105,10 +105,12 @@ def sample_profiles(
 
     gray : (H, W), already reduced by `factor`; d_px : (J,) in its pixels.
     """
-    centre = _reduced(curve.px, factor)
+    centre, normal = (
+        each.T.astype(np.float32)[:, None] for each in (_reduced(curve.px, factor), curve.normal_px)
+    )
     # (2, J, N): the points of the limb run fastest.
-    at = d_px.astype(np.float32)[:, None] * curve.normal_px.T.astype(np.float32)[:, None]
-    at += centre.T.astype(np.float32)[:, None]
+    at = d_px.astype(np.float32)[:, None] * normal
+    at += centre
     # Profiles are straight: they reach as far as their ends do.
     low, high = np.minimum(at[:, 0], at[:, -1]), np.maximum(at[:, 0], at[:, -1])
     inside = (low >= 1.0) & (high <= np.array([[gray.shape[1] - 2], [gray.shape[0] - 2]]))

@@ -68,7 +68,10 @@ class Causes:
         """
         x, y = normal_px.T
         # Cosine and sine of twice the normals' angle.
-        rows = np.array([np.ones(len(x)), raster, cornered, x * x - y * y, 2.0 * x * y])
+        rows = np.empty((_SEEN, len(x)))
+        rows[_COMMON], rows[_RASTER], rows[_LENS] = 1.0, raster, cornered
+        np.subtract(x * x, y * y, out=rows[3])
+        np.multiply(2.0 * x, y, out=rows[4])
         return cls(rows, corner_px)
 
 
