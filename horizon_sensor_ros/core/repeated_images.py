@@ -75,6 +75,8 @@ class RepeatedImages:
             return False
         gray, before = frame.gray, last.gray
         # What is no image at all is refused by who looks at it.
+        if gray is before:
+            return isinstance(gray, np.ndarray) and gray.ndim == 2
         return (
             isinstance(gray, np.ndarray)
             and isinstance(before, np.ndarray)

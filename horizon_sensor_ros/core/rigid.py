@@ -58,3 +58,8 @@ def orthonormal(rotation: np.ndarray) -> np.ndarray:
     """The rotations nearest to (..., 3, 3) matrices that rounding has spoilt."""
     u, _, vt = np.linalg.svd(rotation)
     return u @ vt
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross products (N, 3): numpy's own spends most of its time on its arguments."""
+    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]

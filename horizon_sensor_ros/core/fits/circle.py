@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
+from horizon_sensor_ros.core.rigid import cross
 
 _ROBUST_ROUNDS = 6
 # Without residuals beyond this, at a scale not far above the claimed one, there are no outliers.
@@ -28,9 +29,11 @@ def circle_on_sphere(rays: LimbRays, weight: np.ndarray | None = None) -> tuple[
     """
     if weight is None:
         weight = rays.sigma_rad**-2
-    points = np.column_stack((rays.rays_base, np.full(len(rays), -1.0)))
+    points = np.empty((len(rays), 4))
+    points[:, :3], points[:, 3] = rays.rays_base, -1.0
     scatter = (points * (weight / weight.sum())[:, None]).T @ points
-    values, vectors = np.linalg.eig(np.diag([1.0, 1.0, 1.0, -1.0]) @ scatter)
+    scatter[3] *= -1.0
+    values, vectors = np.linalg.eig(scatter)
     values, vectors = values.real, vectors.real
     # A circle has a vector with n . n > d . d; rounding may leave its eigenvalue just below zero.
     size = (vectors[:3] ** 2).sum(axis=0) - vectors[3] ** 2
@@ -60,7 +63,7 @@ def robust_circle_on_sphere(
     if not np.isfinite(rho):
         return nadir, rho
     residual = (rays.angles(nadir)[0] - rho) / rays.sigma_rad
-    if np.abs(residual).max() < _CLEAN_SIGMAS * np.clip(_quantile_sigma(residual), 1.0, 5.0):
+    if np.abs(residual).max() < _CLEAN_SIGMAS * min(max(_quantile_sigma(residual), 1.0), 5.0):
         return nadir, rho
     nadir, rho = _best_triple(rays, nadir, rho)
     for _ in range(rounds):
@@ -82,8 +85,8 @@ def _best_triple(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[np.ndar
     """The circle with the least residual quantile, out of the given one and those of triples."""
     rng = np.random.default_rng(0)
     triples = rays.rays_base[rng.integers(0, len(rays), (_TRIPLES, 3))]
-    normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
-    length = np.linalg.norm(normals, axis=1)
+    normals = cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
+    length = np.sqrt(np.einsum("ij,ij->i", normals, normals))
     proper = length > 1e-12
     normals = normals[proper] / length[proper, None]
     cosines = np.einsum("ij,ij->i", normals, triples[proper, 0])

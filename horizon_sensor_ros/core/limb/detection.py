@@ -197,9 +197,9 @@ class Detection:
         """
         if self.agreed is None or self.layer_rad > 0.0 or self.limbs[index].glow_separated:
             return 0.0
-        of_frame = self.agreed.take(self.agreed.camera == index)
-        outside = of_frame.outside(self.nadir_base, self.rho_rad)
-        return int(np.count_nonzero(outside)) / max(len(outside), 1)
+        of_frame = self.agreed.camera == index
+        outside = self.agreed.outside(self.nadir_base, self.rho_rad) & of_frame
+        return int(np.count_nonzero(outside)) / max(int(np.count_nonzero(of_frame)), 1)
 
     def layer_heights_m(self, fit: HorizonFit, planet: Planet) -> tuple[float, float, float] | None:
         """Quartiles of the height of the layer of airglow above a fit's limb; None where it was not

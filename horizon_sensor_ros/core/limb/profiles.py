@@ -138,8 +138,9 @@ def sample_profiles(
 def pixel_rad_across(view: CameraView, px: np.ndarray, normal_px: np.ndarray) -> np.ndarray:
     """Angles (N,) of one pixel along the normals (N, 2) at pixels (N, 2)."""
     rays = view.camera.rays(np.concatenate([px, px + normal_px, px - normal_px]))
-    here, outer, inner = np.split(rays, 3)
-    outwards, inwards = (np.linalg.norm(other - here, axis=1) for other in (outer, inner))
+    num = len(px)
+    apart = rays[num:].reshape(2, num, 3) - rays[:num]
+    outwards, inwards = np.sqrt(np.einsum("kij,kij->ki", apart, apart))
     # A lens model may end inside the frame: beyond it there are no rays.
     found = np.where(np.isfinite(outwards), outwards, inwards)
     return np.where(np.isfinite(found), found, view.camera.pixel_rad)

@@ -130,7 +130,7 @@ class _Costs:
                 chi2[rows, i], steps[rows, i] = squares, _ = table.looked_up(profiles)
                 cost[rows, i] = squares + table.log_det
         # The planet is the bright side: an edge that rises outwards is no limb.
-        cost[steps <= 0] = _RULED_OUT
+        np.copyto(cost, _RULED_OUT, where=steps <= 0)
         by_kind = *shape[:2], textures, glows, places
         return cls(chi2.reshape(by_kind), cost.reshape(by_kind), steps.reshape(by_kind))
 

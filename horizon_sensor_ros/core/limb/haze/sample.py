@@ -122,7 +122,7 @@ def sample_haze(
         return None
     # Pixels of the same angle everywhere along the limb.
     pitch = pixel_rad_across(view, predicted.px, predicted.normal_px)
-    usual_rad = float(np.median(pitch))
+    usual_rad = median(pitch)
     curve = replace(predicted, normal_px=predicted.normal_px / (pitch / usual_rad)[:, None])
     first = -(reach_px + _INNER_PX)
     column = _column(rho_rad)

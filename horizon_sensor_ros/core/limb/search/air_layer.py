@@ -39,6 +39,7 @@ from horizon_sensor_ros.core.limb.search.columns import (
     levels,
     rays_below,
 )
+from horizon_sensor_ros.core.limb.search.evenly import evenly
 from horizon_sensor_ros.core.limb.search.layer_light import (
     ABOVE_GROUND_M,
     ALIKE,
@@ -55,7 +56,7 @@ from horizon_sensor_ros.core.limb.search.selection import Consensus, RayCandidat
 from horizon_sensor_ros.core.limb.search.stars import shows_stars
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.robust import quantile
+from horizon_sensor_ros.core.robust import median, quantile
 from horizon_sensor_ros.core.status import Status
 
 _RISE = 1.25  # brightness of the ground over the trough's, at least
@@ -218,7 +219,7 @@ def _ground_cone(
     if not (below.starry or fades_as_a_shell(below.level, below.crest, ABOVE_GROUND_M)):
         return None
     # The layer is about the same nadir, wherever the ground was found along it.
-    return consensus.nadir_base, consensus.rho_rad - float(np.median(depths[at]))
+    return consensus.nadir_base, consensus.rho_rad - median(depths[at])
 
 
 def may_be_cut_off(
@@ -242,12 +243,12 @@ def may_be_cut_off(
         rays = edge.rays[edge.camera == i]
         if len(rays) == 0:
             continue
-        some = np.linspace(0, len(rays) - 1, COLUMNS).astype(np.intp)
+        some = evenly(len(rays), COLUMNS)
         level = levels(view, seen, rays_below(rays[some], consensus, depths))
         reach = np.isfinite(level).cumprod(axis=1).sum(axis=1)
         if np.count_nonzero(reach > np.count_nonzero(below_m < ENOUGH_M)) >= FEW * TOGETHER:
             return False
-        num = int(np.median(reach))
+        num = int(median(reach))
         if num <= np.count_nonzero(below_m < _CUT_OFF_M):
             continue
         _, level = bundled(some[reach >= num], level[reach >= num, :num])
@@ -304,7 +305,7 @@ def _ground_behind(
     if np.count_nonzero(rises) <= 0.5 * len(level):
         return np.full(len(level), -1)
     at = risen.argmax(axis=1)
-    off_m = np.abs(DEPTHS_M[at] - np.median(DEPTHS_M[at[rises]]))
+    off_m = np.abs(DEPTHS_M[at] - median(DEPTHS_M[at[rises]]))
     return np.where(rises & (off_m <= _SAME_DEPTH_M), at, -1)
 
 

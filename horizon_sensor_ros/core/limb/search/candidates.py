@@ -12,8 +12,10 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
+from horizon_sensor_ros.core.limb.search.evenly import evenly
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.mask import Mask
+from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.white_level import full_scale
 
 _CANNY = 50.0, 150.0  # its two thresholds
@@ -103,9 +105,8 @@ def candidates_in(
     """`space_boundary_candidates` of a frame that is reduced already."""
     factor, level = working.factor, working.space_level
     smooth = cv2.GaussianBlur(working.gray, (0, 0), 1.0)
-    bright = float(
-        np.partition(smooth.ravel()[::7], -max(1, smooth.size // 700))[-max(1, smooth.size // 700)]
-    )
+    rank = -max(1, smooth.size // 700)
+    bright = float(np.partition(smooth.ravel()[::7], rank)[rank])
     # Smoothing with sigma 1 leaves 0.28 of white noise; a step is believed from five sigma of that.
     step_min = max(5.0 * 0.28 * working.noise, 0.01 * (bright - level), 0.5)
     empty = LimbCandidates(pitch_px=float(factor), working=working)
@@ -128,7 +129,7 @@ def candidates_in(
     there = np.zeros(smooth.shape, dtype=np.uint8)
     there[found.v, found.u] = 1
     if len(step) > max_candidates:
-        pick = np.linspace(0, len(step) - 1, max_candidates).astype(np.intp)
+        pick = evenly(len(step), max_candidates)
         found, step = found.take(pick), step[pick]
     px = (np.stack([found.u, found.v], axis=1) + 0.5) * factor - 0.5
     return LimbCandidates(
@@ -240,7 +241,7 @@ def _sun(smooth: np.ndarray, level: float) -> tuple[float, float] | None:
     if not _SUN_PX[0] <= 4 * np.count_nonzero(bright) <= _SUN_PX[1]:
         return None
     v, u = np.nonzero(bright)
-    x, y = 2.0 * float(np.median(u)), 2.0 * float(np.median(v))
+    x, y = 2.0 * median(u), 2.0 * median(v)
     near = np.count_nonzero(np.hypot(2.0 * u - x, 2.0 * v - y) < _NEAR_SUN_PX)
     return (x, y) if near > _SUN_SHARE * len(u) else None
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.limb.search.evenly import evenly
 from horizon_sensor_ros.core.limb.search.selection import Consensus, RayCandidates
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 
@@ -54,7 +55,7 @@ def columns_below(
         if len(of_view) == 0:
             continue
         for count, thin in ((_GLANCE, 3), (COLUMNS, 1)):
-            some = of_view[np.linspace(0, len(of_view) - 1, count).astype(np.intp)]
+            some = of_view[evenly(len(of_view), count)]
             level = levels(view, seen, rays_below(found.rays[some], consensus, depths[::thin]))
             whole, level = _as_far_as_seen(level, DEPTHS_M[::thin])
             places, level = bundled(some[whole], level[whole])
@@ -97,7 +98,7 @@ def rays_below(rays: np.ndarray, consensus: Consensus, depths: np.ndarray) -> np
     """Rays (N, D, 3) straight below the limb's, by angles of depth (D,)."""
     nadir = consensus.nadir_base
     across = rays - (rays @ nadir)[:, None] * nadir
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    across /= np.sqrt(np.einsum("ij,ij->i", across, across))[:, None]
     angle = consensus.rho_rad - depths
     return np.cos(angle)[:, None] * nadir + np.sin(angle)[:, None] * across[:, None, :]
 
@@ -105,11 +106,11 @@ def rays_below(rays: np.ndarray, consensus: Consensus, depths: np.ndarray) -> np
 def levels(view: CameraView, seen: WorkingImage, rays: np.ndarray) -> np.ndarray:
     """Gray levels (N, D) above space along rays (N, D, 3); NaN outside the frame and its mask."""
     small, factor = seen.gray, seen.factor
-    px = view.camera.pixels((rays @ view.rot_base_from_cam).reshape(-1, 3))
+    px = view.camera.pixels(rays.reshape(-1, 3) @ view.rot_base_from_cam)
     with np.errstate(invalid="ignore"):
-        px = np.floor((px + 0.5) / factor)
-        inside = (px >= 0).all(axis=1) & (px[:, 0] < small.shape[1]) & (px[:, 1] < small.shape[0])
-    x, y = np.where(inside[:, None], px, 0.0).astype(np.intp).T
+        x, y = at = np.floor((px.T + 0.5) / factor)
+        inside = (x >= 0) & (y >= 0) & (x < small.shape[1]) & (y < small.shape[0])
+    x, y = np.where(inside, at, 0.0).astype(np.intp)
     if view.mask is not None:
         inside &= view.mask.reduced(factor)[y, x]
     level = np.where(inside, small[y, x] - seen.space_level, np.nan)

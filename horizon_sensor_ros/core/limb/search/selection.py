@@ -17,6 +17,8 @@ import numpy as np
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
+from horizon_sensor_ros.core.limb.search.evenly import evenly
+from horizon_sensor_ros.core.rigid import cross
 from horizon_sensor_ros.core.robust import quantile
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.symmetric3 import solve
@@ -60,7 +62,8 @@ class RayCandidates:
 
     def take(self, keep: np.ndarray) -> RayCandidates:
         """Those that a mask (N,) tells."""
-        return RayCandidates(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
+        some = np.flatnonzero(keep)
+        return RayCandidates(*(getattr(self, name)[some] for name in self.__dataclass_fields__))
 
     def of_camera(self, index: int) -> RayCandidates:
         """Those of one camera, as if there were no other."""
@@ -69,7 +72,8 @@ class RayCandidates:
 
     def outside(self, nadir_base: np.ndarray, rho_rad: float) -> np.ndarray:
         """Which (N,) lie farther outside a cone than edges of its limb are seen to."""
-        off = np.arccos(np.clip(self.rays @ nadir_base, -1.0, 1.0)) - rho_rad
+        cosine = np.minimum(np.maximum(self.rays @ nadir_base, -1.0), 1.0)
+        off = np.arccos(cosine) - rho_rad
         return np.asarray(off > _ON_THE_LIMB * self.pitch_rad)
 
 
@@ -223,7 +227,7 @@ def _cones(
     The tips of three rays lie in the plane ``x . nadir = cos rho``.
     """
     first, second, third = found.rays[triples.T]
-    normal = _cross(second - first, third - first)
+    normal = cross(second - first, third - first)
     norm = np.sqrt(np.einsum("ij,ij->i", normal, normal))
     drop = np.einsum("ij,ij->i", normal, first)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -236,11 +240,6 @@ def _cones(
     sin_rho = np.sqrt(np.maximum(1.0 - cos_rho**2, 1e-12))
     ok = (fall > _COS_POLARITY * sin_rho).all(axis=0)
     return nadir[ok], cos_rho[ok]
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross products (N, 3): numpy's own spends most of its time on its arguments."""
-    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +257,7 @@ class _Ballot:
         return _Ballot(*(part.astype(np.float32) for part in parts))
 
     def thinned(self, count: int) -> _Ballot:
-        keep = np.linspace(0, len(self.rays) - 1, count).astype(np.intp)
+        keep = evenly(len(self.rays), count)
         return _Ballot(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
 
     def gains(self, nadirs: np.ndarray, cos_rhos: np.ndarray, widen: float = 1.0) -> np.ndarray:

@@ -1,0 +1,15 @@
+"""Some of many, spread evenly."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+
+@lru_cache(maxsize=64)
+def evenly(length: int, count: int) -> np.ndarray:
+    """Numbers (count,) of so many among `length`, from the first to the last."""
+    numbers = np.linspace(0, length - 1, count).astype(np.intp)
+    numbers.setflags(write=False)
+    return numbers
