@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -48,6 +48,11 @@ class LimbCurve:
 
     def __len__(self) -> int:
         return len(self.px)
+
+    @cached_property
+    def single(self) -> tuple[np.ndarray, np.ndarray]:
+        """px and normal_px, each (2, N) in single precision."""
+        return self.px.T.astype(np.float32), self.normal_px.T.astype(np.float32)
 
     def thinned(self, spacing_px: float) -> LimbCurve:
         """Every so many-th point, about `spacing_px` apart."""

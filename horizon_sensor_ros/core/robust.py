@@ -33,6 +33,26 @@ def stretches(values: np.ndarray, count: int) -> list[np.ndarray]:
     return [values[first:last] for first, last in pairwise(ends)]
 
 
+def medians(values: np.ndarray, count: int) -> list[float]:
+    """`median` of each of the `stretches` of an array (N,) without NaN."""
+    length, longer = divmod(len(values), count)
+    if length == 0:
+        return [median(part) for part in stretches(values, count)]
+    ends = longer * (length + 1)
+    blocks = values[:ends].reshape(longer, length + 1), values[ends:].reshape(-1, length)
+    return [middle for block in blocks if len(block) for middle in _middles(block)]
+
+
+def _middles(rows: np.ndarray) -> list[float]:
+    """Medians (M,) of rows (M, N)."""
+    ordered, half = np.sort(rows, axis=1), rows.shape[1] // 2
+    middle = ordered[:, half]
+    if rows.shape[1] % 2 == 0:
+        middle = 0.5 * (ordered[:, half - 1] + middle)
+    found: list[float] = middle.tolist()
+    return found
+
+
 def quantile(values: np.ndarray, share: float) -> float:
     """Which value a share of values (N,), N >= 1, without NaN, lies below; linear between
     neighbours.

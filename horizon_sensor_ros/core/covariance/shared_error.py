@@ -17,7 +17,7 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.robust import median, stretches
+from horizon_sensor_ros.core.robust import median, medians, stretches
 from horizon_sensor_ros.core.symmetric3 import inverse
 
 _STRETCHES = 6
@@ -50,8 +50,8 @@ def bend_px(fit: HorizonFit, rays: LimbRays) -> float:
 def _bend_px(rays: LimbRays, nadir_base: tuple[float, ...], rho_rad: float) -> float:
     nadir = np.array(nadir_base)
     residual = rays.residuals_px(nadir, rho_rad)[rays.along_limb(nadir)]
-    medians = [median(part) for part in stretches(residual, _STRETCHES)]
-    bend = math.sqrt(sum(middle * middle for middle in medians) / _STRETCHES)
+    middles = medians(residual, _STRETCHES)
+    bend = math.sqrt(sum(middle * middle for middle in middles) / _STRETCHES)
     return bend if bend < math.inf else _NOT_A_LIMB_PX
 
 

@@ -20,7 +20,7 @@ from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS, Consensus
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.robust import median, stretches
+from horizon_sensor_ros.core.robust import medians
 from horizon_sensor_ros.core.status import Status
 
 _STRETCHES, _ON_COURSE_PX = 4, 0.6
@@ -244,5 +244,5 @@ class Detection:
 
 def _on_course(limb: LimbPoints, tolerance_px: float) -> bool:
     """Whether all stretches of one camera's limb lie near where they were looked for."""
-    parts = stretches(limb.offset_px, _STRETCHES)
-    return len(limb.px) >= MIN_INLIERS and max(abs(median(p)) for p in parts) < tolerance_px
+    middles = medians(limb.offset_px, _STRETCHES)
+    return len(limb.px) >= MIN_INLIERS and max(map(abs, middles)) < tolerance_px

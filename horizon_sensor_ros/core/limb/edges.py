@@ -40,7 +40,7 @@ from horizon_sensor_ros.core.limb_points import (
     LimbPoints,
     SharedError,
 )
-from horizon_sensor_ros.core.robust import median, stretches
+from horizon_sensor_ros.core.robust import median, medians
 from horizon_sensor_ros.core.status import Status
 
 _MAX_MISFIT = 6.0
@@ -165,8 +165,8 @@ def _of_sharpness(shared: SharedError, look: EdgeLook) -> SharedError:
 
 def _drift_px(moved: EdgePlaces, places: EdgePlaces, good: np.ndarray) -> float:
     """By how much good edges (M,) are moved, in the stretch of limb where it is most."""
-    parts = stretches((moved.offset_px - places.offset_px)[good], _STRETCHES)
-    return max((abs(median(part)) for part in parts if len(part)), default=0.0)
+    moved_px = (moved.offset_px - places.offset_px)[good]
+    return max(map(abs, medians(moved_px, min(_STRETCHES, len(moved_px)))), default=0.0)
 
 
 def limb_of_edges(
@@ -363,7 +363,7 @@ def _coherent_px(
         return min(coherent_px, scatter_px(places.offset_px))
     if moved_px is not None and len(moved_px) >= MIN_PROFILES:
         # Where these differ along the limb, the model does not hold.
-        middles = [median(part) for part in np.array_split(moved_px, _STRETCHES)]
+        middles = medians(moved_px, _STRETCHES)
         coherent_px = max(coherent_px, _MOVED_SHARE * float(np.std(middles)))
     return coherent_px * min(max(1.0, length_px / _FINE_PX), _FINEST)
 

@@ -20,7 +20,7 @@ _NOISE_FACTOR = 1.3
 _PIECE = 192  # profiles that are sampled at a time
 _REMAP_STEPS = np.float32(32.0)  # to a pixel: cv2.remap rounds positions to these
 # Samples near an edge, and what each says about its place, over the steps to a pixel.
-_NEAR_EDGE_PX = np.array([-1.0, 0.0, 1.0])
+_NEAR_EDGE_PX = np.array([-1.0, 0.0, 1.0], dtype=np.float32)
 _NEAR_EDGE_SHARES = np.array([0.25, 0.5, 0.25]) / _REMAP_STEPS
 _SPACE = 6  # samples at a profile's end
 _LEAST_NOISE = 0.25  # gray levels; what rounding alone adds
@@ -97,6 +97,12 @@ def _reduced(px: np.ndarray, factor: int) -> np.ndarray:
     return px if factor == 1 else (px + 0.5) / factor - 0.5
 
 
+def _single(curve: LimbCurve, factor: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a curve in a reduced image, and its normals, each (2, N) in single precision."""
+    px, normal_px = curve.single
+    return px if factor == 1 else _reduced(curve.px, factor).T.astype(np.float32), normal_px
+
+
 def sample_profiles(
     gray: np.ndarray, curve: LimbCurve, d_px: np.ndarray, factor: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -105,12 +111,10 @@ def sample_profiles(
 
     gray : (H, W), already reduced by `factor`; d_px : (J,) in its pixels.
     """
-    centre, normal = (
-        each.T.astype(np.float32)[:, None] for each in (_reduced(curve.px, factor), curve.normal_px)
-    )
+    centre, normal = _single(curve, factor)
     # (2, J, N): the points of the limb run fastest.
-    at = d_px.astype(np.float32)[:, None] * normal
-    at += centre
+    at = d_px.astype(np.float32)[:, None] * normal[:, None]
+    at += centre[:, None]
     # Profiles are straight: they reach as far as their ends do.
     low, high = np.minimum(at[:, 0], at[:, -1]), np.maximum(at[:, 0], at[:, -1])
     inside = (low >= 1.0) & (high <= np.array([[gray.shape[1] - 2], [gray.shape[0] - 2]]))
@@ -156,7 +160,10 @@ def pixel_phase(curve: LimbCurve, factor: int = 1) -> np.ndarray:
     centre = _reduced(curve.px, factor).T
     normal = curve.normal_px.T
     out = np.empty((3, len(curve)))
-    at = np.add(centre, _NEAR_EDGE_PX[:, None, None] * normal, dtype=np.float32) * _REMAP_STEPS
+    px, normal_px = _single(curve, factor)
+    at = _NEAR_EDGE_PX[:, None, None] * normal_px
+    at += px
+    at *= _REMAP_STEPS
     off = (_NEAR_EDGE_SHARES @ (np.rint(at) - at).reshape(len(at), -1)).reshape(normal.shape)
     off *= normal
     np.add(off[0], off[1], out=out[0])

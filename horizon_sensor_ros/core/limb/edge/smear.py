@@ -76,11 +76,9 @@ class Causes:
 
 
 # Rows of `Causes`, and what is seen after them.
-_COMMON, _RASTER, _LENS, _SMEAR, _SEEN = 0, 1, 2, slice(3, 5), 5
-_SMEARS = np.zeros((2, 6))
-_SMEARS[:, _SMEAR] = np.eye(2)
+_COMMON, _RASTER, _LENS, _SMEAR, _SEEN = 0, 1, 2, (3, 4), 5
 # Information on some of them beforehand.
-_BEFOREHAND = {_RASTER: BLUR_SIGMA_PX**-2.0, _LENS: UNEVEN_PX**-2.0}
+_RASTER_BEFORE, _LENS_BEFORE = BLUR_SIGMA_PX**-2.0, UNEVEN_PX**-2.0
 
 
 def blur_along(
@@ -94,16 +92,12 @@ def blur_along(
     told = _Told(np.concatenate([causes.rows, lacking[None]]), information)
     if not told.total > 0.0:
         return Blur(np.zeros(len(lacking)), 0.0)
-    seen = np.zeros(6)
-    seen[_SEEN] = 1.0
     lens = _of_lens(told, causes.corner_px)
     corner: CornerBlur | None = lens.seen
-    seen[_LENS] = -lens.corners_px
-    found = _of_motion(told, seen, (_RASTER, _LENS), assumed_px)
+    found = _of_motion(told, lens.corners_px, assumed_px, with_lens=True)
     if found.sure:
         # What motion explains is not the lens's, which goes with the direction as much.
-        seen[_LENS] = 0.0
-        found = _of_motion(told, seen, (_RASTER,), assumed_px)
+        found = _of_motion(told, 0.0, assumed_px, with_lens=False)
         corner = None
     else:
         found.amounts[_LENS] += lens.corners_px
@@ -185,56 +179,54 @@ class _Motion(NamedTuple):
     sure: bool
 
 
-def _of_motion(
-    told: _Told, seen: np.ndarray, others: tuple[int, ...], assumed_px: float
-) -> _Motion:
+def _of_motion(told: _Told, lens_px: float, assumed_px: float, *, with_lens: bool) -> _Motion:
     """What is the same for all edges, what the raster makes of it, and what goes with the
     direction.
 
-    seen (6,) : what is to be explained, off the mean. others : what besides changes the blur along
-    the limb.
+    lens_px : what the lens adds to what is seen, in the corners. with_lens : whether it may add
+    more along the limb than that.
     """
-    square, total = told.square, told.total
-    raster, lacking = float(told.mean[_RASTER]), float(told.mean[_SEEN])
+    square, total = told.square.tolist(), told.total
+    mean = told.mean.tolist()
+    raster, lacking = mean[_RASTER], mean[_SEEN]
+    of_raster, of_lens = square[_RASTER], square[_LENS]
     common, pixels = _solved(
         total + _BLUR_SIGMA_PX**-2.0,
         total * raster,
-        float(square[_RASTER, _RASTER]) + total * raster**2 + BLUR_SIGMA_PX**-2.0,
+        of_raster[_RASTER] + total * raster**2 + BLUR_SIGMA_PX**-2.0,
         total * lacking,
-        float(square[_RASTER] @ seen) + total * raster * lacking,
+        of_raster[_SEEN] - lens_px * of_raster[_LENS] + total * raster * lacking,
     )
     level = common + pixels * raster
-    smears = _SMEARS.copy()
     # What the raster or the lens may do is no smear.
-    for other in others:
-        smears[:, other] -= smears @ square[other] / (square[other, other] + _BEFOREHAND[other])
-    rest = seen.copy()
-    rest[_COMMON], rest[_RASTER] = lacking - level, -pixels
-    told_each = smears @ square
-    normal, sees = told_each @ smears.T, told_each @ rest
-    smear = _solved_with(normal, _LEAST_INFORMATION, sees)
+    rows = np.zeros((3, 6))
+    for row, own in enumerate(_SMEAR):
+        by_raster = -of_raster[own] / (of_raster[_RASTER] + _RASTER_BEFORE)
+        by_lens = 0.0
+        if with_lens:
+            by_lens = -(of_lens[own] + by_raster * of_lens[_RASTER])
+            by_lens /= of_lens[_LENS] + _LENS_BEFORE
+        rows[row, 1:3] = by_raster, by_lens
+        rows[row, own] = 1.0
+    rows[2] = lacking - level, -pixels, -lens_px, 0.0, 0.0, 1.0
+    smears, rest = rows[:2], rows[2]
+    (a, b, u), (_, c, v) = (smears @ told.square @ rows.T).tolist()
+    smear = np.array(_solved(a + _LEAST_INFORMATION, b, c + _LEAST_INFORMATION, u, v))
     repeated = told.repetition(rest - smear @ smears)
     before = repeated * _SMEAR_SIGMA_PX**-2.0
-    smear = _solved_with(normal, before, sees)
-    sure = float(smear @ sees) >= _SURE * repeated
+    along, across = _solved(a + before, b, c + before, u, v)
+    sure = along * u + across * v >= _SURE * repeated
     more = assumed_px + level - STILL_PX
     amounts = np.array([level, pixels, 0.0, 0.0, 0.0, 0.0])
     if not sure and more <= 0.0:
         return _Motion(amounts, 0.0, False)
     # Root of the mean variance of what a smear adds.
-    (a, b), (_, c) = normal.tolist()
     size = (a + before) * (c + before) - b * b
     spread = (c + before) * a - 2.0 * b * b + (a + before) * c
     open_px = math.sqrt(repeated * max(spread, 0.0) / (size * total))
     if sure:
-        return _Motion(amounts + smear @ smears, open_px, True)
+        return _Motion(amounts + np.array([along, across]) @ smears, open_px, True)
     return _Motion(amounts, min(_SMEARED_SHARE * more, _UNTOLD * open_px), False)
-
-
-def _solved_with(normal: np.ndarray, before: float, told: np.ndarray) -> np.ndarray:
-    """Solution (2,) of normal equations (2, 2) with so much information beforehand."""
-    (a, b), (_, c) = normal.tolist()
-    return np.array(_solved(a + before, b, c + before, *told.tolist()))
 
 
 def _solved(a: float, b: float, c: float, u: float, v: float) -> tuple[float, float]:
