@@ -167,6 +167,14 @@ class Camera:
         """
         return self.project(rays_unit)[1]
 
+    def pixel_gradients(self, rays_unit: np.ndarray, along_px: np.ndarray) -> np.ndarray:
+        """How fast (N, 3) the pixel moves along vectors (N, 2) with the components of its ray, at
+        unit rays (N, 3): `pixel_jacobian` times these.
+        """
+        rays = _rows(rays_unit, 3, "rays_unit")
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            return self._lens.gradients(rays, along_px * self._focal_px)
+
     def project(self, rays_unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return `pixels` (N, 2) and `pixel_jacobian` (N, 2, 3) of unit rays (N, 3) in one go."""
         rays = _rows(rays_unit, 3, "rays_unit")

@@ -96,6 +96,9 @@ def test_jacobian_is_that_of_finite_differences(name: str) -> None:
     jacobian = camera.pixel_jacobian(rays)
     assert np.abs(jacobian - numeric).max() < 1e-4 * FX / 100
     assert np.abs(np.einsum("ijk,ik->ij", jacobian, rays)).max() < 1e-9
+    along = np.random.default_rng(0).normal(size=(len(rays), 2))
+    expected = np.einsum("nij,ni->nj", jacobian, along)
+    np.testing.assert_allclose(camera.pixel_gradients(rays, along), expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["equidistant", "equidistant 0", "pinhole", "rational 14"])

@@ -211,6 +211,8 @@ def test_stretched_cameras_pixels_rays_and_jacobian(camera: Camera) -> None:
     again, jacobian = stretched.project(rays)
     np.testing.assert_allclose(again, px, atol=1e-8)
     np.testing.assert_array_equal(stretched.pixel_jacobian(rays), jacobian)
+    expected = np.einsum("nij,ni->nj", jacobian, px)
+    np.testing.assert_allclose(stretched.pixel_gradients(rays, px), expected, rtol=1e-12)
     along = np.random.default_rng(1).normal(size=rays.shape)
     again, moved = stretched.project_along(rays, along)
     np.testing.assert_allclose(again, px, atol=1e-8)

@@ -150,7 +150,7 @@ def rays_of(view: CameraView, limb: LimbPoints) -> LimbRays:
         step = step[keep] if len(step) else step
     if len(rays) == 0:
         return no_rays(len(px))
-    outward = outward_per_px(view.camera.pixel_jacobian(rays), normal)
+    outward = _per_px(view.camera.pixel_gradients(rays, normal))
     rot = view.rot_base_from_cam.T
     index = np.zeros(len(rays), dtype=int)
     ordered = limb.predicted is not None
@@ -165,5 +165,9 @@ def outward_per_px(jacobian: np.ndarray, normal_px: np.ndarray) -> np.ndarray:
     limb's direction in the image has no component along the normal, so ``J^T normal`` is
     perpendicular to the limb among the rays, pixels per radian.
     """
-    gradient = np.einsum("ijk,ij->ik", jacobian, normal_px)
+    return _per_px(np.einsum("ijk,ij->ik", jacobian, normal_px))
+
+
+def _per_px(gradient: np.ndarray) -> np.ndarray:
+    """`outward_per_px` of pixels that move so fast (N, 3) across the limb's image."""
     return gradient / np.einsum("ij,ij->i", gradient, gradient)[:, None]

@@ -44,6 +44,12 @@ class Lens(ABC):
         self.project_into(rays, places, jacobian)
         return places.T, np.einsum("nij,nj->in", jacobian, along)
 
+    def gradients(self, rays: np.ndarray, along: np.ndarray) -> np.ndarray:
+        """Return how fast (N, 3) places move along vectors (N, 2) with unit rays (N, 3)."""
+        places, jacobian = np.empty((len(rays), 2)), np.empty((len(rays), 2, 3))
+        self.project_into(rays, places, jacobian)
+        return np.asarray(np.einsum("nij,ni->nj", jacobian, along))
+
     @cached_property
     def undistorted(self) -> bool:
         """Whether the model has no coefficient that does anything."""

@@ -86,6 +86,18 @@ class PerspectiveLens(Lens):
         moved *= inverse_z
         return places, moved
 
+    def gradients(self, rays: np.ndarray, along: np.ndarray) -> np.ndarray:
+        """As `Lens.gradients`."""
+        if not self.undistorted:
+            return super().gradients(rays, along)
+        places, inverse_z = self._undistorted_places(rays)
+        out = np.empty((3, len(rays)))
+        np.multiply(along.T, inverse_z, out=out[:2])
+        places *= out[:2]
+        np.add(places[0], places[1], out=out[2])
+        np.negative(out[2], out=out[2])
+        return out.T
+
     def _undistorted_places(self, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places (2, N) of unit rays (N, 3), without distortion, and 1/z."""
         z = rays.T[2]

@@ -48,6 +48,11 @@ class ProfileGrid:
         count = round(self.reach_px / self.grid_px)
         return np.arange(-count, count + 1) * self.grid_px
 
+    @cached_property
+    def key(self) -> tuple[float, ...]:
+        """All that tells it from another one."""
+        return self.first_px, self.num, self.reach_px, self.grid_px
+
     def part(self, first_px: float, last_px: float) -> slice:
         """Samples from one distance to another."""
         d_px = self.d_px

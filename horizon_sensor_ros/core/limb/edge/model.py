@@ -151,9 +151,10 @@ class EdgeLook:
         return _HIDDEN * self.glow_px if self.haze else 0.0
 
 
-def _beside(ladder: tuple[float, ...], value: float) -> list[float]:
+@lru_cache(maxsize=256)
+def _beside(ladder: tuple[float, ...], value: float) -> tuple[float, ...]:
     index = int(np.argmin(np.abs(np.log(np.array(ladder) / value))))
-    return [ladder[i] for i in (index - 1, index + 1) if 0 <= i < len(ladder)]
+    return tuple(ladder[i] for i in (index - 1, index + 1) if 0 <= i < len(ladder))
 
 
 def edge_profile(x_px: np.ndarray, look: EdgeLook, glow: float) -> np.ndarray:
@@ -283,11 +284,12 @@ class KeptTables:
     def __init__(self, most_bytes: float) -> None:
         self._most_bytes = most_bytes
         self.nbytes = 0
-        self._tables: OrderedDict[tuple[EdgeLook, float, ProfileGrid], EdgeTable] = OrderedDict()
+        self._tables: OrderedDict[tuple[float, ...], EdgeTable] = OrderedDict()
 
     def of(self, look: EdgeLook, level: float, grid: ProfileGrid) -> EdgeTable:
         """Tables of all the look's textures and glows, one after the other (K, E, ...)."""
-        key = look, level, grid
+        # Plain numbers, which are hashed far sooner than what has them.
+        key = look.psf_px, look.glow_px, look.haze, level, *grid.key
         table = self._tables.pop(key, None)
         if table is None:
             table = tables_of(look, look.textures, look.glows, level, grid)
