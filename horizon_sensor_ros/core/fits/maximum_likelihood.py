@@ -183,15 +183,16 @@ def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool
             break
         basis = tangent_basis(cone.nadir)
         rest = _rest(cone.chi, scale)
+        weight = rest * rest
         rows = cone.rows(rays, basis)
-        downhill = -((cone.chi * (rest * rest)) @ rows)
+        downhill = -((cone.chi * weight) @ rows)
         # Reweighting creeps; near the minimum Newton's method does not.
         step = _NO_STEP
         if length2 < _NEAR_MINIMUM * max(1.0, scale * scale):
             step = solve((rows * _curvature(rest)[:, None]).T @ rows, downhill)
         newton = step[0] < np.inf
         if not newton:
-            step = solve((rows * (rest * rest)[:, None]).T @ rows, downhill)
+            step = solve((rows * weight[:, None]).T @ rows, downhill)
         largest = max(map(abs, step.tolist()))
         if not largest < np.inf:
             break
@@ -200,7 +201,7 @@ def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool
         length2 = float(step @ downhill)
         # Within a sigma of the minimum Newton's step needs no second look.
         sure = newton and length2 < scale * scale
-        agreement = -np.inf if sure else _agreement(rest)
+        agreement = -np.inf if sure else float(weight @ rest)
         for _ in range(_MAX_HALVINGS):
             new = sight.moved(cone, basis, step)
             if sure:

@@ -224,10 +224,18 @@ def limb_of_edges(
         steepness = _steepness(_falls(profiles), sample.grid)
         blur_px = np.nan if edges.model_free else sample.factor * looks[0].psf_px
         points = _points(
-            sample, px, normal_px, places, shared, jumps_px, steepness, blur_px, edges.corner_blur
+            sample,
+            px,
+            normal_px,
+            places,
+            shared,
+            jumps_px,
+            steepness,
+            blur_px,
+            edges.corner_blur,
+            modelled=not no_model,
+            beside_over_deep=beside_over_deep(profiles, sample.grid),
         )
-        rises = beside_over_deep(profiles, sample.grid)
-        points = replace(points, modelled=not no_model, beside_over_deep=rises)
     return points, () if no_model else tuple(looks)
 
 
@@ -397,10 +405,18 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
     steepness, blur_px = _steepness(falls, sample.grid), sample.factor * look.psf_px
     shared = _of_sharpness(found.shared, look).besides(of_light)
     shared = shared.besides(_darkening(sample, profiles, places, rho_rad))
-    points = _points(
-        sample, px, normal_px, places, shared, jumps_px, steepness, blur_px, found.corner_blur
+    return _points(
+        sample,
+        px,
+        normal_px,
+        places,
+        shared,
+        jumps_px,
+        steepness,
+        blur_px,
+        found.corner_blur,
+        beside_over_deep=beside_over_deep(profiles, sample.grid),
     )
-    return replace(points, beside_over_deep=beside_over_deep(profiles, sample.grid))
 
 
 def _falls(profiles: np.ndarray) -> np.ndarray:
@@ -488,9 +504,12 @@ def _points(
     steepness: np.ndarray,
     blur_px: float,
     corner_blur: CornerBlur | None = None,
+    *,
+    modelled: bool = True,
+    beside_over_deep: float = np.nan,
 ) -> LimbPoints:
     """Limb points (N,) in the full image, of edges near px (N, 2); the rest, but for the blur, in
-    pixels of the sample's.
+    pixels of the sample's. modelled, beside_over_deep : as of `LimbPoints`.
     """
     factor = sample.factor
     offset_px = places.offset_px * factor
@@ -509,6 +528,8 @@ def _points(
         factor=factor,
         step=places.step,
         corner_blur=None if corner_blur is None else corner_blur.times(factor),
+        modelled=modelled,
+        beside_over_deep=beside_over_deep,
     )
 
 

@@ -272,7 +272,7 @@ class _Ballot:
         gain *= -1.0 / (sines * sines)
         gain += 1.0
         np.maximum(gain, 0.0, out=gain)
-        gain *= (self.outward @ directions) < -_COS_POLARITY * sines
+        np.copyto(gain, 0.0, where=~((self.outward @ directions) < -_COS_POLARITY * sines))
         return gain
 
     def scores(self, nadirs: np.ndarray, cos_rhos: np.ndarray, widen: float = 1.0) -> np.ndarray:

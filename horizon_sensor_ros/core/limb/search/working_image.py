@@ -94,14 +94,15 @@ def space_level_and_noise(
     tile_h, tile_w = (min(max(4, size // 16), size) for size in small.shape)
     rows, cols = small.shape[0] // tile_h, small.shape[1] // tile_w
     tiles = small[: rows * tile_h, : cols * tile_w].reshape(rows, tile_h, cols, tile_w)
-    tiles = np.sort(tiles.transpose(0, 2, 1, 3).reshape(rows * cols, -1)[:, ::2], axis=1)
+    tiles = tiles.transpose(0, 2, 1, 3).reshape(rows * cols, -1)[:, ::2]
     count = tiles.shape[1]
-    low, median, high = (tiles[:, int(share * count)] for share in (0.16, 0.5, 0.84))
+    low, middle, bright = (int(share * count) for share in (0.16, 0.5, 0.84))
+    high = np.partition(tiles, bright, axis=1)[:, bright]
     if usable is not None:
         blocks = usable[: rows * tile_h, : cols * tile_w].reshape(rows, tile_h, cols, tile_w)
         whole = blocks.all(axis=(1, 3)).ravel()
         high = np.where(whole | ~whole.any(), high, np.inf)
-    darkest = int(np.argmin(high))
+    darkest = np.sort(tiles[int(np.argmin(high))])
     # A saturated or quantised frame may show no noise at all; a third of a gray level is what
     # rounding alone adds.
-    return float(median[darkest]), max(float(high[darkest] - low[darkest]) / 2.0, 0.3)
+    return float(darkest[middle]), max(float(darkest[bright] - darkest[low]) / 2.0, 0.3)
