@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,11 @@ ROOT = Path(__file__).parents[1]
 
 # Before anything loads numpy, as in the package's own executables.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# As after an installation: without bytecode half of what a node takes to start is its compilation,
+# and hundreds of processes are started here.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # A run in a shell's background is born deaf to SIGINT, and so would be all that it starts.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
