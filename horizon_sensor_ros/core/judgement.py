@@ -24,7 +24,8 @@ from horizon_sensor_ros.core.symmetric3 import largest_eigenvalue
 _DISAGREEMENT_SIGMAS = 5.0
 _DISAGREEMENT_RAD = np.radians(0.25)
 # An edge is no limb where its stretches lie off the best cone (RMS) by more than this multiple of
-# the error that neighbours share (`SharedError.coherent_px`), and by more than this many pixels.
+# the error that neighbours share (`SharedError.coherent_px`, but for what is overexposed: so much
+# is known of that, within a sigma or two), and by more than this many pixels.
 _MAX_BEND, _LEAST_BEND_PX = 4.5, 0.75
 # Residual of edges that follow no model, over their claimed sigma; beyond it other cones fit too.
 _MOST_SCATTER = 1.5
@@ -290,7 +291,9 @@ def _to_be_held(observation: LimbObservation, fit: HorizonFit) -> bool:
 def _bends(observation: LimbObservation, cone: HorizonFit) -> str:
     """Why a camera's edges are no limb's, by how they lie to a cone; empty if they may be."""
     bend = bend_px(cone, gather([observation]))
-    if not bend > max(_MAX_BEND * observation.limb.shared.coherent_px, _LEAST_BEND_PX):
+    shared = observation.limb.shared
+    unexplained_px = math.sqrt(max(shared.coherent_px**2 - shared.white_px**2, 0.0))
+    if not bend > max(_MAX_BEND * unexplained_px, _LEAST_BEND_PX):
         return ""
     return f"the edge in {observation.view.name} bends unlike a limb, by {bend:.2f} px"
 

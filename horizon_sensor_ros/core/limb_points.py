@@ -26,7 +26,8 @@ class SharedError(NamedTuple):
     has e times as many pixels to an angle, beside the others, likewise the same in all limbs (air
     that passes for blur lifts edges the less, the better it is resolved). dark_px : of places as
     bright as is usual along the limb, and more where it is darker, by `LimbPoints.step` (air that
-    passes for blur lifts edges the more, the less light the ground gives beside it).
+    passes for blur lifts edges the more, the less light the ground gives beside it). white_px :
+    what `coherent_px` has of overexposed edges, which does not bend a limb as the rest of it may.
     """
 
     coherent_px: float = 0.0
@@ -35,6 +36,7 @@ class SharedError(NamedTuple):
     height_px: float = 0.0
     scale_px: float = 0.0
     dark_px: float = 0.0
+    white_px: float = 0.0
 
     def besides(self, other: SharedError) -> SharedError:
         """Both errors together, independent of each other: the roots of the sums of squares."""

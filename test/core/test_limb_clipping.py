@@ -7,7 +7,7 @@ from itertools import product
 import cv2
 import numpy as np
 import pytest
-from limb_frames import PLANET, as_frames, draw, limb_views
+from limb_frames import PLANET, ROT_WORLD_FROM_BASE, as_frames, draw, limb_views
 
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_fix import Frame
@@ -135,6 +135,66 @@ def test_the_altitude_below_a_soft_lens_is_as_far_off_as_claimed(psf_px: float) 
             high.append((fix.fit.altitude_m - altitude_m) / sigma_m)
     assert high
     assert np.abs(high).max() < 3.0
+
+
+def test_edges_of_a_soft_lens_that_are_just_too_bright_claim_how_far_out_they_lie() -> None:
+    """Such edges are white only up to a pixel inside of where they fall most steeply. Taken for
+    plain ones altitude was up to 90 sigmas too small, and by 2 in the mean.
+    """
+    camera = camera_from_fov(480, 360, np.radians(45.0))
+    high = []
+    for seed, altitude_m in enumerate((500e3, 1000e3)):
+        views = limb_views(altitude_m, camera, azimuths_rad=(0.7 * seed, 0.7 * seed + np.pi))
+        for brightness_dn in (360.0, 430.0):
+            scene = EarthScene(uniform_dn=brightness_dn)
+            imaging = Imaging(noise_dn=1.0, psf_sigma_px=1.2)
+            frames = draw(views, altitude_m, scene, imaging, seed)
+            fix = HorizonSensor().process(as_frames(views, [frame.image for frame in frames]))
+            assert fix.ok
+            sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
+            high.append((fix.fit.altitude_m - altitude_m) / sigma_m)
+    assert np.abs(high).max() < 3.0
+
+
+def test_a_lens_is_soft_by_the_feet_of_white_edges_and_clouds_are_not() -> None:
+    """Bright cloud that ends beside the limb is no edge that is cut off."""
+    depth = np.linspace(-0.3, 0.3, 20)[:, None] - D_PX
+    soft = 4.0 + np.minimum(251.0, 360.0 * normal_cdf((depth - 0.8) / 1.45))
+    assert (soft[:, D_PX == -1.0] < 247.0).any()
+    assert clipped(soft, D_PX, 255.0).all()
+    cloud = 120.0 * normal_cdf(depth / 0.76) + 160.0 * normal_cdf((depth - 1.2) / 0.76)
+    beside = 4.0 + np.minimum(251.0, cloud)
+    assert not clipped(beside, D_PX, 255.0).any()
+    # Of pixels that are means of others it is not known, nor where they are a few.
+    assert clipped(beside, D_PX, 255.0, reduced=True).any()
+    dim = np.tile(np.where(D_PX < 0.5, 90.0, 4.0), (20, 1))
+    assert not clipped(np.concatenate([soft[:1], dim]), D_PX, 255.0).any()
+
+
+@pytest.mark.parametrize("psf_px", [1.8, 2.0])
+def test_edges_of_reduced_frames_that_are_just_too_bright_claim_what_they_turn(
+    psf_px: float,
+) -> None:
+    """Where only one end of a limb is white, its edges differ in width as if motion smeared them,
+    and the frame is reduced. Taken for plain edges they turned nadir by up to 7 and 20 sigmas
+    (mean squares of 17 and 108, for two unknowns); still 6 and 7.
+    """
+    camera = camera_from_fov(480, 360, np.radians(60.0))
+    apart, factors = [], []
+    for seed, altitude_m in enumerate((500e3, 800e3, 1200e3, 1600e3)):
+        azimuth = 0.7 * seed
+        views = limb_views(altitude_m, camera, azimuths_rad=(azimuth, azimuth + np.pi))
+        beside = np.array([np.cos(azimuth + 1.0), np.sin(azimuth + 1.0), -1.0])
+        sun = ROT_WORLD_FROM_BASE @ (np.sqrt(0.5) * beside)
+        scene = EarthScene(uniform_dn=483.0, sun_direction=tuple(sun))
+        frames = draw(views, altitude_m, scene, Imaging(noise_dn=1.5, psf_sigma_px=psf_px), seed)
+        fix = HorizonSensor().process(as_frames(views, [frame.image for frame in frames]))
+        assert fix.ok
+        off = fix.fit.nadir_base[:2]
+        apart.append(off @ np.linalg.solve(fix.fit.cov_nadir_altitude[:2, :2], off))
+        factors += [limb.factor for limb in fix.limbs]
+    assert max(factors) > 1
+    assert np.mean(apart) < 12.0
 
 
 def drawn_disc(

@@ -41,7 +41,7 @@ _BUNDLES = 160  # profiles, or means of neighbouring ones, along the limb in a f
 # there are enough of them for a robust fit; pixels of a frame of `_LARGE_PX`.
 _STRETCH_PX = 16.0
 _LEAST_STRETCHES = 32
-_WHITE_EDGE_PX = -1.0  # from so far inside the predicted edge on, one that is white is looked at
+_WHITE_EDGE_PX = -2.0  # from so far inside the predicted edge on, one that is white is looked at
 _OF_SPACE, _FAR_OUT = 400, 3  # profiles, whose last samples tell enough of what clips space
 _BEYOND_PX = 2.5, 4.0  # outside the predicted edge, where air shows and the lens's blur does not
 PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`, which allows for an edge's misfits
@@ -190,7 +190,7 @@ class LimbSample:
     @cached_property
     def clipped(self) -> np.ndarray:
         """Stretches (M,) that are saturated beside the predicted limb."""
-        found = clipped(self.profiles, self.grid.d_px, self.white)
+        found = clipped(self.profiles, self.grid.d_px, self.white, reduced=self.factor > 1)
         if not found.any():
             return found
         edges = self.bundles.index[np.repeat(found, self.bundles.count)]

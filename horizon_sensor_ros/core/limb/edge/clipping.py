@@ -28,7 +28,14 @@ _DARK = 0.5  # space, over the white level, at most
 # The part of a profile that is fitted, pixels outwards from the predicted edge.
 _INNER_PX = -2.0
 _OUTER_PX = 5.0
-_INSIDE_PX = (-3.0, -0.5)  # where the planet beside the edge is seen
+# Where the planet beside the edge is seen; up to where behind a soft lens, or in a reduced frame,
+# whose pixels are white where all that they are means of were. There an edge just overexposed is
+# white only so far inside of where it falls most steeply, and that lies up to a pixel too far out.
+_INSIDE_PX, _INSIDE_SOFT_PX = (-3.0, -0.5), -1.5
+# A lens is soft where the feet of edges come down from the one to the other level, over white, in
+# so many pixels: 1.1 behind a usual one. Nothing on the ground makes them longer.
+_FOOT, _SOFT_FOOT_PX = (0.45, 0.05), 1.6
+_TELLING = 0.1  # share of white edges from which on they tell: a few may be a cloud's
 _PITCH_PX = 0.1  # between places of the edge that are tried
 _PLACES_PX = np.arange(-20, 21) * _PITCH_PX
 _HEIGHTS = 2.0 ** np.arange(0.0, 2.6, 0.125)  # of the step, over the white level
@@ -72,16 +79,48 @@ class ClippedEdges:
     shared: SharedError
 
 
-def clipped(profiles: np.ndarray, d_px: np.ndarray, white: float) -> np.ndarray:
+def clipped(
+    profiles: np.ndarray, d_px: np.ndarray, white: float, *, reduced: bool = False
+) -> np.ndarray:
     """Which profiles (N, J), with samples at d_px (J,) outwards, are clipped up to the edge.
 
-    Not those that are bright in space as well.
+    Not those that are bright in space as well. reduced : they are of a reduced frame.
     """
     if white == np.inf:
         return np.zeros(len(profiles), dtype=bool)
-    beside = (d_px >= _INSIDE_PX[0]) & (d_px <= _INSIDE_PX[1])
-    white_inside = profiles[:, beside].min(axis=1) >= NEAR_WHITE * white
-    return np.asarray(white_inside & (space_level(profiles) < _DARK * white))
+    space = space_level(profiles)
+    dark_outside = space < _DARK * white
+    found = _white_inside(profiles, d_px, white, _INSIDE_SOFT_PX) & dark_outside
+    if reduced:
+        return found
+    enough = np.count_nonzero(found) > _TELLING * len(found)
+    if enough and _soft(profiles[found], d_px, space[found], white):
+        return found
+    return found & _white_inside(profiles, d_px, white, _INSIDE_PX[1])
+
+
+def _white_inside(
+    profiles: np.ndarray, d_px: np.ndarray, white: float, nearest_px: float
+) -> np.ndarray:
+    """Which profiles (N, J) are white beside the edge, up to so near to it."""
+    beside = (d_px >= _INSIDE_PX[0]) & (d_px <= nearest_px)
+    return np.asarray(profiles[:, beside].min(axis=1) >= NEAR_WHITE * white)
+
+
+def _soft(profiles: np.ndarray, d_px: np.ndarray, space: np.ndarray, white: float) -> bool:
+    """Whether the feet of edges, profiles (N, J) above space (N,), are those of a soft lens."""
+    share = (profiles - space[:, None]) / (white - space)[:, None]
+    high, low = (_outermost_px(share, d_px, level) for level in _FOOT)
+    return bool(np.median(low - high) > _SOFT_FOOT_PX)
+
+
+def _outermost_px(share: np.ndarray, d_px: np.ndarray, level: float) -> np.ndarray:
+    """Where profiles (N, J) come down to a level for the last time, pixels outwards (N,)."""
+    last = share.shape[1] - 2 - np.argmax(share[:, -2::-1] > level, axis=1)
+    row = np.arange(len(share))
+    above, below = share[row, last], np.minimum(share[row, last + 1], level)
+    part = np.clip((above - level) / np.maximum(above - below, 1e-9), 0.0, 1.0)
+    return np.asarray(d_px[last] + part * (d_px[last + 1] - d_px[last]))
 
 
 def cut_off(levels: np.ndarray, white: float, noise: float) -> bool:
@@ -145,7 +184,8 @@ def place_clipped_edges(
         np.abs(place) > reach_px,
     )
     open_px = float(np.sqrt(apart2.mean()))
-    return ClippedEdges(places, SharedError(open_px, open_px).besides(_LEAST_SHARED))
+    shared = SharedError(open_px, open_px).besides(_LEAST_SHARED)
+    return ClippedEdges(places, shared._replace(white_px=shared.coherent_px))
 
 
 def _lowest(chi2: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
