@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.profiles import space_level
 from horizon_sensor_ros.core.limb.search.columns import CREST_M, DEPTHS_M
 from horizon_sensor_ros.core.robust import median, quantile
 
@@ -137,7 +136,7 @@ def is_twilight(rays: np.ndarray, level: np.ndarray, nadir: np.ndarray) -> bool:
     ground, the less of it the farther from the Sun.
     """
     crest = np.where(DEPTHS_M <= CREST_M, level, -np.inf).max(axis=1)
-    dark = space_level(level) < _GROUND * crest
+    dark = np.median(level[:, -3:], axis=1) < _GROUND * crest
     if np.count_nonzero(dark) < max(_DARK_SHARE * len(level), _LEAST_COLUMNS):
         return False
     rays, level, crest = rays[dark], level[dark], crest[dark, None]
