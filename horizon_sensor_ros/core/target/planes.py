@@ -21,6 +21,7 @@ from horizon_sensor_ros.core.target.range_noise import (
     noise_of_returns,
     slant_growth,
 )
+from horizon_sensor_ros.core.target.smoothed_noise import within_surfaces
 
 # A plane is trusted down to this cosine between ray and normal; a borrowed one down to the second.
 _MIN_COSINE = 0.03
@@ -92,10 +93,10 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     sigma, footprint, radius = known.sigma_m, known.footprint_m, known.radius_px
     each = np.float32(sigma) * known.gain
     noise = each * inverse * inverse + inverse * np.float32(_BEND_PX / image.focal_px)
-    flat = fit.flat(noise)
+    flat = fit.flat(noise * known.smoothed)
     sag, bends, curved = _sag(fit, flat, each, radius)
     full = (2 * radius + 1) ** 2 - 0.5
-    fit = replace(fit, level=fit.level + sag)
+    fit = replace(fit, level=fit.level + sag * known.sag_gain)
     # Where windows are cut off, those beside them tell whether the surface is curved.
     near = cv2.dilate(curved.view(np.uint8), np.ones((2 * radius + 1,) * 2, np.uint8)) > 0
     flat &= (fit.count > full) | ~near
@@ -142,13 +143,17 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
 @dataclass(frozen=True, eq=False)
 class _Noise:
     """Noise of ranges, as of `Planes`, and that of each (H, W) over that of what is seen squarely,
-    or 1; a pixel's width at the target; radius of the windows."""
+    or 1; a pixel's width at the target; radius of the windows; how much of the noise smoothing
+    has left within a window; and by how much farther than these a curved surface leads what was
+    smoothed before."""
 
     sigma_m: float
     slant_growth: float
     gain: np.ndarray | np.float32
     footprint_m: float
     radius_px: int
+    smoothed: float = 1.0
+    sag_gain: float = 1.0
 
 
 def _fit_and_noise(
@@ -157,17 +162,26 @@ def _fit_and_noise(
     """Planes in windows as wide as the noise asks for, and what they tell of it."""
     middle = least_share(image.inverse_depth[seen], 0.5)
     footprint = 1 / (middle * image.focal_px)
-    guess, rounded = noise_of_returns(image) if sigma_m is None else (sigma_m, False)
+    guess, stepped, reach = sigma_m or 0.0, False, 0.0
+    if sigma_m is None:
+        guess, stepped, reach = noise_of_returns(image)
     least = 1e-3 * footprint
     sigma = max(guess, least)
     radius = _window_radius(sigma / footprint, seen if image.on_grid else None)
-    fit = _plane_fit(without_holes(image.inverse_depth), seen, middle, radius)
-    if rounded:
+    filled = without_holes(image.inverse_depth)
+    if reach:
+        filled = within_surfaces(filled, sigma, image.focal_px)
+    fit = _plane_fit(filled, seen, middle, radius)
+    if stepped:
         return fit, _Noise(sigma, 0.0, np.float32(1), footprint, radius)
     growth, gain = fit.slant_noise(image, radius, max(sigma_m or 0.0, least))
-    if sigma_m is None:
+    left = 1.0
+    if reach:
+        left = fit.noise_m(sigma, radius, gain) / sigma
+    elif sigma_m is None:
         sigma = max(fit.noise_m(sigma, radius, gain), least)
-    return fit, _Noise(sigma, growth, gain, footprint, radius)
+    sag_gain = 1 + reach / (radius * (radius + 1) / 3)
+    return fit, _Noise(sigma, growth, gain, footprint, radius, left, sag_gain)
 
 
 def limb_reach_px(radius_px: int) -> int:

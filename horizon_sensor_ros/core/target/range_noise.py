@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.target.range_image import RangeImage
+from horizon_sensor_ros.core.target.smoothed_noise import noise_before_smoothing
 
 # Ranges come in steps that matter where these are above such a share of the noise.
 _COARSE_STEP = 0.2
@@ -29,14 +30,18 @@ _SHARE, _AT_SHARE, _SPREAD = 0.7, 1.03643**2, 2 * 3.6
 _SURE, _LIKELY, _MOST = 2.0, 1.0, 4.0
 
 
-def noise_of_returns(image: RangeImage) -> tuple[float, bool]:
-    """Standard deviation (m) of single returns, and whether it is mostly that of coarse steps, of
-    which planes tell no better one."""
+def noise_of_returns(image: RangeImage) -> tuple[float, bool, float]:
+    """Standard deviation (m) of single returns, whether it is mostly that of coarse steps, and the
+    mean square reach (px^2) of what smoothed ranges, 0 where nothing did. Of such planes tell no
+    better one."""
     seen = image.inverse_depth > 0
     noise_m = _range_noise(image.inverse_depth, seen)
     if image.range_step_m > _COARSE_STEP * noise_m:
-        return _stepped_noise(image.inverse_depth, seen, image.range_step_m), True
-    return noise_m, False
+        return _stepped_noise(image.inverse_depth, seen, image.range_step_m), True, 0.0
+    smoothed = noise_before_smoothing(image.inverse_depth)
+    if smoothed is None:
+        return noise_m, False, 0.0
+    return max(smoothed[0], noise_m), False, smoothed[1]
 
 
 def slant_growth(inverse: np.ndarray, secant2: np.ndarray, side: int, least_m: float) -> float:
