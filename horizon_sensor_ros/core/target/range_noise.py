@@ -38,7 +38,8 @@ def noise_of_returns(image: RangeImage) -> tuple[float, bool, float]:
     noise_m = _range_noise(image.inverse_depth, seen)
     if image.range_step_m > _COARSE_STEP * noise_m:
         return _stepped_noise(image.inverse_depth, seen, image.range_step_m), True, 0.0
-    smoothed = noise_before_smoothing(image.inverse_depth)
+    # Lines of a lidar are no neighbours.
+    smoothed = noise_before_smoothing(image.inverse_depth) if image.on_grid else None
     if smoothed is None:
         return noise_m, False, 0.0
     return max(smoothed[0], noise_m), False, smoothed[1]

@@ -11,6 +11,8 @@ from horizon_sensor_ros.core.robust import quantile
 # Lags, in pixels, at which returns are held against each other; and returns that have others all
 # about them so far, at least, for a lag to count.
 _FIRST, _LAGS, _FEWEST = 2, 4, 150
+# Of all returns so many do at the first lag; of thin rods fewer, and they bend where they cross.
+_WITHIN = 0.2
 # Noise at the first lag over that of neighbours, from which it is smoothed: in the lower quarter,
 # and where it is least in squares of so many pixels. By any filter of 3 x 3 pixels these are 2.4
 # and 1.9; of independent returns both are one, but creases and bends add to the former, on bodies
@@ -36,7 +38,7 @@ def noise_before_smoothing(inverse: np.ndarray) -> tuple[float, float] | None:
     that is as if the noise were independent, and as large as before.
     """
     mixed = _mixed(inverse, _FIRST)
-    if mixed is None:
+    if mixed is None or len(mixed[0]) < _WITHIN * np.count_nonzero(inverse):
         return None
     near, far = (quantile(np.abs(each), 0.25) for each in mixed[1])
     if far < _SMOOTHED * near:
