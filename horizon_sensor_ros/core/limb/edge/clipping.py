@@ -33,8 +33,9 @@ _OUTER_PX = 5.0
 # white only so far inside of where it falls most steeply, and that lies up to a pixel too far out.
 _INSIDE_PX, _INSIDE_SOFT_PX = (-3.0, -0.5), -1.5
 # A lens is soft where the feet of edges come down from the one to the other level, over white, in
-# so many pixels: 1.1 behind a usual one. Nothing on the ground makes them longer.
-_FOOT, _SOFT_FOOT_PX = (0.45, 0.05), 1.6
+# so many pixels: 1.1 behind a usual one. Nothing on the ground makes them longer, and air's fade by
+# a law of their own: from the middle level 1.7 times as long as to it, where a lens's do 1.2 times.
+_FOOT, _SOFT_FOOT_PX, _OF_LENS = (0.45, 0.2, 0.05), 1.6, 1.45
 _TELLING = 0.1  # share of white edges from which on they tell: a few may be a cloud's
 _PITCH_PX = 0.1  # between places of the edge that are tried
 _PLACES_PX = np.arange(-20, 21) * _PITCH_PX
@@ -110,8 +111,9 @@ def _white_inside(
 def _soft(profiles: np.ndarray, d_px: np.ndarray, space: np.ndarray, white: float) -> bool:
     """Whether the feet of edges, profiles (N, J) above space (N,), are those of a soft lens."""
     share = (profiles - space[:, None]) / (white - space)[:, None]
-    high, low = (_outermost_px(share, d_px, level) for level in _FOOT)
-    return bool(np.median(low - high) > _SOFT_FOOT_PX)
+    high, middle, low = (_outermost_px(share, d_px, level) for level in _FOOT)
+    of_lens = np.median(low - middle) < _OF_LENS * np.median(middle - high)
+    return bool(of_lens and np.median(low - high) > _SOFT_FOOT_PX)
 
 
 def _outermost_px(share: np.ndarray, d_px: np.ndarray, level: float) -> np.ndarray:
