@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -28,15 +29,22 @@ from horizon_sensor_ros.sim.poses import (
 )
 
 
-def fix_of_turned(turned_deg: float, seed: int) -> tuple[HorizonFix, SimFrame]:
-    """What two cameras tell, of which the second is mounted otherwise than is said."""
+@lru_cache(maxsize=12)
+def pair(seed: int) -> tuple[tuple[CameraView, ...], tuple[SimFrame, ...], np.ndarray]:
+    """Two cameras, their frames, and a unit vector."""
     rng = np.random.default_rng(seed)
     altitude_m = float(rng.uniform(400e3, 1200e3))
     views = limb_views(altitude_m, azimuths_rad=(0.0, float(rng.uniform(1.2, 1.9))))
     scene = clouds(seed) if seed % 2 else EarthScene()
     drawn = draw(views, altitude_m, scene, Imaging(noise_dn=2.0), seed)
     axis = rng.standard_normal(3)
-    turn = Rotation.from_rotvec(np.radians(turned_deg) * axis / np.linalg.norm(axis)).as_matrix()
+    return views, drawn, axis / np.linalg.norm(axis)
+
+
+def fix_of_turned(turned_deg: float, seed: int) -> tuple[HorizonFix, SimFrame]:
+    """What two cameras tell, of which the second is mounted otherwise than is said."""
+    views, drawn, axis = pair(seed)
+    turn = Rotation.from_rotvec(np.radians(turned_deg) * axis).as_matrix()
     wrong = replace(views[1], rot_base_from_cam=turn @ views[1].rot_base_from_cam)
     return HorizonSensor().process(as_frames((views[0], wrong), drawn)), drawn[0]
 

@@ -5,13 +5,15 @@ ground's own limb misled, and the closed form of how covariances shrink.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
+import limb_frames
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from limb_frames import CAMERA, PLANET, as_frames, clouds, draw, limb_views, photograph
+from limb_frames import CAMERA, PLANET, as_frames, clouds, limb_views, photograph
 from limb_samples import nadir_nees
 from scipy.ndimage import gaussian_filter1d
 
@@ -43,6 +45,8 @@ DOWN = np.array([0.0, 0.0, 1.0])
 RHO = PLANET.rho_from_altitude(ALTITUDE_M)
 VIEW = limb_views(ALTITUDE_M, above_rad=0.05)[0]
 NOISE = Imaging(noise_dn=1.5)
+# A third of the frames are looked at more than once.
+draw = lru_cache(maxsize=40)(limb_frames.draw)
 
 
 def moonlit(seed: int, airglow_dn: float = 45.0, **changes: float) -> EarthScene:

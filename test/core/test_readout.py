@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -167,6 +168,7 @@ def test_no_rate_without_two_sure_fixes_in_succession() -> None:
     assert found.now(USUAL_RAD_S) is None
 
 
+@lru_cache(maxsize=8)
 def flight(rate_deg_s: float, seed: int, count: int) -> tuple[np.ndarray, list[list[SimFrame]]]:
     """Sets of frames of two cameras that are read out while the craft turns steadily."""
     rng = np.random.default_rng(seed)
@@ -392,17 +394,19 @@ def test_the_rate_is_over_the_time_from_fix_to_fix() -> None:
     scene = EarthScene()
     position = np.array([0.0, 0.0, -(scene.planet.radius_m + ALTITUDE_M)])
     views = limb_views(ALTITUDE_M, azimuths_rad=(0.3, 1.8))
+    sets: list[list[Frame]] = [[] for _ in range(4)]
+    rng = np.random.default_rng(3)
+    for step, shown in enumerate(sets):
+        for view, after_s in zip(views, (0.0, late_s), strict=True):
+            turned = Rotation.from_rotvec((step * period_s + after_s) * rate_rad_s).as_matrix()
+            (drawn,) = render_views((view,), turned, position, scene, rng)
+            shown.append(Frame(view, drawn.image, after_s))
     told = []
     for blind in ((), (2,), (0,)):
-        sensor, rng = HorizonSensor(), np.random.default_rng(3)
-        for step in range(4):
-            frames = []
-            for view, after_s in zip(views, (0.0, late_s), strict=True):
-                turned = Rotation.from_rotvec((step * period_s + after_s) * rate_rad_s).as_matrix()
-                (drawn,) = render_views((view,), turned, position, scene, rng)
-                frames.append(Frame(view, drawn.image, after_s))
-            if step in blind:
-                frames[0] = replace(frames[0], gray=np.full_like(frames[0].gray, 4))
+        sensor = HorizonSensor()
+        for step, (first, second) in enumerate(sets):
+            dark = replace(first, gray=np.full_like(first.gray, 4))
+            frames = [dark if step in blind else first, second]
             fix = sensor.process(frames, Aiding(since_last_s=period_s if step else None))
             assert fix.ok, fix.reason
         told.append(fix.views[0].rate)

@@ -80,8 +80,9 @@ def test_what_stands_still_lends_the_target_no_motion(
     refused = 0
     for seed in seeds:
         a, b, truth = clouds(name, seed, BESIDE[beside])
+        views = target_view(a), target_view(b)
         for prior in (None, truth):
-            found = solved(a, b, prior)
+            found = register(*views, None, prior)
             assert not wrong(found, truth)
             refused += found.status is not Status.OK
     assert refused

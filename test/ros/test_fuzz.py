@@ -68,7 +68,7 @@ SHRINK = 2
 NADIR = nadir_of(2.0, -3.0)
 POSITION = truth_at(0)[:3, 3]
 BAD_IN_A_ROUND = 6
-NUMBERS = (2_000, pytest.param(100_000, marks=pytest.mark.slow))
+NUMBERS = (1_000, pytest.param(100_000, marks=pytest.mark.slow))
 
 
 @cache
