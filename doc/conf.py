@@ -18,6 +18,8 @@ myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 3
 
 autodoc_member_order = "bysource"
+# Annotations are all there are; to look for others is a tenth of the time.
+autodoc_use_type_comments = False
 autodoc_typehints_format = "short"
 autodoc_default_options = {"members": True}
 python_maximum_signature_line_length = 60

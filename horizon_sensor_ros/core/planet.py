@@ -178,7 +178,7 @@ class Planet:
         # cone along cos(t) nadir + sin(t) outward: a quadratic in cot(t)
         along = nadir @ cone @ nadir
         mixed = outward @ cone @ nadir
-        across = np.einsum("ij,jk,ik->i", outward, cone, outward)
+        across = np.einsum("ij,ij->i", outward @ cone, outward)
         with np.errstate(invalid="ignore"):
             cotangent = (-mixed + np.sqrt(mixed * mixed - along * across)) / along
         rays = cotangent[:, None] * nadir + outward
