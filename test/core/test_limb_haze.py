@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -116,6 +117,7 @@ def test_a_followed_limb_is_as_near_as_a_searched_one(scenes: list[HardScene]) -
         assert error < 3.0 * sigma
 
 
+@cache
 def _under_thin_air() -> list[HardScene]:
     """Ground shines through its air, which a coarse frame takes for air that hides it."""
     scenes = []

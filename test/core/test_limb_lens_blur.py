@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from horizon_fixes import fix_of_one, nees
+from horizon_fixes import fix_of_one, nees, scenes_of
 from scipy.integrate import quad
 from scipy.stats import norm
 
@@ -15,7 +15,6 @@ from horizon_sensor_ros.core.horizon_fix import Frame
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.edge.lens_blur import of_either_lens, of_measured_lens
 from horizon_sensor_ros.core.limb.edge.smear import Causes, blur_along
-from horizon_sensor_ros.sim.hard_scenes import hard_scenes
 
 
 @pytest.mark.parametrize(("seen_px", "sigma_px"), [(0.0, 0.05), (0.03, 0.02), (0.25, 0.1)])
@@ -58,7 +57,7 @@ def test_blur_grows_away_from_the_axis_only_where_that_is_sure() -> None:
 def test_one_camera_with_soft_corners_is_as_far_off_as_it_claims() -> None:
     """Taken for one blur everywhere the mean was 23, and half of them beyond three sigma."""
     squares = []
-    for scene in hard_scenes(20, 7, ("soft_corners",)):
+    for scene in scenes_of("soft_corners", 20, 7):
         for i, frame in enumerate(scene.frames):
             fix = fix_of_one(scene, i)
             if fix.ok:
@@ -85,7 +84,7 @@ def test_one_camera_with_soft_corners_that_are_told_holds() -> None:
     these is .5 deg off.
     """
     squares, errors = [], []
-    for scene in hard_scenes(20, 7, ("soft_corners",)):
+    for scene in scenes_of("soft_corners", 20, 7):
         for view, frame, imaging in zip(scene.views, scene.frames, scene.imaging, strict=True):
             told = replace(view, corner_blur_px=imaging.corner_blur_px)
             fix = HorizonSensor().process([Frame(told, frame.image)])
