@@ -9,20 +9,19 @@ from dataclasses import dataclass, field
 
 import cv2
 import matplotlib as mpl
+
+mpl.use("Agg")  # no display needed, none opened
+
 import numpy as np
+from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 # Okabe & Ito's colours, which colour-blind readers tell apart.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE = "#0072B2", "#D55E00", "#009E73", "#AA4499", "#E69F00"
 COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE)
 # Width in inches, dots an inch, size of type: for a desktop, and for a phone held upright.
 _WIDE, _NARROW = (9.2, 110, 9.0), (3.7, 190, 7.5)
-_TYPE = _WIDE[2]
-# Room about a panel in inches, left, right, below and above: before its labels are measured, and
-# beside them.
-_GUESS, _PAD = (0.6, 0.1, 0.15, 0.15), 1 / 24
 _JPEG_QUALITY = 85
 
 
@@ -97,66 +96,29 @@ def chart(
     """Have a chart drawn in both shapes; draw gets its panels, row after row.
 
     panels : one above the other, columns : beside each other; on a phone all are one above the
-    other. share_x : of panels that are one above the other anyway.
+    other.
     """
-    figure = Figure()
-    # Ticks are made as they are drawn.
-    with mpl.rc_context({"font.size": _TYPE, "axes.grid": True, "grid.alpha": 0.3}):
-        axes = figure.subplots(panels, columns, sharex=share_x, squeeze=False)
-        draw(axes.ravel().tolist())
-        wide = _picture(figure, axes, panel_height, *_WIDE)
-        narrow = _picture(figure, axes.reshape(-1, 1), panel_height, *_NARROW)
-    return Chart(alt, caption, wide, narrow)
-
-
-def _picture(
-    figure: Figure, panels: np.ndarray, panel_height: float, width: float, dpi: float, size: float
-) -> str:
-    """Data URL of a figure with its panels in these rows and columns.
-
-    Its type is not made smaller, but the rest is made larger, and then all of it smaller.
-    """
-    scale = _TYPE / size
-    figure.set_dpi(dpi / scale)
-    figure.set_size_inches(scale * width, scale * (panel_height * len(panels) + 0.6))
-    canvas = FigureCanvasAgg(figure)
-    _lay_out(figure, panels, canvas)
-    buffer = io.BytesIO()
-    # `savefig` goes through all that is drawn once more beforehand, for the same picture.
-    canvas.print_png(buffer)
-    return _data_url(buffer.getvalue(), "png")
-
-
-def _lay_out(figure: Figure, panels: np.ndarray, canvas: FigureCanvasAgg) -> None:
-    """Give panels the same size and the room that their labels need.
-
-    matplotlib's constrained layout measures twice, which was half of a report's time.
-    """
-    inches = np.ones((*panels.shape, 4))
-    _place(figure, panels, inches * _GUESS)
-    for at, panel in np.ndenumerate(panels):
-        outer = panel.get_tightbbox(canvas.get_renderer(), for_layout_only=True)
-        inner = panel.bbox
-        room = (
-            inner.x0 - outer.x0, outer.x1 - inner.x1, inner.y0 - outer.y0, outer.y1 - inner.y1
-        )  # fmt: skip
-        inches[at] = np.array(room) / figure.dpi + _PAD
-    _place(figure, panels, inches)
-
-
-def _place(figure: Figure, panels: np.ndarray, inches: np.ndarray) -> None:
-    """Place panels (R, C) with room (R, C, 4) about them: left, right, below and above."""
-    rows, columns = panels.shape
-    across, up = inches[..., :2].max(axis=0), inches[..., 2:].max(axis=1)
-    width, height = figure.get_size_inches()
-    # Labels that leave nothing of the panels are cut off.
-    wide = max(width - across.sum(), 0.3 * width) / columns
-    high = max(height - up.sum(), 0.3 * height) / rows
-    for (row, column), panel in np.ndenumerate(panels):
-        right = width - across[column:, 1].sum() - across[column + 1 :, 0].sum()
-        x = right - wide * (columns - column)
-        y = up[row:, 0].sum() + up[row + 1 :, 1].sum() + high * (rows - 1 - row)
-        panel.set_position((x / width, y / height, wide / width, high / height))
+    urls = []
+    for (width, dpi, size), shape in (
+        (_WIDE, (panels, columns)),
+        (_NARROW, (panels * columns, 1)),
+    ):
+        with mpl.rc_context({"font.size": size, "axes.grid": True, "grid.alpha": 0.3}):
+            figure, axes = plt.subplots(
+                *shape,
+                figsize=(width, panel_height * shape[0] + 0.6),
+                dpi=dpi,
+                sharex=share_x,
+                squeeze=False,
+                layout="constrained",
+            )
+            draw(axes.ravel().tolist())
+            buffer = io.BytesIO()
+            # `savefig` goes through all that is drawn once more beforehand, for the same picture.
+            FigureCanvasAgg(figure).print_png(buffer)
+            plt.close(figure)
+        urls.append(_data_url(buffer.getvalue(), "png"))
+    return Chart(alt, caption, urls[0], urls[1])
 
 
 def photo(alt: str, bgr: np.ndarray) -> Photo:
