@@ -81,3 +81,8 @@ def test_motions_between_smoothed_clouds_are_claimed_as_they_are_known() -> None
     assert len(squares) > 35
     assert np.mean(squares) < 6.0
     assert max(squares) < chi2.ppf(0.9973, 6)
+
+
+def test_exact_ranges_were_not_smoothed() -> None:
+    """Neighbours and others differ by nothing alike."""
+    assert noise_before_smoothing(np.full((60, 80), 0.2, np.float32)) is None

@@ -41,10 +41,11 @@ def noise_before_smoothing(inverse: np.ndarray) -> tuple[float, float] | None:
     if mixed is None or len(mixed[0]) < _WITHIN * np.count_nonzero(inverse):
         return None
     near, far = (quantile(np.abs(each), 0.25) for each in mixed[1])
-    if far < _SMOOTHED * near:
+    # Of exact ranges both are nothing.
+    if not far > _SMOOTHED * near:
         return None
     noise = _where_least(inverse.shape, *mixed)
-    if noise is None or noise[-1] < _SMOOTHED_WHERE_LEAST * noise[0]:
+    if noise is None or not noise[-1] > _SMOOTHED_WHERE_LEAST * noise[0]:
         return None
     for lags in range(_FIRST + 1, _LAGS + 1):
         mixed = _mixed(inverse, lags)
