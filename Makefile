@@ -8,8 +8,9 @@ NOBLE_PYTHON ?= $(firstword $(foreach p,python3.12 python3 python3.11 python3.10
 	$(p) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, 13))' 2>/dev/null && echo $(p))))
 # More arguments for pytest: make test PYTEST_ARGS="-k camera"
 PYTEST_ARGS ?=
-# A file of tests runs in one of two processes; to debug: make test PYTEST_ARGS="-n 0 --pdb -k camera"
-TEST_ALL := -m "not slow" -n 2 --dist loadfile
+# A file of tests runs in one of three processes, since nodes and their tests wait for each other;
+# to debug: make test PYTEST_ARGS="-n 0 --pdb -k camera"
+TEST_ALL := -m "not slow" -n 3 --dist loadfile
 # One thread a process: the tests' many small matrices gain nothing from more.
 export OPENBLAS_NUM_THREADS := 1
 

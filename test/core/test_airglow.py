@@ -331,8 +331,15 @@ def fix_by_layer(
     return HorizonSensor(config).process(frames, aiding)
 
 
-@pytest.mark.parametrize("views", [(VIEW,), PAIR])
-@pytest.mark.parametrize("uneven_m", [0.0, 3e3])
+@pytest.mark.parametrize(
+    ("views", "uneven_m"),
+    [
+        ((VIEW,), 3e3),
+        (PAIR, 0.0),
+        pytest.param((VIEW,), 0.0, marks=pytest.mark.slow),
+        pytest.param(PAIR, 3e3, marks=pytest.mark.slow),
+    ],
+)
 def test_nadir_and_altitude_by_the_layer_alone(
     views: tuple[CameraView, ...], uneven_m: float
 ) -> None:

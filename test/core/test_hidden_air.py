@@ -39,8 +39,19 @@ def test_altitude_from_far_away_is_known_as_far_as_air_lets_it(
     assert sigma_m < 0.005 * altitude_m
 
 
-@pytest.mark.parametrize("air_depth", [6.0, 20.0])
-@pytest.mark.parametrize("altitude_m", [400e3, 700e3, 10e6, 36e6])
+@pytest.mark.parametrize(
+    ("altitude_m", "air_depth"),
+    [
+        (400e3, 6.0),
+        (700e3, 20.0),
+        (10e6, 6.0),
+        (36e6, 20.0),
+        pytest.param(400e3, 20.0, marks=pytest.mark.slow),
+        pytest.param(700e3, 6.0, marks=pytest.mark.slow),
+        pytest.param(10e6, 20.0, marks=pytest.mark.slow),
+        pytest.param(36e6, 6.0, marks=pytest.mark.slow),
+    ],
+)
 def test_coarse_pixels_do_not_tell_air_that_hides_the_ground(
     altitude_m: float, air_depth: float
 ) -> None:

@@ -219,8 +219,19 @@ def drawn_disc(
     return np.rint(np.clip(light, 0.0, 255.0)).astype(np.uint8)
 
 
-@pytest.mark.parametrize("noise_dn", [0.0, 2.0])
-@pytest.mark.parametrize(("samples", "psf_px"), [(1, 0.0), (2, 0.0), (4, 0.0), (4, 0.7)])
+@pytest.mark.parametrize(
+    ("samples", "psf_px", "noise_dn"),
+    [
+        (1, 0.0, 0.0),
+        (2, 0.0, 2.0),
+        (4, 0.0, 0.0),
+        (4, 0.7, 2.0),
+        pytest.param(1, 0.0, 2.0, marks=pytest.mark.slow),
+        pytest.param(2, 0.0, 0.0, marks=pytest.mark.slow),
+        pytest.param(4, 0.0, 2.0, marks=pytest.mark.slow),
+        pytest.param(4, 0.7, 0.0, marks=pytest.mark.slow),
+    ],
+)
 def test_a_white_planet_that_was_drawn_is_not_taken_for_an_overexposed_one(
     samples: int, psf_px: float, noise_dn: float
 ) -> None:
