@@ -124,7 +124,7 @@ def test_what_the_mask_hides_is_no_edge() -> None:
     assert edge.px[:, 0].min() > 200.0
 
 
-@pytest.mark.parametrize("uneven_m", [0.0, 2e3, 4e3])
+@pytest.mark.parametrize("uneven_m", [0.0, pytest.param(2e3, marks=pytest.mark.slow), 4e3])
 def test_the_layers_nadir_is_as_far_off_as_claimed(uneven_m: float) -> None:
     """Also where its height changes by kilometres along the limb."""
     nees = []

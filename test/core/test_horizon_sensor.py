@@ -50,7 +50,7 @@ def test_uniform_planet_in_two_cameras(camera: Camera, altitude_m: float) -> Non
     assert fix.fit.rms_residual_px < 0.1
 
 
-@pytest.mark.parametrize("psf_px", [0.15, 0.3])
+@pytest.mark.parametrize("psf_px", [0.15, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_edges_sharper_than_any_model_claim_what_they_are_off_by(psf_px: float) -> None:
     """So little blur before the pixels' own is less than of the sharpest edge that is modelled:
     edges then lie some hundredths of a pixel off, all along the limb.

@@ -624,7 +624,7 @@ def _known(
     )
 
 
-@pytest.mark.parametrize("bias_m", [-0.006, 0.004])
+@pytest.mark.parametrize("bias_m", [-0.006, pytest.param(0.004, marks=pytest.mark.slow)])
 def test_a_bias_of_the_ranges_is_claimed_where_it_is_told(bias_m: float) -> None:
     """It moves whatever faces the sensor, which is another part as the target turns: poses are off
     by up to twice the bias, and of steps that err alike nothing averages out."""
