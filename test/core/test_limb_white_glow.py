@@ -6,7 +6,6 @@ import math
 
 import cv2
 import numpy as np
-import pytest
 
 from horizon_sensor_ros.core.camera import Camera
 from horizon_sensor_ros.core.camera_view import CameraView
@@ -78,16 +77,13 @@ def towards_the_sun(altitude_m: float, per_rad: float, white: float, seed: int) 
     return chi2(fix, nadir) if fix.ok and not fix.limbs[0].glow_separated else 0.0
 
 
-@pytest.mark.parametrize(
-    ("per_rad", "white"), [(4.0, 2.0), pytest.param(2.0, 4.0, marks=pytest.mark.slow)]
-)
-def test_glow_that_is_white_claims_that_light_changes_along_it(
-    per_rad: float, white: float
-) -> None:
+def test_glow_that_is_white_claims_that_light_changes_along_it() -> None:
     """Taken to be as high all along, it turned nadir by 8 to 10 sigmas."""
     found = [
         towards_the_sun(altitude_m, per_rad, white, seed)
+        for per_rad, white in ((2.0, 4.0), (4.0, 2.0))
         for seed, altitude_m in enumerate((350e3, 500e3, 700e3, 1000e3, 1400e3))
     ]
+    # Of most of them glow is separated from the limb, or they are refused; which is close.
     assert max(found) > 0.0
     assert max(found) < 11.8
