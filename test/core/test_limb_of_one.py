@@ -60,7 +60,7 @@ def sigmas_apart(frame: Frame, one: Detection, other: Detection) -> float:
         ("clouds", 0.3),
         ("air", 0.0),
         ("dim", 0.3),
-        ("sun", 0.0),
+        pytest.param("sun", 0.0, marks=pytest.mark.slow),
         pytest.param("clouds", 0.0, marks=pytest.mark.slow),
         pytest.param("air", 0.3, marks=pytest.mark.slow),
         pytest.param("dim", 0.0, marks=pytest.mark.slow),
