@@ -293,9 +293,7 @@ class HorizonEstimator:
             return self.refused(*refused, fit, limbs.points)
         doubts = "; ".join(filter(None, (limbs.contradiction, unused)))
         # The disc stays the one that the frames show, wherever the known altitude puts nadir.
-        found = estimate
-        if estimate.disc is None or estimate.disc.nadir is not fit.nadir_base:
-            found = replace(estimate, disc=Disc(figure, fit.nadir_base, fit.rho_rad))
+        found = replace(estimate, disc=Disc(figure, fit.nadir_base, fit.rho_rad))
         return HorizonFix(Status.OK, doubts, found, limbs.points, fit.cameras, airglow=airglow)
 
     def _airglow(

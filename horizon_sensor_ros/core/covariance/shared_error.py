@@ -17,7 +17,7 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.robust import median, medians, stretches
+from horizon_sensor_ros.core.robust import median, medians, starts_and_sizes
 from horizon_sensor_ros.core.symmetric3 import inverse
 
 _STRETCHES = 6
@@ -204,14 +204,7 @@ def _left(rows_px: np.ndarray, by_px: np.ndarray) -> float:
     rows_px : (N, 3) derivatives of the points' residuals by the cone's three unknowns. by_px :
     (N, 3) derivatives of these by the points' places. Both in order along the limb.
     """
-    starts, sizes = _parts(len(rows_px))
+    starts, sizes = starts_and_sizes(len(rows_px), _STRETCHES)
     left = np.add.reduceat(rows_px, starts) / -sizes[:, None] @ np.add.reduceat(by_px, starts).T
     left.ravel()[:: _STRETCHES + 1] += 1.0
     return float(np.einsum("ij,ij->", left, left)) / _STRETCHES
-
-
-@lru_cache(maxsize=64)
-def _parts(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """First of each stretch of so many points, and how many of them it has."""
-    starts = np.array([part[0] for part in stretches(np.arange(count), _STRETCHES)])
-    return starts, np.diff(starts, append=count)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -40,7 +40,7 @@ from horizon_sensor_ros.core.limb_points import (
     LimbPoints,
     SharedError,
 )
-from horizon_sensor_ros.core.robust import median, medians
+from horizon_sensor_ros.core.robust import median, medians, starts_of_parts
 from horizon_sensor_ros.core.status import Status
 
 _MAX_MISFIT = 6.0
@@ -220,21 +220,17 @@ def limb_of_edges(
         by_white = _in_white_glow(sample, rho_rad, usual_length_px(view, rho_rad), len(px))
         points = replace(points, shared=points.shared.besides(by_white))
     else:
-        shared = shared.besides(_darkening(sample, profiles, places, rho_rad, edges.model_free))
-        steepness = _steepness(_falls(profiles), sample.grid)
-        blur_px = np.nan if edges.model_free else sample.factor * looks[0].psf_px
-        points = _points(
+        # Contours move edges below glow alone: these are as they were taken.
+        points = _points_without_glow(
             sample,
-            px,
-            normal_px,
-            places,
+            (profiles, px, normal_px, places),
+            _falls(profiles),
+            rho_rad,
             shared,
             jumps_px,
-            steepness,
-            blur_px,
+            None if edges.model_free else looks[0],
             edges.corner_blur,
             modelled=not no_model,
-            beside_over_deep=beside_over_deep(profiles, sample.grid),
         )
     return points, () if no_model else tuple(looks)
 
@@ -296,7 +292,7 @@ def _darkening(
     profiles: np.ndarray,
     places: EdgePlaces,
     rho_rad: float,
-    model_free: bool = False,
+    model_free: bool,
 ) -> SharedError:
     """Error that edges share over ground that darkens towards them; profiles are (N, J)."""
     px_over_radius = ground_across_px(sample.pitch_rad, rho_rad)
@@ -395,40 +391,57 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
     places, of_light = _in_falling_light(sample, places, fits)
     if np.count_nonzero(fits) < max(_EXPECTED_SHARE * np.count_nonzero(good), MIN_PROFILES):
         return None
-    profiles, px, normal_px, places = _taken(sample, places, fits)
+    taken = _taken(sample, places, fits)
+    profiles, *_, places = taken
     jumps_px = scatter_px(places.offset_px)
     falls = _falls(profiles)
     if not (jumps_px < _CALM_PX and _falls_there(falls, sample.grid)):
         return None
     if not _lit_there(profiles, places, sample.grid):
         return None
-    steepness, blur_px = _steepness(falls, sample.grid), sample.factor * look.psf_px
     shared = _of_sharpness(found.shared, look).besides(of_light)
-    shared = shared.besides(_darkening(sample, profiles, places, rho_rad))
+    return _points_without_glow(
+        sample, taken, falls, rho_rad, shared, jumps_px, look, found.corner_blur
+    )
+
+
+def _points_without_glow(
+    sample: LimbSample,
+    taken: tuple[np.ndarray, np.ndarray, np.ndarray, EdgePlaces],
+    falls: np.ndarray,
+    rho_rad: float,
+    shared: SharedError,
+    jumps_px: float,
+    look: EdgeLook | None,
+    corner_blur: CornerBlur | None,
+    *,
+    modelled: bool = True,
+) -> LimbPoints:
+    """Points of edges as `_taken`, and what shows there besides where no air glows.
+
+    falls : as of `_falls`. shared : but for darkening ground. look : by which they were placed;
+    None without a model.
+    """
+    profiles, px, normal_px, places = taken
     return _points(
         sample,
         px,
         normal_px,
         places,
-        shared,
+        shared.besides(_darkening(sample, profiles, places, rho_rad, look is None)),
         jumps_px,
-        steepness,
-        blur_px,
-        found.corner_blur,
+        _steepness(falls, sample.grid),
+        np.nan if look is None else sample.factor * look.psf_px,
+        corner_blur,
+        modelled=modelled,
         beside_over_deep=beside_over_deep(profiles, sample.grid),
     )
 
 
 def _falls(profiles: np.ndarray) -> np.ndarray:
     """By how much profiles (N, J) fall from sample to sample, in stretches of limb: (S, J - 1)."""
-    sums = np.add.reduceat(profiles.T, _first_of_stretches(len(profiles)), axis=1).T
+    sums = np.add.reduceat(profiles.T, starts_of_parts(len(profiles), _STRETCHES), axis=1).T
     return np.asarray(sums[:, :-1] - sums[:, 1:])
-
-
-@lru_cache(maxsize=64)
-def _first_of_stretches(count: int) -> np.ndarray:
-    """First of so many profiles in each stretch of limb."""
-    return np.arange(_STRETCHES) * count // _STRETCHES
 
 
 def _falls_there(falls: np.ndarray, grid: ProfileGrid) -> bool:
@@ -452,7 +465,7 @@ def _lit_there(profiles: np.ndarray, places: EdgePlaces, grid: ProfileGrid) -> b
     share = at - before
     row = np.arange(len(at))
     level = (1.0 - share) * profiles[row, before] + share * profiles[row, before + 1]
-    first = _first_of_stretches(len(at))
+    first = starts_of_parts(len(at), _STRETCHES)
     lit = np.add.reduceat(level - space_mean(profiles), first)
     return bool((lit > _LEAST_LEVEL * np.add.reduceat(places.step, first)).all())
 

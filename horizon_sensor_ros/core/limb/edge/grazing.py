@@ -25,7 +25,7 @@ from horizon_sensor_ros.core.limb.edge.terminator import DEEP_PX, FADED, mean_at
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, space_mean
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
-from horizon_sensor_ros.core.robust import median
+from horizon_sensor_ros.core.robust import median, starts_of_parts
 
 _STRETCHES = 12
 # Brightness lost from beside the edge to farther in, over that beside it, from which on it counts:
@@ -120,7 +120,8 @@ def _falls(profiles: np.ndarray, grid: ProfileGrid) -> bool:
     """Whether brightness falls inwards beside profiles (N, J), evenly along the limb."""
     if len(profiles) < _STRETCHES:
         return False
-    first, count = _parts(len(profiles))
+    first = starts_of_parts(len(profiles), _STRETCHES)
+    count = np.diff(first, append=len(profiles))
     means = np.add.reduceat(profiles.T, first, axis=1) / count
     beside, deep = _beside_and_deep(grid) @ means - space_mean(profiles)
     lost = 1.0 - deep / np.maximum(beside, 1e-9)
@@ -129,13 +130,6 @@ def _falls(profiles: np.ndarray, grid: ProfileGrid) -> bool:
     off = lost - slowly
     by_chance = math.sqrt(float(off @ off) / (_STRETCHES - 3.0))
     return float(slowly.max()) - 2.0 * by_chance > _LOST
-
-
-@lru_cache(maxsize=64)
-def _parts(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """First of each stretch of so many profiles, and how many of them it has."""
-    ends = np.arange(_STRETCHES + 1) * count // _STRETCHES
-    return ends[:-1], np.diff(ends)
 
 
 @lru_cache(maxsize=8)

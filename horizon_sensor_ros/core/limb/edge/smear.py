@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from horizon_sensor_ros.core.limb.edge.lens_blur import UNEVEN_PX, of_either_lens, of_measured_lens
 from horizon_sensor_ros.core.limb.edge.raster import BLUR_SIGMA_PX
 from horizon_sensor_ros.core.limb_points import CornerBlur
+from horizon_sensor_ros.core.robust import starts_of_parts
 
 _BLUR_SIGMA_PX = 0.03  # how well a limb's blur is known beforehand
 # Error in common to a sixth of the limb, over one sigma of the lens's part: 2.4 would allow for its
@@ -125,8 +125,8 @@ class _Told:
         self.mean[_COMMON] = 0.0
         self.square = square - np.multiply.outer(self.mean, square[_COMMON])
         self.square[_COMMON, 1:] = 0.0
-        first = _first_of_parts(rows.shape[1])
-        self._num = len(first)
+        self._num = min(_PARTS, rows.shape[1])
+        first = starts_of_parts(rows.shape[1], self._num)
         sums = np.add.reduceat(weighted, first, axis=1)
         weight = np.maximum(sums[_COMMON], _LEAST_INFORMATION)
         sums -= np.multiply.outer(self.mean, sums[_COMMON])
@@ -135,13 +135,6 @@ class _Told:
     def repetition(self, rest: np.ndarray) -> float:
         """How often edges say the same: what parts of a limb leave (6,), over chance."""
         return max(1.0, float(rest @ self.parted @ rest) / max(self._num - 3, 1))
-
-
-@lru_cache(maxsize=64)
-def _first_of_parts(count: int) -> np.ndarray:
-    """First of so many edges in each part of a limb."""
-    num = min(_PARTS, count)
-    return np.arange(num) * count // num
 
 
 class _OfLens(NamedTuple):

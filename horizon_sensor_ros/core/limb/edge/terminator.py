@@ -21,7 +21,7 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.edge.model import BESIDE_PX
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, space_mean
 from horizon_sensor_ros.core.limb_points import LimbPoints
-from horizon_sensor_ros.core.robust import median, stretches
+from horizon_sensor_ros.core.robust import median, starts_and_sizes
 from horizon_sensor_ros.core.white_level import full_scale
 
 DEEP_PX = (-6.0, -4.0)  # where the planet farther in is seen
@@ -62,7 +62,7 @@ def beside_over_deep(profiles: np.ndarray, grid: ProfileGrid) -> float:
     """
     if len(profiles) < _STRETCHES:
         return np.nan
-    first, count = _parts(len(profiles))
+    first, count = starts_and_sizes(len(profiles), _STRETCHES)
     means = np.add.reduceat(profiles.T, first, axis=1, dtype=np.float64) / count
     beside, deep = _unblurred(grid).T @ means - 2.0 * space_mean(profiles)
     share = beside / np.maximum(deep, 1e-9)
@@ -95,13 +95,6 @@ def fading_ends(profiles: np.ndarray, grid: ProfileGrid, step: np.ndarray) -> np
     for end in (slice(0, lasting[0]), slice(lasting[-1] + 1, None)):
         ends[end] = step[end].min(initial=np.inf) < FADED * usual
     return ends
-
-
-@lru_cache(maxsize=64)
-def _parts(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """First of each stretch of so many profiles, and how many of them it has."""
-    sizes = np.array([len(part) for part in stretches(np.empty(count), _STRETCHES)])
-    return np.cumsum(sizes) - sizes, sizes
 
 
 @lru_cache(maxsize=8)
