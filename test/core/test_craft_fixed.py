@@ -95,7 +95,7 @@ def test_a_part_of_the_craft_is_no_horizon_once_the_craft_turns(rate_deg_s: floa
     assert sensor.process([DISHES[0]]).ok
 
 
-@pytest.mark.parametrize("rate_deg_s", [0.07, 0.5, 3.0])
+@pytest.mark.parametrize("rate_deg_s", [0.07, pytest.param(0.5, marks=pytest.mark.slow), 3.0])
 def test_a_horizon_that_turns_with_the_gyro_is_one(rate_deg_s: float) -> None:
     rate = np.radians(rate_deg_s) * np.array([0.8, -0.6, 0.0])
     most = np.radians(6.0) / max(rate_deg_s * STEP_S * np.pi / 180.0, 1e-9)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from limb_frames import as_frames, clouds, draw, limb_views
 
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
@@ -12,10 +13,11 @@ from horizon_sensor_ros.sim.earth_scene import Imaging
 from horizon_sensor_ros.sim.poses import camera_from_fov
 
 
-def test_altitude_holds_where_glow_saturates_together_with_the_ground() -> None:
+@pytest.mark.parametrize("num", [5, pytest.param(20, marks=pytest.mark.slow)])
+def test_altitude_holds_where_glow_saturates_together_with_the_ground(num: int) -> None:
     """All cameras are off alike: both were up to 1.7 px too high at .3 claimed, ten sigma."""
     over_sigma = []
-    for seed in range(10):
+    for seed in range(num):
         rng = np.random.default_rng([seed, 11])
         altitude_m = float(rng.uniform(300e3, 900e3))
         camera = camera_from_fov(640, 480, float(np.radians(rng.uniform(50.0, 70.0))))
@@ -26,6 +28,6 @@ def test_altitude_holds_where_glow_saturates_together_with_the_ground() -> None:
         if fix.ok:
             variance = fix.fit.cov_nadir_altitude[3, 3]
             over_sigma.append((fix.fit.altitude_m - altitude_m) / np.sqrt(variance))
-    assert len(over_sigma) >= 8
+    assert len(over_sigma) >= 0.8 * num
     assert np.sqrt(np.mean(np.square(over_sigma))) < 1.6
     assert np.abs(over_sigma).max() < 4.0

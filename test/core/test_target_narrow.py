@@ -1,6 +1,7 @@
 """Curved parts that are hardly wider than a window, and how far behind them its planes pass."""
 
 import numpy as np
+import pytest
 from registered_motion import motion_nees
 
 from horizon_sensor_ros.core.rigid import pose_matrix, rotation_from_vector
@@ -34,13 +35,14 @@ def test_windows_grow_with_the_noise_as_far_as_the_target_is_wide() -> None:
     assert [window_radius(rod, noise, 6.0) for noise in (0.01, 0.02)] == [2, 2]
 
 
-def test_motions_of_thin_cylinders_are_claimed_as_they_are_known() -> None:
+@pytest.mark.parametrize("num", [25, pytest.param(100, marks=pytest.mark.slow)])
+def test_motions_of_thin_cylinders_are_claimed_as_they_are_known(num: int) -> None:
     """In some of the views the noise comes out so large that wider windows would do for it. Their
     planes pass 7 mm behind the cylinders, where those of the other views do not: NEES is 12.7 in
     the mean, and 90 at most."""
     rng = np.random.default_rng(5)
     nees = []
-    for _ in range(50):
+    for _ in range(num):
         start = rotation_from_vector(rng.normal(size=3))
         turn = rotation_from_vector(np.radians(rng.normal(0.0, 6.0, 3)))
         place = np.array([*rng.uniform(-0.2, 0.2, 2), rng.uniform(5.5, 6.5)])
@@ -49,6 +51,6 @@ def test_motions_of_thin_cylinders_are_claimed_as_they_are_known() -> None:
         found = register(*(target_view(CAMERA.scan(CROSS, pose, rng).points) for pose in poses))
         if found.status is Status.OK:
             nees.append(motion_nees(found, poses))
-    assert len(nees) > 35
+    assert len(nees) > 0.7 * num
     assert np.mean(nees) < 10
     assert max(nees) < 45

@@ -257,7 +257,8 @@ def slanted_noise(points: np.ndarray, noise_m: float, rng: np.random.Generator) 
     return points + rays * (sigma * rng.standard_normal(sigma.shape))[..., None]
 
 
-def test_faces_that_are_noisier_at_a_slant_are_one_body() -> None:
+@pytest.mark.parametrize("num", [20, pytest.param(80, marks=pytest.mark.slow)])
+def test_faces_that_are_noisier_at_a_slant_are_one_body(num: int) -> None:
     """Of 40 pairs of a drum of eight sides 8 are refused if their layers are judged by the noise of
     the faces that are seen from the front."""
     drum = revolved([(0.0, -0.6), (0.55, -0.6), (0.8, 0.1), (0.5, 0.7), (0.0, 0.7)], segments=8)
@@ -265,7 +266,7 @@ def test_faces_that_are_noisier_at_a_slant_are_one_body() -> None:
     camera = ToFCamera(width=240, height=240, pixel_pitch_m=34e-6, range_noise_m=0.0)
     rng = np.random.default_rng(2)
     refused = 0
-    for _ in range(40):
+    for _ in range(num):
         start = Rotation.random(random_state=rng).as_matrix()
         turn = rotation_from_vector(np.radians(rng.uniform(-4, 4, 3)))
         place = np.array([0.0, 0.0, 3.2])
@@ -275,4 +276,4 @@ def test_faces_that_are_noisier_at_a_slant_are_one_body() -> None:
             for pose in poses
         )
         refused += "moved otherwise than the rest" in register(a, b).reason
-    assert refused < 3
+    assert refused < 0.075 * num

@@ -74,12 +74,13 @@ def test_nor_are_bodies_that_are_mostly_ends(name: str, seeds: tuple[int, ...]) 
         assert noise_before_smoothing(image.inverse_depth) is None
 
 
-def test_motions_between_smoothed_clouds_are_claimed_as_they_are_known() -> None:
+@pytest.mark.parametrize("num", [10, pytest.param(40, marks=pytest.mark.slow)])
+def test_motions_between_smoothed_clouds_are_claimed_as_they_are_known(num: int) -> None:
     """With the noise that neighbours tell, 31 of the 40 clouds were refused, as parts were off by
     more than it, and the mean square of the others was 24 standard deviations squared."""
     squares = []
     for name in ("n1", "n5"):
-        for seed in range(20):
+        for seed in range(num):
             rng = np.random.default_rng(seed)
             before = pose_of(rng)
             turn = rotation_from_vector(rng.normal(size=3) * np.radians(6.0)) @ before[:3, :3]
@@ -92,7 +93,7 @@ def test_motions_between_smoothed_clouds_are_claimed_as_they_are_known() -> None
             )
             if found.status is Status.OK:
                 squares.append(motion_nees(found, poses))
-    assert len(squares) > 35
+    assert len(squares) > 1.75 * num
     assert np.mean(squares) < 6.0
     assert max(squares) < chi2.ppf(0.9973, 6)
 
