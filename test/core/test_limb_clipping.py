@@ -120,7 +120,7 @@ def test_an_overexposed_planet_is_fixed_with_errors_as_claimed(brightness_dn: fl
     assert np.max(errors) < 2.5
 
 
-@pytest.mark.parametrize("psf_px", [1.5, 1.8])
+@pytest.mark.parametrize("psf_px", [pytest.param(1.5, marks=pytest.mark.slow), 1.8])
 def test_the_altitude_below_a_soft_lens_is_as_far_off_as_claimed(psf_px: float) -> None:
     """It was 20 to 58 sigmas too small. Cameras may disagree: one limb is taken for glow."""
     camera = camera_from_fov(480, 360, np.radians(45.0))
@@ -171,7 +171,7 @@ def test_a_lens_is_soft_by_the_feet_of_white_edges_and_clouds_are_not() -> None:
     assert not clipped(np.concatenate([soft[:1], dim]), D_PX, 255.0).any()
 
 
-@pytest.mark.parametrize("psf_px", [1.8, 2.0])
+@pytest.mark.parametrize("psf_px", [pytest.param(1.8, marks=pytest.mark.slow), 2.0])
 def test_edges_of_reduced_frames_that_are_just_too_bright_claim_what_they_turn(
     psf_px: float,
 ) -> None:

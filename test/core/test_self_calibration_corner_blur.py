@@ -122,7 +122,7 @@ def flown(camera: Camera = CAMERA, **imaging: float) -> tuple[Flight, list[Frame
     return flight, sets
 
 
-@pytest.mark.parametrize("corner_psf_px", [0.6, 0.75, 1.0])
+@pytest.mark.parametrize("corner_psf_px", [pytest.param(0.6, marks=pytest.mark.slow), 0.75, 1.0])
 def test_frames_of_a_lens_tell_it(corner_psf_px: float) -> None:
     """By the simulator's truth, beside clouds."""
     flight, sets = flown(psf_sigma_px=0.6, corner_psf_px=corner_psf_px)

@@ -53,7 +53,9 @@ def test_edges_along_the_rows_are_claimed_as_one() -> None:
     assert np.median(nees) < 7
 
 
-@pytest.mark.parametrize(("roll_deg", "most"), [(45.0, 7.0), (26.57, 7.0)])
+@pytest.mark.parametrize(
+    ("roll_deg", "most"), [pytest.param(45.0, 7.0, marks=pytest.mark.slow), (26.57, 7.0)]
+)
 def test_edges_along_a_diagonal_are_claimed_as_one(roll_deg: float, most: float) -> None:
     """One pixel aside for each row, and one for each two, shows no more of where in its pixels an
     edge lies: with edges along the rows alone claimed as one NEES is 34 and 14 in the median."""

@@ -130,7 +130,9 @@ def test_a_surface_seen_edge_on_is_no_part_that_moves_otherwise(poses: tuple) ->
     assert not wrong(found, after @ inverse_pose(before))
 
 
-@pytest.mark.parametrize("seed", [1, 3, 4])
+@pytest.mark.parametrize(
+    "seed", [1, pytest.param(3, marks=pytest.mark.slow), pytest.param(4, marks=pytest.mark.slow)]
+)
 def test_small_steps_do_not_add_up_to_the_motion_of_the_wall(seed: int) -> None:
     # Of a step of one degree the target's part is hardly off, of three it is.
     rng = np.random.default_rng(4)

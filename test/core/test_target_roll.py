@@ -67,7 +67,7 @@ def rolls(
     return np.array(errors), np.array(sigmas)
 
 
-@pytest.mark.parametrize("roll_deg", [2.0, 6.0])
+@pytest.mark.parametrize("roll_deg", [2.0, pytest.param(6.0, marks=pytest.mark.slow)])
 def test_the_roll_of_a_tank_with_boxes_is_known_as_well_as_claimed(roll_deg: float) -> None:
     errors, sigmas = rolls(tank, roll_deg, range(100, 130))
     assert len(errors) > 8

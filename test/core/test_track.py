@@ -146,7 +146,7 @@ def test_the_limb_is_predicted_to_a_part_of_a_pixel(camera: int) -> None:
     assert np.max(apart) < 0.15
 
 
-@pytest.mark.parametrize("air_dn", [60.0, 150.0])
+@pytest.mark.parametrize("air_dn", [60.0, pytest.param(150.0, marks=pytest.mark.slow)])
 def test_in_glowing_air_too(air_dn: float, searches: list[int]) -> None:
     """Glow's edge lies off the steepest fall: a track must not slide from the one to the other."""
     sensor = HorizonSensor()
