@@ -496,6 +496,7 @@ def _with_clipped(
         sample.noise,
         sample.grid.reach_px,
         shown_blur_px,
+        demosaiced=sample.demosaiced,
     )
     # Texture may end beside these edges as it does beside the others.
     sigma_px = np.hypot(found.places.sigma_px, places.sigma_px[clipped])

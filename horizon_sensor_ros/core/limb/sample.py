@@ -11,6 +11,7 @@ import numpy as np
 from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.edge.black import Black, black_of, may_be_clipped
 from horizon_sensor_ros.core.limb.edge.clipping import clipped, cut_off
+from horizon_sensor_ros.core.limb.edge.demosaicing import demosaiced
 from horizon_sensor_ros.core.limb.edge.grazing import FallingLight, falling_light
 from horizon_sensor_ros.core.limb.edge.steepest import steepest_fall
 from horizon_sensor_ros.core.limb.profiles import (
@@ -188,9 +189,15 @@ class LimbSample:
         return saturation_level(self.gray, self.profiles)
 
     @cached_property
+    def demosaiced(self) -> bool:
+        """Whether the image is a whole frame that was interpolated from colours, and saturated."""
+        return self.factor == 1 and self.white < np.inf and demosaiced(self.gray, self.white)
+
+    @cached_property
     def clipped(self) -> np.ndarray:
         """Stretches (M,) that are saturated beside the predicted limb."""
-        found = clipped(self.profiles, self.grid.d_px, self.white, reduced=self.factor > 1)
+        of_means = self.factor > 1 or self.demosaiced
+        found = clipped(self.profiles, self.grid.d_px, self.white, of_means=of_means)
         if not found.any():
             return found
         edges = self.bundles.index[np.repeat(found, self.bundles.count)]

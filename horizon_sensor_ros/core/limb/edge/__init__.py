@@ -4,5 +4,6 @@
 (where it then lies). What blurs or bends it: ``lens_blur``, ``raster``, ``smear`` (by what the
 edges say), ``told_smear`` (by exposure and rate), ``width`` (by how wide the edge is),
 ``darkening`` (ground that darkens towards it), ``grazing`` (ground that is brightest there). Where
-gray levels end: ``black``, ``clipping``; where light does: ``terminator``.
+gray levels end: ``black``, ``clipping``, ``demosaicing`` (colours that were clipped before gray);
+where light does: ``terminator``.
 """

@@ -14,11 +14,13 @@ Source: derived here.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
+from horizon_sensor_ros.core.limb.edge.demosaicing import BESIDE
 from horizon_sensor_ros.core.limb.edge.model import normal_cdf
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, nearness, space_level
 from horizon_sensor_ros.core.limb_points import SharedError
@@ -28,9 +30,10 @@ _DARK = 0.5  # space, over the white level, at most
 # The part of a profile that is fitted, pixels outwards from the predicted edge.
 _INNER_PX = -2.0
 _OUTER_PX = 5.0
-# Where the planet beside the edge is seen; up to where behind a soft lens, or in a reduced frame,
-# whose pixels are white where all that they are means of were. There an edge just overexposed is
-# white only so far inside of where it falls most steeply, and that lies up to a pixel too far out.
+# Where the planet beside the edge is seen; up to where behind a soft lens, or in a reduced or a
+# demosaiced frame, whose pixels are white where all that they are means of were. There an edge just
+# overexposed is white only so far inside of where it falls most steeply, and that lies up to a
+# pixel too far out.
 _INSIDE_PX, _INSIDE_SOFT_PX = (-3.0, -0.5), -1.5
 # A lens is soft where the feet of edges come down from the one to the other level, over white, in
 # so many pixels: 1.1 behind a usual one. Nothing on the ground makes them longer, and air's fade by
@@ -81,18 +84,19 @@ class ClippedEdges:
 
 
 def clipped(
-    profiles: np.ndarray, d_px: np.ndarray, white: float, *, reduced: bool = False
+    profiles: np.ndarray, d_px: np.ndarray, white: float, *, of_means: bool = False
 ) -> np.ndarray:
     """Which profiles (N, J), with samples at d_px (J,) outwards, are clipped up to the edge.
 
-    Not those that are bright in space as well. reduced : they are of a reduced frame.
+    Not those that are bright in space as well. of_means : pixels are means of what was clipped, as
+    in a reduced frame.
     """
     if white == np.inf:
         return np.zeros(len(profiles), dtype=bool)
     space = space_level(profiles)
     dark_outside = space < _DARK * white
     found = _white_inside(profiles, d_px, white, _INSIDE_SOFT_PX) & dark_outside
-    if reduced:
+    if of_means:
         return found
     enough = np.count_nonzero(found) > _TELLING * len(found)
     if enough and _soft(profiles[found], d_px, space[found], white):
@@ -152,18 +156,21 @@ def place_clipped_edges(
     noise: float,
     reach_px: float,
     shown_blur_px: float | None = None,
+    *,
+    demosaiced: bool = False,
 ) -> ClippedEdges:
     """Places of the edges of clipped profiles (N, J) along the normals.
 
     d_px : (J,) whole pixels outwards from the predicted place. noise : one sigma of a sample.
     reach_px : beyond it an edge counts as at the border. shown_blur_px : one sigma of the lens's
-    blur, with the pixel's own width, as edges beside these show it; None: none do.
+    blur, with the pixel's own width, as edges beside these show it; None: none do. demosaiced :
+    pixels were interpolated after they were clipped.
     """
     used = (d_px >= _INNER_PX) & (d_px <= _OUTER_PX)
     space = space_level(profiles)
     scale = white - space
     samples = (profiles[:, used] - space[:, None]) / scale[:, None]
-    models = _models(tuple(d_px[used].tolist()))
+    models = _models(tuple(d_px[used].tolist()), demosaiced)
     chi2 = np.square(models).sum(axis=1) - 2.0 * samples @ models.T
     chi2 += np.square(samples).sum(axis=1)[:, None]
     chi2 /= (np.square(noise / scale) + _MODEL_ERROR**2)[:, None]
@@ -172,6 +179,9 @@ def place_clipped_edges(
     evidence = np.maximum(-0.5 * (cost - least[:, None]), -_MOST_EVIDENCE)
     nearby = nearness(len(samples), _WINDOW) + _ANYWHERE
     nearby *= np.minimum(1.0, _TOLD / nearby.sum(axis=1))[:, None]
+    if demosaiced and shown_blur_px is not None:
+        # Of these edges, what is blurred before they are clipped.
+        shown_blur_px = math.sqrt(max(shown_blur_px**2 - 2.0 * BESIDE, 0.0))
     evidence = nearby @ evidence + _log_prior(shown_blur_px)
     share = np.exp(evidence - evidence.max(axis=1, keepdims=True))
     share /= share.sum(axis=1, keepdims=True)
@@ -212,7 +222,7 @@ def _log_prior(shown_blur_px: float | None) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def _models(d_px: tuple[float, ...]) -> np.ndarray:
+def _models(d_px: tuple[float, ...], demosaiced: bool) -> np.ndarray:
     """Clipped edges over the white level, (blurs * heights * places, J).
 
     Pixels are clipped one by one, and interpolation between them rounds the corner off: over all
@@ -223,5 +233,14 @@ def _models(d_px: tuple[float, ...]) -> np.ndarray:
     rise = normal_cdf(depth / _BLURS_PX[:, None, None])
     seen = np.minimum(1.0, rise[:, None] * _HEIGHTS[:, None, None])
     apart = fine[:, None] - np.array(d_px)
-    kernel = np.where(np.abs(apart) < _LOBES, np.sinc(apart) * np.sinc(apart / _LOBES), 0.0)
+    kernel = _lanczos(apart)
+    if demosaiced:
+        beside = _lanczos(apart - 1.0) + _lanczos(apart + 1.0)
+        kernel = (1.0 - 2.0 * BESIDE) * kernel + BESIDE * beside
     return np.asarray((seen.reshape(-1, len(fine)) @ kernel) / kernel.sum(axis=0))
+
+
+def _lanczos(apart_px: np.ndarray) -> np.ndarray:
+    """The kernel by which profiles are interpolated, at such distances, any shape."""
+    near = np.abs(apart_px) < _LOBES
+    return np.where(near, np.sinc(apart_px) * np.sinc(apart_px / _LOBES), 0.0)
