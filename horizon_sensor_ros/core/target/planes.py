@@ -16,12 +16,13 @@ from horizon_sensor_ros.core.target.holes import without_holes
 from horizon_sensor_ros.core.target.range_image import RangeImage
 from horizon_sensor_ros.core.target.range_noise import (
     NO_PLANE,
+    ReturnNoise,
     least_gain,
     least_share,
     noise_of_returns,
     slant_growth,
 )
-from horizon_sensor_ros.core.target.smoothed_noise import within_surfaces
+from horizon_sensor_ros.core.target.smoothed_noise import within_surfaces, without_outline
 
 # A plane is trusted down to this cosine between ray and normal; a borrowed one down to the second.
 _MIN_COSINE = 0.03
@@ -162,25 +163,25 @@ def _fit_and_noise(
     """Planes in windows as wide as the noise asks for, and what they tell of it."""
     middle = least_share(image.inverse_depth[seen], 0.5)
     footprint = 1 / (middle * image.focal_px)
-    guess, stepped, reach = sigma_m or 0.0, False, 0.0
-    if sigma_m is None:
-        guess, stepped, reach = noise_of_returns(image)
+    told = noise_of_returns(image) if sigma_m is None else ReturnNoise(sigma_m)
     least = 1e-3 * footprint
-    sigma = max(guess, least)
+    sigma = max(told.sigma_m, least)
     radius = _window_radius(sigma / footprint, seen if image.on_grid else None)
     filled = without_holes(image.inverse_depth)
-    if reach:
+    if told.reach_px2:
         filled = within_surfaces(filled, sigma, image.focal_px)
+    elif told.smoothed:
+        filled = without_outline(filled)
     fit = _plane_fit(filled, seen, middle, radius)
-    if stepped:
+    if told.stepped:
         return fit, _Noise(sigma, 0.0, np.float32(1), footprint, radius)
     growth, gain = fit.slant_noise(image, radius, max(sigma_m or 0.0, least))
     left = 1.0
-    if reach:
+    if told.smoothed:
         left = fit.noise_m(sigma, radius, gain) / sigma
     elif sigma_m is None:
         sigma = max(fit.noise_m(sigma, radius, gain), least)
-    sag_gain = 1 + reach / (radius * (radius + 1) / 3)
+    sag_gain = 1 + told.reach_px2 / (radius * (radius + 1) / 3)
     return fit, _Noise(sigma, growth, gain, footprint, radius, left, sag_gain)
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.target.range_image import RangeImage
+from horizon_sensor_ros.core.target.repeated_returns import are_repeated
 from horizon_sensor_ros.core.target.smoothed_noise import noise_before_smoothing
 
 # Ranges come in steps that matter where these are above such a share of the noise.
@@ -25,24 +28,52 @@ _WITHIN = 0.2
 # distribution that is at this one; and the variance of its square, relative, times the returns:
 # twice that of independent ones, as neighbours share what they are made of.
 _SHARE, _AT_SHARE, _SPREAD = 0.7, 1.03643**2, 2 * 3.6
+# A median of 3 x 3 leaves of what neighbours differ by a sixth on surfaces seen squarely, where all
+# nine may be it, and up to two thirds at slants, where but three may: noise was no more than this
+# many times what is left, between these.
+_BEFORE_MEDIAN = 4.0
+# With less noise ranges are those of a drawing, which repeat on what it shows squarely.
+_DRAWN_M = 1e-4
 # Growth counts where it is so many of its standard deviations. Any up to that of one over the
 # cosine is likely (one sigma), and this the most.
 _SURE, _LIKELY, _MOST = 2.0, 1.0, 4.0
 
 
-def noise_of_returns(image: RangeImage) -> tuple[float, bool, float]:
-    """Standard deviation (m) of single returns, whether it is mostly that of coarse steps, and the
-    mean square reach (px^2) of what smoothed ranges, 0 where nothing did. Of such planes tell no
-    better one."""
-    seen = image.inverse_depth > 0
-    noise_m = _range_noise(image.inverse_depth, seen)
+@dataclass(frozen=True)
+class ReturnNoise:
+    """Noise of single returns, before a driver smoothed them.
+
+    sigma_m : one standard deviation.  stepped : whether it is mostly that of coarse steps.
+    smoothed : whether a driver smoothed them, by a mean of neighbours or by a median: planes then
+        tell no better noise.  reach_px2 : mean square reach of what took means of them; 0 of a
+        median, which keeps steps and, of a slanted surface, how it bends.
+    """
+
+    sigma_m: float
+    stepped: bool = False
+    smoothed: bool = False
+    reach_px2: float = 0.0
+
+
+def noise_of_returns(image: RangeImage) -> ReturnNoise:
+    """Noise of an image's returns."""
+    inverse = image.inverse_depth
+    seen = inverse > 0
+    noise_m = _range_noise(inverse, seen)
     if image.range_step_m > _COARSE_STEP * noise_m:
-        return _stepped_noise(image.inverse_depth, seen, image.range_step_m), True, 0.0
+        return ReturnNoise(_stepped_noise(inverse, seen, image.range_step_m), stepped=True)
     # Lines of a lidar are no neighbours.
-    smoothed = noise_before_smoothing(image.inverse_depth) if image.on_grid else None
-    if smoothed is None:
-        return noise_m, False, 0.0
-    return max(smoothed[0], noise_m), False, smoothed[1]
+    if not image.on_grid:
+        return ReturnNoise(noise_m)
+    if noise_m > _DRAWN_M and are_repeated(inverse, *image.tangents()):
+        most_m = _BEFORE_MEDIAN * noise_m
+        told = noise_before_smoothing(inverse, certain=True)
+        sigma_m = most_m if told is None else min(max(told[0], noise_m), most_m)
+        return ReturnNoise(sigma_m, smoothed=True)
+    told = noise_before_smoothing(inverse)
+    if told is None:
+        return ReturnNoise(noise_m)
+    return ReturnNoise(max(told[0], noise_m), smoothed=True, reach_px2=told[1])
 
 
 def slant_growth(inverse: np.ndarray, secant2: np.ndarray, side: int, least_m: float) -> float:

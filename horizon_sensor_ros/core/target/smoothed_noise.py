@@ -29,25 +29,27 @@ _THERE, _MEDIAN = 0.87, 0.6745
 _BEND_PX, _BEND_SIGMAS = 2.0, 1.0
 
 
-def noise_before_smoothing(inverse: np.ndarray) -> tuple[float, float] | None:
+def noise_before_smoothing(
+    inverse: np.ndarray, *, certain: bool = False
+) -> tuple[float, float] | None:
     """Standard deviation (m) of single returns before they were smoothed, and the mean square
     reach (px^2) of what smoothed them, along rows or columns; None where it does not show that they
-    were.
+    were, or too few returns tell.
 
-    inverse : (H, W) inverse depth, 0 without a return.
+    inverse : (H, W) inverse depth, 0 without a return.  certain : that they were is known, and not
+        asked.
 
     Smoothing takes from what neighbours differ by, and nothing from what a whole window is off by:
     that is as if the noise were independent, and as large as before.
     """
     mixed = _mixed(inverse, _FIRST)
-    if mixed is None or len(mixed[0]) < _WITHIN * np.count_nonzero(inverse):
-        return None
-    near, far = (quantile(np.abs(each), 0.25) for each in mixed[1])
-    # Of exact ranges both are nothing.
-    if not far > _SMOOTHED * near:
+    if mixed is None or not (certain or _within_and_smoothed(inverse, *mixed)):
         return None
     noise = _where_least(inverse.shape, *mixed)
-    if noise is None or not noise[-1] > _SMOOTHED_WHERE_LEAST * noise[0]:
+    # Of exact ranges all are nothing.
+    if noise is None or not noise[-1] > 0:
+        return None
+    if not (certain or noise[-1] > _SMOOTHED_WHERE_LEAST * noise[0]):
         return None
     for lags in range(_FIRST + 1, _LAGS + 1):
         mixed = _mixed(inverse, lags)
@@ -62,6 +64,16 @@ def noise_before_smoothing(inverse: np.ndarray) -> tuple[float, float] | None:
     # Returns are alike as far as two filters reach.
     reach = np.arange(len(alike)) ** 2 @ alike / total
     return float(each * total / _THERE), float(reach)
+
+
+def _within_and_smoothed(inverse: np.ndarray, place: np.ndarray, mixed: list[np.ndarray]) -> bool:
+    """Whether enough of the returns lie within surfaces, and neighbours differ by less than
+    others."""
+    if len(place) < _WITHIN * np.count_nonzero(inverse):
+        return False
+    near, far = (quantile(np.abs(each), 0.25) for each in mixed)
+    # Of exact ranges both are nothing.
+    return far > _SMOOTHED * near
 
 
 def _mixed(inverse: np.ndarray, lags: int) -> tuple[np.ndarray, list[np.ndarray]] | None:
@@ -104,6 +116,15 @@ def _where_least(
     return [quantile(np.abs(each[some]), 0.5) / _MEDIAN for each in mixed]
 
 
+def without_outline(inverse: np.ndarray) -> np.ndarray:
+    """(H, W) the same image of inverse depth without the returns that miss one beside them.
+
+    A median there is that of a half window, which lies farther in.
+    """
+    inner = cv2.erode((inverse > 0).view(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    return np.where(inner, inverse, np.float32(0))
+
+
 def within_surfaces(inverse: np.ndarray, sigma_m: float, focal_px: float) -> np.ndarray:
     """(H, W) the same image of inverse depth without the returns at the ends of surfaces.
 
@@ -119,5 +140,4 @@ def within_surfaces(inverse: np.ndarray, sigma_m: float, focal_px: float) -> np.
     )
     most = inverse * np.float32(_BEND_PX / focal_px)
     most += np.float32(_BEND_SIGMAS * sigma_m) * inverse * inverse
-    inner = cv2.erode((inverse > 0).view(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    return np.where(inner & (off < most), inverse, np.float32(0))
+    return np.where(off < most, without_outline(inverse), np.float32(0))
