@@ -148,12 +148,24 @@ class Listener:
 
         return self.wait(said, f"state {state!r} with {words!r}")[-1]
 
+    def client_of(self, kind: type, name: str) -> Any:
+        """A client that has found its service; None where it has not within a while, as discovery
+        may lose one on a machine with much other work.
+        """
+        client = self.node.create_client(kind, name)
+        deadline = time.monotonic() + ANSWER_S
+        while not client.service_is_ready():
+            if time.monotonic() > deadline:
+                self.node.destroy_client(client)
+                return None
+            self.executor.spin_once(timeout_sec=0.02)
+        return client
+
     def ask(self, kind: type, name: str, request: Any) -> Any:
         """What a service answers; None where nothing is heard of it, as a server drops its answer
         to a client that it has not found by then.
         """
-        client = self.node.create_client(kind, name)
-        self.wait(client.service_is_ready, name)
+        client = self.wait(lambda: self.client_of(kind, name), name)
         future = client.call_async(request)
         self.executor.spin_until_future_complete(future, timeout_sec=ANSWER_S)
         self.node.destroy_client(client)
