@@ -20,12 +20,14 @@ from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb, limb_of_one
 from horizon_sensor_ros.core.limb.evidence import NEAREST_SKY_PX
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
+from horizon_sensor_ros.core.limb.search.larger_disc import larger_disc_rad
 from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
     limb_consensus,
     rays_of_candidates,
 )
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.planet_figure import disc_of
 from horizon_sensor_ros.core.single_cameras import (
     SingleCameras,
     by_ground,
@@ -60,6 +62,38 @@ class HorizonSearch:
         Returns the fix, and the detection in the frames that were looked at that a track may start
         from: None unless the fix is of all of them and of the ground's limb.
         """
+        fix, detection = self._found(frames, unusable, aiding)
+        refused = self._beside_larger(frames, unusable, fix)
+        return (fix, detection) if refused is None else (refused, None)
+
+    def _beside_larger(
+        self, frames: Sequence[Frame], unusable: Sequence[LimbPoints | None], fix: HorizonFix
+    ) -> HorizonFix | None:
+        """Refusal of a fix by the limb of a disc beside which a larger one shows; else None."""
+        # Bodies without air are moons and asteroids mostly, with their planet or companion in the
+        # sky. Moons of planets with air are smaller than these are from the highest altitude, and
+        # what is large beside such a planet is a part of the craft.
+        if not fix.ok or self._estimator.sphere.has_air:
+            return None
+        disc = disc_of(fix.fit)
+        usable = [frame for frame, why in zip(frames, unusable, strict=True) if why is None]
+        larger_rad = larger_disc_rad(
+            [disc.figure.view(frame.view) for frame in usable],
+            [frame.gray for frame in usable],
+            disc.nadir,
+            disc.rho_rad,
+            self._rho_max,
+        )
+        if larger_rad == 0.0:
+            return None
+        small, large = np.degrees([disc.rho_rad, larger_rad])
+        reason = f"a moon's limb? It is {small:.2g} deg in radius, a disc beside it {large:.2g}"
+        return self._estimator.refused(Status.POOR_FIT, reason, fix.fit, fix.limbs)
+
+    def _found(
+        self, frames: Sequence[Frame], unusable: Sequence[LimbPoints | None], aiding: Aiding
+    ) -> tuple[HorizonFix, Detection | None]:
+        """The same, whatever shows beside it."""
         limbs = list(unusable)
         look = partial(self._sighting, aiding)
         singles = SingleCameras(frames, look, self._of_one, self._estimator, self._any_sigma)

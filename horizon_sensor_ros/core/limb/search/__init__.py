@@ -3,5 +3,5 @@
 ``working_image`` (the reduced frame), ``candidates`` (edges beside space), ``selection`` (those
 that agree on one disc), ``air_layer`` (or is it the night's airglow?) by ``columns`` (brightness
 straight down from the edge), ``layer_light`` (how that fades) and ``stars`` (what only a night's
-exposure shows); ``evenly`` (some of many).
+exposure shows); ``larger_disc`` (or is it a moon's?); ``evenly`` (some of many).
 """

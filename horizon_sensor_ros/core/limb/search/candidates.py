@@ -100,9 +100,16 @@ def space_boundary_candidates(
 
 
 def candidates_in(
-    working: WorkingImage, *, max_candidates: int = 600, mask: Mask | None = None
+    working: WorkingImage,
+    *,
+    max_candidates: int = 600,
+    mask: Mask | None = None,
+    thin: bool = False,
 ) -> LimbCandidates:
-    """`space_boundary_candidates` of a frame that is reduced already."""
+    """`space_boundary_candidates` of a frame that is reduced already.
+
+    thin : also the edges of what is only a few pixels wide, as stars and thin crescents are.
+    """
     factor, level = working.factor, working.space_level
     smooth = cv2.GaussianBlur(working.gray, (0, 0), 1.0)
     rank = -max(1, smooth.size // 700)
@@ -119,7 +126,7 @@ def candidates_in(
     known = smooth
     if mask is not None:
         known = np.where(mask.reduced(factor), smooth, np.float32(np.nan))
-    found, step = _beside_space(found, smooth, known - np.float32(level), level, step_min)
+    found, step = _beside_space(found, smooth, known - np.float32(level), level, step_min, thin)
     if mask is not None:
         centre = (np.stack([found.u, found.v], axis=1) + 0.5) * factor - 0.5
         keep = mask.clear(centre, _MASK_CLEARANCE_PX * factor)
@@ -205,16 +212,24 @@ def _steep(smooth: np.ndarray, contrast: float, step_min: float) -> _Edges | Non
 
 
 def _beside_space(
-    found: _Edges, smooth: np.ndarray, above: np.ndarray, level: float, step_min: float
+    found: _Edges,
+    smooth: np.ndarray,
+    above: np.ndarray,
+    level: float,
+    step_min: float,
+    thin: bool,
 ) -> tuple[_Edges, np.ndarray]:
     """Edges that have something bright inside and empty space outside, and their steps (N,).
 
-    above : (h, w) the smoothed image over the level of space, NaN where nothing is known.
+    above : (h, w) the smoothed image over the level of space, NaN where nothing is known. thin : as
+    of `candidates_in`.
     """
     # Inside stays bright for a few pixels: stars and thin streaks do not.
     beside = _with_border(above, np.nan)
     step, deep = found.along(beside, _INWARD_STEPS_PX)
-    keep = (step > step_min) & ~(deep <= np.maximum(0.5 * step_min, _RIDGE_SHARE * step))
+    keep = step > step_min
+    if not thin:
+        keep &= ~(deep <= np.maximum(0.5 * step_min, _RIDGE_SHARE * step))
     found, step, deep = found.take(keep), step[keep], deep[keep]
     # Outside is space along the whole way, but for one place; beyond the frame nothing is known.
     for look in (slice(_FIRST_LOOK), slice(None)):
