@@ -12,6 +12,9 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.limb.haze.limb import haze_look, hazy_limb
+from horizon_sensor_ros.core.limb.haze.sample import SEEK, air_length_px, haze_factor, sample_haze
+from horizon_sensor_ros.core.limb.search.working_image import block_average
 from horizon_sensor_ros.core.planet import Planet
 
 PLANET = Planet()
@@ -75,6 +78,39 @@ def towards_the_sun(altitude_m: float, per_rad: float, white: float, seed: int) 
     config = HorizonConfig(planet=PLANET, max_nadir_sigma_rad=math.radians(5.0))
     fix = HorizonSensor(config).process([Frame(view, exposed(light, 0.6, 1.5, seed))])
     return chi2(fix, nadir) if fix.ok and not fix.limbs[0].glow_separated else 0.0
+
+
+def tilt_of_haze(per_rad: float, white: float) -> tuple[float, float]:
+    """By how much an end of the limb under air that hides the ground seems to lie farther out than
+    its middle, over what is claimed of that, pixels: light as of `towards_the_sun`.
+    """
+    view, rho = view_of(320, 240, 70.0), PLANET.rho_from_altitude(350e3)
+    nadir = np.array([0.0, math.sin(rho), math.cos(rho)])
+    rays = rays_of(view)
+    cosine = rays @ nadir
+    distance_m = PLANET.radius_m + 350e3
+    height_m = distance_m * np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) - PLANET.radius_m
+    level = np.array([0.0, -math.cos(rho), math.sin(rho)])
+    ground_rad = np.arctan2(rays[..., 0], rays @ level) * math.cos(rho)
+    depth = 8.0 * np.exp(-np.maximum(height_m, -5.0 * HEIGHT_M) / HEIGHT_M)
+    light = 247.0 * white * np.exp(per_rad * ground_rad) * (1.0 - np.exp(-depth))
+    gray, factor = exposed(light, 0.6, 1.5, 3), haze_factor(view, rho)
+    sample = sample_haze(block_average(gray, factor), view, nadir, rho, factor, SEEK)
+    assert sample is not None
+    limb = hazy_limb(sample, haze_look(air_length_px(view, rho, factor)))
+    order = np.argsort(limb.px[:, 0])
+    along = np.linspace(-1.0, 1.0, len(order))
+    return float(np.polyfit(along, limb.offset_px[order], 1)[0]), limb.shared.slope_px
+
+
+def test_air_that_hides_the_ground_is_placed_where_it_is_white_and_says_so() -> None:
+    tilt_px, claimed_px = tilt_of_haze(2.0, 0.4)
+    assert abs(tilt_px) < 2.0 * claimed_px
+    evenly_px = claimed_px
+    # What is white lies higher where there is more light: by far more than air claims that is not.
+    tilt_px, claimed_px = tilt_of_haze(2.0, 3.0)
+    assert abs(tilt_px) > 4.0 * evenly_px
+    assert abs(tilt_px) < 2.0 * claimed_px
 
 
 def test_glow_that_is_white_claims_that_light_changes_along_it() -> None:

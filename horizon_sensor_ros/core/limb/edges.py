@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,6 +17,7 @@ from horizon_sensor_ros.core.limb.edge.places import place_edges
 from horizon_sensor_ros.core.limb.edge.terminator import beside_over_deep, fading_ends
 from horizon_sensor_ros.core.limb.glow.contour import ContourLimb, contour_limb
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
+from horizon_sensor_ros.core.limb.glow.white_air import PART_TURNS, of_white_air
 from horizon_sensor_ros.core.limb.profiles import (
     EdgePlaces,
     ProfileGrid,
@@ -76,21 +76,12 @@ _TOO_SHARP = SharedError(0.02, 0.05)
 # Longer glow goes with ground that is seen finer: length from where on that error grows with it,
 # and by how much at most, as measured in the same way.
 _FINE_PX, _FINEST = 2.0, 2.5
-# Where glow is overexposed as well it is taken for ground: error of simulated limbs' height, over
-# the length over which glow fades.
-_CLIPPED_HEIGHT = 0.6
-# By how many times e light changes to the ends of such a limb, a radian of ground: of air above
-# ground where the Sun stands 30 deg high, about.
-_LIGHT_TURNS = 2.0
 # Where glow changes too fast along a limb to be fitted with it its contour is no more of a limb:
 # errors of simulated ones towards the terminator and beside the Sun, over the other limbs'.
 _UNEVEN_GLOW = 1.5
 # What neighbouring edges share of their errors in light that falls inwards, whose law is fitted to
 # three of them together.
 _ALIKE_IN_LIGHT = 0.5
-# Slope of the line, from one end of a limb (-1) to the other (1), that least squares fits where a
-# share s at one end is off by one: 3 s (1 - s).
-_PART_TURNS = 3.0
 # Errors of a camera's whole limb and of its ends, over that of its stretches, where air glows or no
 # model fits.
 _SHIFT, _SLOPE = 1.5, 0.7
@@ -217,7 +208,9 @@ def limb_of_edges(
     no_model = given and edges.model_free
     if glows:
         points = _points(sample, px, normal_px, places, shared, jumps_px, np.empty(0), np.nan)
-        by_white = _in_white_glow(sample, rho_rad, usual_length_px(view, rho_rad), len(px))
+        along_rad = len(px) * sample.stretch_px * sample.pitch_rad
+        share, length_px = float(np.mean(sample.clipped)), usual_length_px(view, rho_rad)
+        by_white = of_white_air(share, along_rad, rho_rad, length_px)
         points = replace(points, shared=points.shared.besides(by_white))
     else:
         # Contours move edges below glow alone: these are as they were taken.
@@ -233,21 +226,6 @@ def limb_of_edges(
             modelled=not no_model,
         )
     return points, () if no_model else tuple(looks)
-
-
-def _in_white_glow(sample: LimbSample, rho_rad: float, length_px: float, num: int) -> SharedError:
-    """Error that `num` edges share where glow that fades over so many pixels, of the full frame, is
-    overexposed.
-
-    They lie where it comes down to white, and the higher, the brighter it is: beside each other as
-    the Sun's height changes along the limb, or more where a part alone is overexposed.
-    """
-    share = float(np.mean(sample.clipped))
-    # Of the ground below the limb, from the middle to an end.
-    half_rad = 0.5 * num * sample.stretch_px * sample.pitch_rad / math.tan(rho_rad)
-    turned = math.hypot(_PART_TURNS * share * (1.0 - share), _LIGHT_TURNS * half_rad * share)
-    height_px = _CLIPPED_HEIGHT * share * length_px
-    return SharedError(height_px=height_px, slope_px=turned * length_px)
 
 
 def _taken(
@@ -504,7 +482,7 @@ def _with_clipped(
     share = float(np.mean(clipped))
     # A part of a limb that is off, and the rest not, turns it: by the slope of a line fitted to
     # both, the part at one end, as it is where brightness grows along the limb.
-    turned_px = _PART_TURNS * share * (1.0 - share) * found.shared.shift_px
+    turned_px = PART_TURNS * share * (1.0 - share) * found.shared.shift_px
     return places.replaced(clipped, by), found.shared.times(share)._replace(slope_px=turned_px)
 
 

@@ -23,6 +23,7 @@ from horizon_sensor_ros.core.limb.edge.looks import USUAL_PSF_PX, rate_looks
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.places import place_edges
 from horizon_sensor_ros.core.limb.edges import believable
+from horizon_sensor_ros.core.limb.glow.white_air import of_white_air
 from horizon_sensor_ros.core.limb.haze.sample import HazySample
 from horizon_sensor_ros.core.limb.profiles import scatter_px
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES
@@ -102,12 +103,15 @@ def hazy_limb(sample: HazySample, look: EdgeLook) -> LimbPoints:
     offset_px = sample.offset_px(places.offset_px[good]) * step_px * sample.factor
     size_px = look.glow_px * sample.factor
     jumps_px = scatter_px(places.offset_px[good]) * sample.factor
+    along_rad = len(step_px) * sample.stretch_px * sample.pixel_rad
+    # The law's place is then where air comes down to white, not where its optical depth is one.
+    by_white = of_white_air(sample.white_share, along_rad, sample.rho_rad, size_px)
     return LimbPoints(
         Status.OK,
         px=sample.curve.px[good] + offset_px[:, None] * unit,
         normal_px=unit,
         sigma_px=np.hypot(places.sigma_px[good], _LEAST_SIGMA_PX) * step_px * sample.factor,
-        shared=_SHARED.times(max(size_px, jumps_px / _EVEN)),
+        shared=_SHARED.times(max(size_px, jumps_px / _EVEN)).besides(by_white),
         spacing_px=sample.stretch_px * sample.factor,
         jumps_px=jumps_px,
         predicted=sample.predicted,

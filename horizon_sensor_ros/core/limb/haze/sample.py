@@ -23,6 +23,7 @@ from horizon_sensor_ros.core.limb.profiles import (
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, TAPS_PX
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.robust import median
+from horizon_sensor_ros.core.white_level import NEAR_WHITE, saturation_level
 
 # Pixels of the reduced image: the usual scale height, at which a ground's sharp edge would still
 # show, and how far profiles reach beside where edges are sought, inwards and outwards.
@@ -72,7 +73,9 @@ class HazySample:
     """Mean profiles (M, J) across stretches of a predicted limb, by angle.
 
     curve : of the stretches' middles; its normals are as long as a sample's step at the limb, in
-    pixels of the reduced image. warp : how samples get farther apart outside; None: they do not.
+    pixels of the reduced image. rho_rad : of the predicted limb. pixel_rad : angle of a pixel of
+    it. white_share : of the stretches, those that are overexposed. warp : how samples get
+    farther apart outside; None: they do not.
     """
 
     curve: LimbCurve
@@ -82,6 +85,9 @@ class HazySample:
     predicted: LimbCurve
     stretch_px: float
     factor: int
+    rho_rad: float
+    pixel_rad: float
+    white_share: float
     warp: Warp | None = None
 
     def offset_px(self, places_px: np.ndarray) -> np.ndarray:
@@ -155,6 +161,9 @@ def sample_haze(
         predicted,
         size * spacing_px,
         factor,
+        rho_rad,
+        factor * usual_rad,
+        float(np.mean(means.max(axis=1) >= NEAR_WHITE * saturation_level(gray, means))),
         warp,
     )
 
