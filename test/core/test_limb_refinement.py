@@ -25,8 +25,10 @@ from horizon_sensor_ros.core.limb.edge.model import (
 )
 from horizon_sensor_ros.core.limb.edge.places import place_edges
 from horizon_sensor_ros.core.limb.edge.steepest import steepest_fall
+from horizon_sensor_ros.core.limb.edges import _drift_px
 from horizon_sensor_ros.core.limb.profiles import (
     Bundles,
+    EdgePlaces,
     ProfileGrid,
     pixel_noise,
     sample_profiles,
@@ -587,3 +589,9 @@ def test_tables_are_kept_up_to_a_bound_of_memory() -> None:
     assert kept.of(SHARP, 8.0, GRID) is first
     small = edge_model.KeptTables(1.0)
     assert small.of(SHARP, 8.0, GRID) is small.of(SHARP, 8.0, GRID)
+
+
+def test_a_model_after_which_no_edge_is_left_is_moved_too_far() -> None:
+    places = EdgePlaces(*np.ones((5, 26)), at_border=np.zeros(26, dtype=bool))
+    assert _drift_px(places, places, np.ones(26, dtype=bool)) == 0.0
+    assert _drift_px(places, places, np.zeros(26, dtype=bool)) == np.inf

@@ -155,9 +155,13 @@ def _of_sharpness(shared: SharedError, look: EdgeLook) -> SharedError:
 
 
 def _drift_px(moved: EdgePlaces, places: EdgePlaces, good: np.ndarray) -> float:
-    """By how much good edges (M,) are moved, in the stretch of limb where it is most."""
+    """By how much good edges (M,) are moved, in the stretch of limb where it is most; infinite
+    where kriging left none.
+    """
     moved_px = (moved.offset_px - places.offset_px)[good]
-    return max(map(abs, medians(moved_px, min(_STRETCHES, len(moved_px)))), default=0.0)
+    if len(moved_px) == 0:
+        return np.inf
+    return max(map(abs, medians(moved_px, min(_STRETCHES, len(moved_px)))))
 
 
 def limb_of_edges(
