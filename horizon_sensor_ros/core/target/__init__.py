@@ -2,8 +2,8 @@
 
 The default: ``range_image`` (any cloud as an image of inverse depth; with ``regular``,
 ``pixel_values`` and ``holes``), ``range_noise``, ``smoothed_noise``, ``repeated_returns``,
-``planes``, those of thin ``parts``, ``edges`` and ``surfels`` (what is in it), ``search``,
-``pairs``, ``refinement`` and ``attempts`` (motion between two views), ``consistency``,
+``common_noise``, ``planes``, those of thin ``parts``, ``edges`` and ``surfels`` (what is in it),
+``search``, ``pairs``, ``refinement`` and ``attempts`` (motion between two views), ``consistency``,
 ``one_body``, ``layers``, ``alternatives`` and ``judgement`` (whether to believe it),
 ``registration`` (all of it), ``tracker`` (clouds in order of time); ``config`` (their
 parameters), ``columns`` (products of many vectors).

@@ -5,9 +5,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.rigid import skew
+from horizon_sensor_ros.core.target.columns import column_dots
+from horizon_sensor_ros.core.target.common_noise import common_variance
 from horizon_sensor_ros.core.target.edges import Edges
 from horizon_sensor_ros.core.target.pairs import THIN, Pairs
 from horizon_sensor_ros.core.target.refinement import comparable, jacobian
@@ -91,6 +94,9 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     covariance += np.outer(drawn, drawn)
     alike = inverse @ _of_runs(pairs, j * weight, a.edges, b.edges)
     covariance += alike @ alike.T
+    for by_line, variance in _of_lines(pairs, j * weight, a, b):
+        along = inverse @ by_line
+        covariance += variance * (along @ along.T)
     by_range = inverse @ (j * weight) @ pairs.apart_by_range(slice(None))
     return Uncertainty((covariance + covariance.T) / 2, by_range, centre, rms)
 
@@ -139,6 +145,49 @@ def _of_runs(pairs: Pairs, rows: np.ndarray, a: Edges, b: Edges) -> np.ndarray:
             off = rows[:, pairs.across_edges] * off_m[which]
             gradients.append(np.array([np.bincount(run, each) for each in off]).reshape(6, -1))
     return np.concatenate(gradients, axis=1)
+
+
+def _of_lines(
+    pairs: Pairs, rows: np.ndarray, a: SurfaceView, b: SurfaceView
+) -> list[tuple[np.ndarray, float]]:
+    """(6, K) gradients of what is common to each row of both views, and then to each column, and
+    its variance (m^2); those only that have any.
+
+    It moves all that is seen in a line, on whatever surface, and does not average down over it.
+    """
+    found = []
+    coarser_m = max(a.footprint_m, b.footprint_m)
+    for axis, (of_a, of_b) in enumerate(zip(a.line_means, b.line_means, strict=True)):
+        variance = common_variance(of_a, of_b, coarser_m)
+        if variance:
+            seen_a = pairs.point_a - pairs.translation_m[:, None]
+            each = (
+                _by_line(a, seen_a, pairs.rotation.T @ seen_a, pairs.normal, rows, 1 - axis),
+                _by_line(b, pairs.point_b, pairs.point_b, pairs.normal, rows, 1 - axis),
+            )
+            found.append((np.concatenate(each, axis=1), variance))
+    return found
+
+
+def _by_line(
+    view: SurfaceView,
+    sight: np.ndarray,
+    seen: np.ndarray,
+    normal: np.ndarray,
+    rows: np.ndarray,
+    along: int,
+) -> np.ndarray:
+    """(6, K) gradients of ranges that are all longer in one row (``along`` 1) or column (0) of a
+    view, by what it saw (3, N), in b's axes, ``sight``, and in its own."""
+    cosine = column_dots(sight, normal) / np.sqrt(column_dots(sight, sight))
+    image = view.image
+    size = image.inverse_depth.shape[1 - along]
+    tangent = seen[along] / seen[2] - image.origin[along]
+    line = np.clip(np.rint(tangent * image.focal_px), 0, size - 1).astype(np.int64)
+    sums = np.array([np.bincount(line, each, size) for each in rows * cosine])
+    # A plane is the mean of its window.
+    side = 2 * view.radius_px + 1
+    return cv2.boxFilter(sums, -1, (side, 1), borderType=cv2.BORDER_CONSTANT)
 
 
 def _drawn_back(pairs: Pairs, weight: np.ndarray, a: SurfaceView, b: SurfaceView) -> np.ndarray:

@@ -8,6 +8,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
+from horizon_sensor_ros.core.target.common_noise import LineMeans, line_means
 from horizon_sensor_ros.core.target.edges import Edges, find_edges
 from horizon_sensor_ros.core.target.parts import Parts, find_parts
 from horizon_sensor_ros.core.target.planes import Planes, local_planes, normal_noise
@@ -50,6 +51,7 @@ class SurfaceView:
     plane : (H W) bool, where there is one.  steady : (H W) bool, where it may be paired: not at the
         limb of a curved body.  tilt_rad : (H W) of its normal, see Surfels;
         normal_noise_rad : of all.  noise_m : (H W) float32, along the normal, of one measurement.
+    radius_px : of the planes' windows.
     surfels, edges, parts : what is registered.
     depth_map : (H W) depth of the return, 0 where there is none.
     gap_px : (H W) distance to the nearest return or unknown pixel.
@@ -67,6 +69,7 @@ class SurfaceView:
     tilt_rad: np.ndarray
     normal_noise_rad: float
     noise_m: np.ndarray
+    radius_px: int
     depth_map: np.ndarray
     gap_px: np.ndarray
     surfels: Surfels
@@ -84,6 +87,11 @@ class SurfaceView:
         highest = cv2.dilate(self.image.inverse_depth, np.ones((3, 3), np.uint8)).ravel()
         closest = np.full(highest.shape, np.inf, np.float32)
         return np.divide(np.float32(1.0), highest, out=closest, where=highest > 0)
+
+    @cached_property
+    def line_means(self) -> tuple[LineMeans, LineMeans]:
+        """What its rows and its columns tell of noise that they have in common."""
+        return line_means(self.image, self.sigma_m)
 
     @property
     def coplanar(self) -> bool:
@@ -134,7 +142,8 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     return SurfaceView(
         image, planes.sigma_m, planes.slant_growth, planes.footprint_m, float(size),
         planes.points, planes.normals, planes.found.ravel(),
-        (planes.found & ~planes.limb).ravel(), tilt, planes.normal_noise_rad, noise, depth_map,
+        (planes.found & ~planes.limb).ravel(), tilt, planes.normal_noise_rad, noise,
+        planes.radius_px, depth_map,
         cv2.distanceTransform(hidden, cv2.DIST_L2, 3).ravel(),
         _surfels(image, planes, tilt, noise), find_edges(image, planes), find_parts(image, planes),
     )  # fmt: skip
