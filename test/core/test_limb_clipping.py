@@ -166,7 +166,7 @@ def test_a_lens_is_soft_by_the_feet_of_white_edges_and_clouds_are_not() -> None:
     beside = 4.0 + np.minimum(251.0, cloud)
     assert not clipped(beside, D_PX, 255.0).any()
     # Of pixels that are means of others it is not known, nor where they are a few.
-    assert clipped(beside, D_PX, 255.0, of_means=True).any()
+    assert clipped(beside, D_PX, 255.0, reduced=True).any()
     dim = np.tile(np.where(D_PX < 0.5, 90.0, 4.0), (20, 1))
     assert not clipped(np.concatenate([soft[:1], dim]), D_PX, 255.0).any()
 

@@ -196,8 +196,13 @@ class LimbSample:
     @cached_property
     def clipped(self) -> np.ndarray:
         """Stretches (M,) that are saturated beside the predicted limb."""
-        of_means = self.factor > 1 or self.demosaiced
-        found = clipped(self.profiles, self.grid.d_px, self.white, of_means=of_means)
+        found = clipped(
+            self.profiles,
+            self.grid.d_px,
+            self.white,
+            reduced=self.factor > 1,
+            demosaiced=lambda: self.demosaiced,
+        )
         if not found.any():
             return found
         edges = self.bundles.index[np.repeat(found, self.bundles.count)]

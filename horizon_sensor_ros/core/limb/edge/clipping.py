@@ -15,6 +15,7 @@ Source: derived here.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -84,22 +85,27 @@ class ClippedEdges:
 
 
 def clipped(
-    profiles: np.ndarray, d_px: np.ndarray, white: float, *, of_means: bool = False
+    profiles: np.ndarray,
+    d_px: np.ndarray,
+    white: float,
+    *,
+    reduced: bool = False,
+    demosaiced: Callable[[], bool] = lambda: False,
 ) -> np.ndarray:
     """Which profiles (N, J), with samples at d_px (J,) outwards, are clipped up to the edge.
 
-    Not those that are bright in space as well. of_means : pixels are means of what was clipped, as
-    in a reduced frame.
+    Not those that are bright in space as well. reduced : they are of a reduced frame. demosaiced :
+    whether pixels were interpolated after they were clipped, which takes a look at the frame.
     """
     if white == np.inf:
         return np.zeros(len(profiles), dtype=bool)
     space = space_level(profiles)
     dark_outside = space < _DARK * white
     found = _white_inside(profiles, d_px, white, _INSIDE_SOFT_PX) & dark_outside
-    if of_means:
+    if reduced:
         return found
     enough = np.count_nonzero(found) > _TELLING * len(found)
-    if enough and _soft(profiles[found], d_px, space[found], white):
+    if enough and (_soft(profiles[found], d_px, space[found], white) or demosaiced()):
         return found
     return found & _white_inside(profiles, d_px, white, _INSIDE_PX[1])
 
