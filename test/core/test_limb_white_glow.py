@@ -57,20 +57,25 @@ def chi2(fix: HorizonFix, nadir: np.ndarray) -> float:
     return float(off @ np.linalg.solve(cov, off))
 
 
+def heights_m(cosine: np.ndarray, altitude_m: float) -> np.ndarray:
+    """How high rays pass above the ground, by their cosines to nadir, any shape."""
+    sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+    return np.asarray((PLANET.radius_m + altitude_m) * sine - PLANET.radius_m)
+
+
 def towards_the_sun(altitude_m: float, per_rad: float, white: float, seed: int) -> float:
     """`chi2` of nadir, 0 where there is none, of glow that changes by e^per_rad a radian of ground
     along the limb; in the middle it is so many times white. 0 where limb and glow were separated,
     which this is not about.
     """
     view = view_of(640, 480, 50.0)
-    distance_m = PLANET.radius_m + altitude_m
-    rho = math.asin(PLANET.radius_m / distance_m)
+    rho = PLANET.rho_from_altitude(altitude_m)
     roll = 0.4 + seed
     nadir = np.array([math.sin(rho) * math.cos(roll), math.sin(rho) * math.sin(roll), 0.0])
     nadir[2] = math.cos(rho)
     rays = rays_of(view)
     cosine = rays @ nadir
-    height_m = distance_m * np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) - PLANET.radius_m
+    height_m = heights_m(cosine, altitude_m)
     along = unit((-math.sin(roll), math.cos(roll), 0.0))
     ground_rad = np.arctan2(rays @ along, np.abs(cosine)) / math.tan(rho)
     brightness = 247.0 * white * np.exp(per_rad * ground_rad)
@@ -87,9 +92,7 @@ def tilt_of_haze(per_rad: float, white: float) -> tuple[float, float]:
     view, rho = view_of(320, 240, 70.0), PLANET.rho_from_altitude(350e3)
     nadir = np.array([0.0, math.sin(rho), math.cos(rho)])
     rays = rays_of(view)
-    cosine = rays @ nadir
-    distance_m = PLANET.radius_m + 350e3
-    height_m = distance_m * np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) - PLANET.radius_m
+    height_m = heights_m(rays @ nadir, 350e3)
     level = np.array([0.0, -math.cos(rho), math.sin(rho)])
     ground_rad = np.arctan2(rays[..., 0], rays @ level) * math.cos(rho)
     depth = 8.0 * np.exp(-np.maximum(height_m, -5.0 * HEIGHT_M) / HEIGHT_M)

@@ -1,14 +1,15 @@
 """Clouds whose rows, or columns, have some of their noise in common."""
 
+from functools import partial
+
 import numpy as np
 import pytest
-from registered_motion import motion_nees
+from registered_motion import nees_of_steps, pose_of
 from scipy.stats import chi2
 
-from horizon_sensor_ros.core.rigid import pose_matrix, rotation_from_vector
-from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.rigid import pose_matrix
 from horizon_sensor_ros.core.target.common_noise import common_variance
-from horizon_sensor_ros.core.target.registration import TargetView, register, target_view
+from horizon_sensor_ros.core.target.registration import TargetView, target_view
 from horizon_sensor_ros.sim.shapes import TARGETS
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 
@@ -16,10 +17,6 @@ TARGET = {name: build() for name, build in TARGETS.items()}
 CAMERA = ToFCamera(range_noise_m=0.004)
 COMMON_M = 0.004
 SOME = ["n1", "n5", "plate_with_dish"]
-
-
-def pose_of(rng: np.random.Generator) -> np.ndarray:
-    return pose_matrix(rotation_from_vector(rng.normal(size=3) * 2.0), np.array([0.0, 0.0, 5.0]))
 
 
 def view_of(
@@ -72,14 +69,8 @@ def test_motions_are_claimed_as_they_are_known(axis: int) -> None:
     """Their squared errors had medians of 20 and more, as if it averaged down over lines."""
     squares = []
     for name in SOME:
-        for seed in range(4):
-            rng = np.random.default_rng(seed)
-            before = pose_of(rng)
-            turn = rotation_from_vector(rng.normal(size=3) * np.radians(4.0)) @ before[:3, :3]
-            poses = before, pose_matrix(turn, before[:3, 3] + rng.normal(size=3) / 30.0)
-            found = register(*(view_of(name, pose, rng, axis) for pose in poses))
-            if found.status is Status.OK:
-                squares.append(motion_nees(found, poses))
+        seen = partial(view_of, name, axis=axis)
+        squares += nees_of_steps(seen, range(4), turn_deg=4.0, shift_m=1.0 / 30.0)
     assert len(squares) > 7
     assert np.median(squares) < 8.0
     assert max(squares) < chi2.ppf(0.9973, 6)

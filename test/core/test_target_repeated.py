@@ -1,15 +1,15 @@
 """Clouds of which the sensor's driver took the median of 3 x 3 pixels."""
 
+from functools import partial
+
 import numpy as np
 import pytest
-from registered_motion import motion_nees
+from registered_motion import nees_of_steps, pose_of
 from scipy.stats import chi2
 
-from horizon_sensor_ros.core.rigid import pose_matrix, rotation_from_vector
-from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.planes import local_planes
 from horizon_sensor_ros.core.target.range_image import range_image
-from horizon_sensor_ros.core.target.registration import register, target_view
+from horizon_sensor_ros.core.target.registration import TargetView, target_view
 from horizon_sensor_ros.core.target.repeated_returns import are_repeated
 from horizon_sensor_ros.sim.shapes import TARGETS
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
@@ -27,10 +27,6 @@ def middled(points: np.ndarray) -> np.ndarray:
     median = np.full(len(beside), np.nan)
     median[seen] = np.nanmedian(beside[seen], axis=1)
     return points * (median / beside[:, 4]).reshape(points.shape[:2])[..., None]
-
-
-def pose_of(rng: np.random.Generator) -> np.ndarray:
-    return pose_matrix(rotation_from_vector(rng.normal(size=3) * 2.0), np.array([0.0, 0.0, 5.0]))
 
 
 def repeated(points: np.ndarray) -> bool:
@@ -74,21 +70,12 @@ def test_noise_counts_as_before_the_median(name: str) -> None:
 
 
 def test_motions_between_medians_are_claimed_as_they_are_known() -> None:
+    def view_of(name: str, pose: np.ndarray, rng: np.random.Generator) -> TargetView:
+        return target_view(middled(CAMERA.scan(TARGET[name], pose, rng).points))
+
     squares = []
     for name in ("n1", "n5", "l_truss"):
-        for seed in range(6):
-            rng = np.random.default_rng(seed)
-            before = pose_of(rng)
-            turn = rotation_from_vector(rng.normal(size=3) * np.radians(6.0)) @ before[:3, :3]
-            poses = before, pose_matrix(turn, before[:3, 3] + rng.normal(size=3) / 20.0)
-            found = register(
-                *(
-                    target_view(middled(CAMERA.scan(TARGET[name], pose, rng).points))
-                    for pose in poses
-                )
-            )
-            if found.status is Status.OK:
-                squares.append(motion_nees(found, poses))
+        squares += nees_of_steps(partial(view_of, name), range(6))
     assert len(squares) > 15
     assert np.mean(squares) < 8.0
     assert max(squares) < chi2.ppf(0.9973, 6)

@@ -1,24 +1,19 @@
 """Noise of ranges that grows with the slant of what is seen, as a time-of-flight camera's does."""
 
+from functools import partial
+
 import numpy as np
 import pytest
-from registered_motion import motion_nees
+from registered_motion import nees_of_steps, pose_of
 from scipy.stats import chi2
 
-from horizon_sensor_ros.core.rigid import pose_matrix, rotation_from_vector
-from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.planes import Planes, local_planes
 from horizon_sensor_ros.core.target.range_image import range_image
-from horizon_sensor_ros.core.target.registration import register, target_view
+from horizon_sensor_ros.core.target.registration import TargetView, target_view
 from horizon_sensor_ros.sim.shapes import TARGETS, TriangleMesh
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 
 TARGET = {name: build() for name, build in TARGETS.items()}
-
-
-def pose_of(rng: np.random.Generator, distance_m: float = 5.0) -> np.ndarray:
-    turn = rotation_from_vector(rng.normal(size=3) * 2.0)
-    return pose_matrix(turn, np.array([0.0, 0.0, distance_m]))
 
 
 def planes_of(target: TriangleMesh, seed: int, noise_m: float, growth: float) -> Planes:
@@ -54,18 +49,13 @@ def test_motions_beside_noise_that_grows_with_the_slant_are_claimed_as_they_are_
     """One noise for all faces let the mean square be 6.9 standard deviations squared of the six
     unknowns, and the largest 23."""
     camera = ToFCamera(range_noise_m=0.01, slant_growth=1.0)
+
+    def view_of(name: str, pose: np.ndarray, rng: np.random.Generator) -> TargetView:
+        return target_view(camera.scan(TARGET[name], pose, rng).points)
+
     squares = []
     for name in ("n1", "n5"):
-        for seed in range(num):
-            rng = np.random.default_rng(seed)
-            before = pose_of(rng, 5.3)
-            turn = rotation_from_vector(rng.normal(size=3) * np.radians(6.0)) @ before[:3, :3]
-            poses = before, pose_matrix(turn, before[:3, 3] + rng.normal(size=3) / 20.0)
-            found = register(
-                *(target_view(camera.scan(TARGET[name], pose, rng).points) for pose in poses)
-            )
-            if found.status is Status.OK:
-                squares.append(motion_nees(found, poses))
+        squares += nees_of_steps(partial(view_of, name), range(num), distance_m=5.3)
     assert len(squares) > 1.75 * num
     assert np.mean(squares) < 6.0
     assert max(squares) < chi2.ppf(0.9973, 6)

@@ -1,16 +1,17 @@
 """Clouds that the sensor's driver has smoothed: noise that neighbours share."""
 
+from functools import partial
+
 import numpy as np
 import pytest
-from registered_motion import motion_nees
+from registered_motion import nees_of_steps, pose_of
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from horizon_sensor_ros.core.rigid import pose_matrix, rotation_from_vector
-from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.rigid import pose_matrix
 from horizon_sensor_ros.core.target.planes import local_planes
 from horizon_sensor_ros.core.target.range_image import range_image
-from horizon_sensor_ros.core.target.registration import register, target_view
+from horizon_sensor_ros.core.target.registration import TargetView, target_view
 from horizon_sensor_ros.core.target.smoothed_noise import noise_before_smoothing
 from horizon_sensor_ros.sim.shapes import TARGETS
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
@@ -33,10 +34,6 @@ def smoothed(points: np.ndarray) -> np.ndarray:
             total[near] += beside[near]
             count += near
     return points * (total / np.maximum(count, 1) / ranges)[..., None]
-
-
-def pose_of(rng: np.random.Generator) -> np.ndarray:
-    return pose_matrix(rotation_from_vector(rng.normal(size=3) * 2.0), np.array([0.0, 0.0, 5.0]))
 
 
 @pytest.mark.parametrize("name", ["n1", "n5", "plate_with_dish"])
@@ -78,21 +75,13 @@ def test_nor_are_bodies_that_are_mostly_ends(name: str, seeds: tuple[int, ...]) 
 def test_motions_between_smoothed_clouds_are_claimed_as_they_are_known(num: int) -> None:
     """With the noise that neighbours tell, 31 of the 40 clouds were refused, as parts were off by
     more than it, and the mean square of the others was 24 standard deviations squared."""
+
+    def view_of(name: str, pose: np.ndarray, rng: np.random.Generator) -> TargetView:
+        return target_view(smoothed(CAMERA.scan(TARGET[name], pose, rng).points))
+
     squares = []
     for name in ("n1", "n5"):
-        for seed in range(num):
-            rng = np.random.default_rng(seed)
-            before = pose_of(rng)
-            turn = rotation_from_vector(rng.normal(size=3) * np.radians(6.0)) @ before[:3, :3]
-            poses = before, pose_matrix(turn, before[:3, 3] + rng.normal(size=3) / 20.0)
-            found = register(
-                *(
-                    target_view(smoothed(CAMERA.scan(TARGET[name], pose, rng).points))
-                    for pose in poses
-                )
-            )
-            if found.status is Status.OK:
-                squares.append(motion_nees(found, poses))
+        squares += nees_of_steps(partial(view_of, name), range(num))
     assert len(squares) > 1.75 * num
     assert np.mean(squares) < 6.0
     assert max(squares) < chi2.ppf(0.9973, 6)
