@@ -227,7 +227,7 @@ def _log_prior(shown_blur_px: float | None) -> np.ndarray:
     return np.asarray((blur[:, None] - np.log(_HEIGHTS)).ravel())
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def _models(d_px: tuple[float, ...], demosaiced: bool) -> np.ndarray:
     """Clipped edges over the white level, (blurs * heights * places, J).
 

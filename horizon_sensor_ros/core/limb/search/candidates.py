@@ -85,7 +85,7 @@ def canny_candidates(gray: np.ndarray) -> LimbCandidates:
 
 
 def space_boundary_candidates(
-    gray: np.ndarray, *, max_candidates: int = 600, mask: Mask | None = None
+    gray: np.ndarray, *, max_candidates: int = 600, mask: Mask | None = None, thin: bool = False
 ) -> LimbCandidates:
     """Edges that separate something bright from empty space.
 
@@ -94,9 +94,11 @@ def space_boundary_candidates(
     pixels at most; one sample in five may be a star, the Moon or a streak, and air glow may fade
     over the first few). Nor is a streak's edge that runs past the Sun kept. No such edge: an empty
     result. At most `max_candidates`, evenly thinned. What is masked is unknown, like what lies
-    beyond the frame.
+    beyond the frame. thin : also the edges of what is only a few pixels wide, as stars and thin
+    crescents are.
     """
-    return candidates_in(WorkingImage.of(gray, mask), max_candidates=max_candidates, mask=mask)
+    working = WorkingImage.of(gray, mask)
+    return candidates_in(working, max_candidates=max_candidates, mask=mask, thin=thin)
 
 
 def candidates_in(
@@ -106,10 +108,7 @@ def candidates_in(
     mask: Mask | None = None,
     thin: bool = False,
 ) -> LimbCandidates:
-    """`space_boundary_candidates` of a frame that is reduced already.
-
-    thin : also the edges of what is only a few pixels wide, as stars and thin crescents are.
-    """
+    """`space_boundary_candidates` of a frame that is reduced already."""
     factor, level = working.factor, working.space_level
     smooth = cv2.GaussianBlur(working.gray, (0, 0), 1.0)
     rank = -max(1, smooth.size // 700)
@@ -222,7 +221,7 @@ def _beside_space(
     """Edges that have something bright inside and empty space outside, and their steps (N,).
 
     above : (h, w) the smoothed image over the level of space, NaN where nothing is known. thin : as
-    of `candidates_in`.
+    of `space_boundary_candidates`.
     """
     # Inside stays bright for a few pixels: stars and thin streaks do not.
     beside = _with_border(above, np.nan)

@@ -12,9 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.limb.search.candidates import candidates_in
+from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb.search.selection import limb_consensus, rays_of_candidates
-from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.status import Status
 
 
@@ -38,7 +37,7 @@ def larger_disc_rad(
     found = rays_of_candidates(
         views,
         [
-            candidates_in(WorkingImage.of(image, view.mask), mask=view.mask, thin=True)
+            space_boundary_candidates(image, mask=view.mask, thin=True)
             for view, image in zip(views, images, strict=True)
         ],
     )
