@@ -12,8 +12,7 @@ import math
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.model import BESIDE_PX
-from horizon_sensor_ros.core.limb.edge.terminator import DEEP_PX, mean_at
+from horizon_sensor_ros.core.limb.edge.near_edge import BESIDE_PX, DEEP_PX, mean_at
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid
 from horizon_sensor_ros.core.limb_points import NOTHING_SHARED, SharedError
 from horizon_sensor_ros.core.robust import median, stretches

@@ -20,8 +20,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.model import BESIDE_PX, normal_cdf
-from horizon_sensor_ros.core.limb.edge.terminator import DEEP_PX, FADED, mean_at
+from horizon_sensor_ros.core.limb.edge.model import normal_cdf
+from horizon_sensor_ros.core.limb.edge.near_edge import beside_and_deep
+from horizon_sensor_ros.core.limb.edge.terminator import FADED
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, space_mean
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
@@ -123,20 +124,13 @@ def _falls(profiles: np.ndarray, grid: ProfileGrid) -> bool:
     first = starts_of_parts(len(profiles), _STRETCHES)
     count = np.diff(first, append=len(profiles))
     means = np.add.reduceat(profiles.T, first, axis=1) / count
-    beside, deep = _beside_and_deep(grid) @ means - space_mean(profiles)
+    beside, deep = beside_and_deep(grid).T @ means - space_mean(profiles)
     lost = 1.0 - deep / np.maximum(beside, 1e-9)
     # Light changes slowly along the limb, where clouds are brighter here and darker there.
     slowly = _SLOW @ lost
     off = lost - slowly
     by_chance = math.sqrt(float(off @ off) / (_STRETCHES - 3.0))
     return float(slowly.max()) - 2.0 * by_chance > _LOST
-
-
-@lru_cache(maxsize=8)
-def _beside_and_deep(grid: ProfileGrid) -> np.ndarray:
-    """(2, J) that takes profiles to their brightness beside the edge and farther in."""
-    one = np.eye(grid.num)
-    return np.stack([mean_at(one, grid, part_px) for part_px in (BESIDE_PX, DEEP_PX)])
 
 
 def _together(cost: np.ndarray) -> np.ndarray:

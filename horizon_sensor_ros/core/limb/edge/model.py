@@ -57,7 +57,6 @@ _SMOOTH_ROOT_LENGTH, _ROUGH_ROOT_LENGTH = 3.0, 1.5
 # Of tables, of all looks and levels: towards the terminator one search asks for 300 of them, 46 MB.
 KEPT_BYTES = 64e6
 _SMALL = 6  # rows of a matrix that is not worth halving
-BESIDE_PX = (-2.0, -1.0)  # where the planet beside the edge is seen, and steps are measured
 MAX_LEVEL = 512.0  # brightness over noise beyond which more says nothing
 _FINE_PX = 0.1  # grid on which the texture's covariance is blurred
 _SHAPE_ERROR = 0.003  # what interpolation and a not quite normal blur add, over the level

@@ -12,19 +12,17 @@ light fades ground goes on to be brighter the farther in it lies. Derived here.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import numpy as np
 
 from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.limb.edge.model import BESIDE_PX
+from horizon_sensor_ros.core.limb.edge.near_edge import DEEP_PX, beside_and_deep_unblurred
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, space_mean
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.robust import median, starts_and_sizes
 from horizon_sensor_ros.core.white_level import full_scale
 
-DEEP_PX = (-6.0, -4.0)  # where the planet farther in is seen
 _STRETCHES = 6
 # Brightness beside the edge over that farther in where half of the latter is the limb's own, by the
 # law above, blurred by .5 to .6 px, and a blurred step that is fitted to it lies .3 px too far in.
@@ -42,18 +40,6 @@ _GOES_ON = 1.25
 _WHITE = 0.9  # of full scale, beyond which brightness has no way to go on
 
 
-def mean_at(profiles: np.ndarray, grid: ProfileGrid, part_px: tuple[float, float]) -> np.ndarray:
-    """Mean brightness (N,) of profiles (N, J) in a part of them."""
-    part = _part(grid, part_px)
-    sums = np.add.reduce(profiles[:, part], axis=1)
-    return np.asarray(sums * sums.dtype.type(1.0 / (part.stop - part.start)))
-
-
-@lru_cache(maxsize=32)
-def _part(grid: ProfileGrid, part_px: tuple[float, float]) -> slice:
-    return grid.part(*part_px)
-
-
 def beside_over_deep(profiles: np.ndarray, grid: ProfileGrid) -> float:
     """How bright the planet is beside its edge, over how bright it is farther in: the most that the
     mean of stretches of limb may be, for all that clouds are brighter here and darker there.
@@ -64,7 +50,7 @@ def beside_over_deep(profiles: np.ndarray, grid: ProfileGrid) -> float:
         return np.nan
     first, count = starts_and_sizes(len(profiles), _STRETCHES)
     means = np.add.reduceat(profiles.T, first, axis=1, dtype=np.float64) / count
-    beside, deep = _unblurred(grid).T @ means - 2.0 * space_mean(profiles)
+    beside, deep = beside_and_deep_unblurred(grid).T @ means - 2.0 * space_mean(profiles)
     share = beside / np.maximum(deep, 1e-9)
     mean = float(np.add.reduce(share)) / _STRETCHES
     off = share - mean
@@ -80,7 +66,7 @@ def fading_ends(profiles: np.ndarray, grid: ProfileGrid, step: np.ndarray) -> np
     ends = np.zeros(len(profiles), dtype=bool)
     if len(profiles) < _STRETCHES:
         return ends
-    parts, space2 = _unblurred(grid), 2.0 * space_mean(profiles)
+    parts, space2 = beside_and_deep_unblurred(grid), 2.0 * space_mean(profiles)
     # Light lasts to both ends as a rule, which the outermost edges tell.
     (a, b), (c, d), (e, f), (g, h) = (profiles[_OUTERMOST] @ parts - space2).tolist()
     if a + c >= _HALF * (b + d) and e + g >= _HALF * (f + h):
@@ -95,20 +81,6 @@ def fading_ends(profiles: np.ndarray, grid: ProfileGrid, step: np.ndarray) -> np
     for end in (slice(0, lasting[0]), slice(lasting[-1] + 1, None)):
         ends[end] = step[end].min(initial=np.inf) < FADED * usual
     return ends
-
-
-@lru_cache(maxsize=8)
-def _unblurred(grid: ProfileGrid) -> np.ndarray:
-    """(J, 2) that takes profiles to their brightness beside the edge and farther in, each with that
-    as far outside: a step that is blurred, by whatever is alike on both sides, loses to there what
-    it lacks here.
-    """
-    one = np.eye(grid.num)
-    parts = [
-        mean_at(one, grid, part_px) + mean_at(one, grid, (-part_px[1], -part_px[0]))
-        for part_px in (BESIDE_PX, DEEP_PX)
-    ]
-    return np.stack(parts, axis=1)
 
 
 def terminator(

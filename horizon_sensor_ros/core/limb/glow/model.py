@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.model import BESIDE_PX, normal_cdf
+from horizon_sensor_ros.core.limb.edge.model import normal_cdf
+from horizon_sensor_ros.core.limb.edge.near_edge import BESIDE_PX
 from horizon_sensor_ros.core.limb.glow.air import (
     BACKGROUND,
     BLUR,

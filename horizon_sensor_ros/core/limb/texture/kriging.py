@@ -21,7 +21,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.model import BESIDE_PX, MAX_LEVEL, normal_cdf
+from horizon_sensor_ros.core.limb.edge.model import MAX_LEVEL, normal_cdf
+from horizon_sensor_ros.core.limb.edge.near_edge import BESIDE_PX
 from horizon_sensor_ros.core.limb.edge.raster import PLACE_SIGMA_PX, Raster
 from horizon_sensor_ros.core.limb.edge.smear import Blur, Causes, blur_along
 from horizon_sensor_ros.core.limb.profiles import nearness
