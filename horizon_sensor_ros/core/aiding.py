@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import require_rotation
-from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.attitude import require_rotation, require_vector
+from horizon_sensor_ros.core.planet import Planet, require_position
 
 # Of a circular orbit at the surface of the Earth, by its density, which no other planet exceeds.
 _ORBIT_RAD_S = 1.24e-3
@@ -53,11 +53,7 @@ class CoarsePose:
     age_s: float = 0.0
 
     def __post_init__(self) -> None:
-        position = np.array(self.position_ecef_m, dtype=float)
-        if position.shape != (3,) or not np.all(np.isfinite(position)) or not np.any(position):
-            raise ValueError(
-                f"position_ecef_m must be three finite metres, not all 0, got {position.tolist()}"
-            )
+        position = require_position(self.position_ecef_m, "position_ecef_m")
         object.__setattr__(self, "position_ecef_m", _read_only(position))
         rot = require_rotation(self.rot_ecef_from_base, "rot_ecef_from_base")
         object.__setattr__(self, "rot_ecef_from_base", _read_only(rot))
@@ -123,9 +119,7 @@ class Aiding:
             rot = require_rotation(self.rot_now_from_last, "rot_now_from_last")
             object.__setattr__(self, "rot_now_from_last", _read_only(rot))
         if self.rate_base_rad_s is not None:
-            rate = np.array(self.rate_base_rad_s, dtype=float)
-            if rate.shape != (3,) or not np.all(np.isfinite(rate)):
-                raise ValueError(f"rate_base_rad_s must be three finite rad/s, got {rate.tolist()}")
+            rate = require_vector(self.rate_base_rad_s, "rate_base_rad_s", "rad/s")
             object.__setattr__(self, "rate_base_rad_s", _read_only(rate))
         if not 0.0 <= self.rate_spread_rad_s < np.inf:
             got = self.rate_spread_rad_s

@@ -87,6 +87,14 @@ def require_rotation(rot: np.ndarray, name: str) -> np.ndarray:
     return m
 
 
+def require_vector(vector: np.ndarray, name: str, unit: str) -> np.ndarray:
+    """Return a vector as a float (3,) array; ValueError, with its name, when it is not finite."""
+    v = np.array(vector, dtype=float)
+    if v.shape != (3,) or not np.all(np.isfinite(v)):
+        raise ValueError(f"{name} must be three finite {unit}, got {v.tolist()}")
+    return v
+
+
 def nadir_from_roll_pitch(roll_rad: float, pitch_rad: float, level_z: str = "up") -> np.ndarray:
     """Nadir (3,), unit, in the base frame; level_z is "up" or "down", else ValueError."""
     z_base = np.array(

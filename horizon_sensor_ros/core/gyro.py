@@ -8,6 +8,7 @@ from itertools import islice
 
 import numpy as np
 
+from horizon_sensor_ros.core.attitude import require_vector
 from horizon_sensor_ros.core.rigid import rotation_from_vector
 
 _MOST_SAMPLES = 5000
@@ -38,9 +39,7 @@ class RateHistory:
         A stamp before the last one's starts a new history: time has jumped. Raises ValueError for a
         rate that is not (3,) and finite.
         """
-        rate = np.array(rate, dtype=float)
-        if rate.shape != (3,) or not np.isfinite(rate).all():
-            raise ValueError(f"rate must be three finite rad/s, got {rate.tolist()}")
+        rate = require_vector(rate, "rate", "rad/s")
         if self._stamps and stamp == self._stamps[-1]:
             return False
         if self._stamps and stamp < self._stamps[-1]:

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from horizon_sensor_ros.core.attitude import require_vector
+
 _BOWRING_STEPS = 6
 
 
@@ -89,7 +91,7 @@ class Planet:
         Source: Bowring 1976, iterated to rounding (some nanometres) from half-way to the centre
         outwards, up to a flattening of 0.2; nearer to it flatter planets have no one normal.
         """
-        x, y, z = _position(position_ecef).tolist()
+        x, y, z = require_position(position_ecef, "position_ecef").tolist()
         a, b = self.radius_m, self.polar_radius_m
         e2 = 1 - (b / a) ** 2
         axis_distance = math.hypot(x, y)
@@ -127,7 +129,7 @@ class Planet:
         """Nadir (3,), unit, at a position (3,), m; vertical is "geocentric" or "geodetic", else
         ValueError.
         """
-        position = _position(position_ecef)
+        position = require_position(position_ecef, "position_ecef")
         if vertical == "geocentric":
             return -position / np.linalg.norm(position)
         if vertical == "geodetic":
@@ -165,7 +167,7 @@ class Planet:
         azimuth_rad (N,) : about geocentric nadir, 0 towards the north pole, pi/2 towards the east
         (on the poles' axis: those of longitude 0). NaN for a position inside the limb's ellipsoid.
         """
-        position = _position(position_ecef)
+        position = require_position(position_ecef, "position_ecef")
         cone = self.limb_cone_ecef(position)
         nadir = -position / np.linalg.norm(position)
         east = np.cross([0.0, 0.0, 1.0], position)
@@ -186,14 +188,17 @@ class Planet:
 
     def _scaled_limb(self, position_ecef: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Diagonal of the limb ellipsoid's matrix and the position, in units of its equator."""
-        position = _position(position_ecef)
+        position = require_position(position_ecef, "position_ecef")
         equator = self.radius_m + self.limb_height_m
         pole = self.polar_radius_m + self.limb_height_m
         return np.array([1.0, 1.0, (equator / pole) ** 2]), position / equator
 
 
-def _position(position_ecef: np.ndarray) -> np.ndarray:
-    position = np.asarray(position_ecef, dtype=float)
-    if position.shape != (3,) or not np.all(np.isfinite(position)) or not np.any(position):
-        raise ValueError(f"position_ecef must be three finite metres, got {position.tolist()}")
-    return position
+def require_position(position: np.ndarray, name: str) -> np.ndarray:
+    """Return a position as a float (3,) array; ValueError, with its name, when it is not finite, or
+    the planet's centre.
+    """
+    place = require_vector(position, name, "metres")
+    if not place.any():
+        raise ValueError(f"{name} must not be the planet's centre")
+    return place
