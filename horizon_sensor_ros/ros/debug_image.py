@@ -31,6 +31,7 @@ _LEAST_HEIGHT, _MOST_HEIGHT = 240, 1600
 _FONT, _LETTERS, _LINE = cv2.FONT_HERSHEY_SIMPLEX, 0.5, 20
 _LIMB_SAMPLES = 1441
 _MOST_DOTS = 60
+_DASH_PX = 9.0
 _NEAR_POINTS = 3.0  # spacings of the limb's points: nearer than this the limb was seen
 _INSET = 92  # side of the square that shows the uncertainty
 
@@ -332,11 +333,11 @@ def _runs(mask: np.ndarray, near: np.ndarray) -> list[slice]:
     return [slice(start, end + ahead[end]) for start, end in edges.reshape(-1, 2)]
 
 
-def _dashes(px: np.ndarray, dash: float = 9.0) -> list[np.ndarray]:
-    """Every other stretch of a polyline (N, 2), each of a length of `dash` pixels."""
+def _dashes(px: np.ndarray) -> list[np.ndarray]:
+    """Every other stretch of a polyline (N, 2), each of a length of `_DASH_PX`."""
     if len(px) < 2:
         return []
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(px, axis=0), axis=1))])
-    starts = np.arange(0.0, along[-1], 2 * dash)
-    places = [np.linspace(start, min(start + dash, along[-1]), 4) for start in starts]
+    starts = np.arange(0.0, along[-1], 2 * _DASH_PX)
+    places = [np.linspace(start, min(start + _DASH_PX, along[-1]), 4) for start in starts]
     return [np.column_stack([np.interp(p, along, column) for column in px.T]) for p in places]

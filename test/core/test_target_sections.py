@@ -156,7 +156,7 @@ def test_the_middle_of_a_plateau_is_its_middle() -> None:
 def test_compass_search_climbs_a_smooth_hill() -> None:
     top = np.array([0.3, -0.2, 0.7])
     result = compass_search(
-        lambda x: -((x - top) ** 2).sum(axis=1), np.zeros(3), np.full(3, 0.5), 1e-4, 2000
+        lambda x: -((x - top) ** 2).sum(axis=1), np.zeros(3), np.full(3, 0.5), 1e-4
     )
     assert np.abs(result.best - top).max() < 1e-3
     assert result.evaluations < 1000

@@ -7,7 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+_STARTS, _CLIMBS = 256, 6  # places that are looked at first, and the highest of them, climbed from
+_SMALLEST = 1 / 128  # mesh of a climb at its end, over the first
+_MOST_EVALUATIONS = 4000  # of a climb
 _PLATEAU_SAMPLES = 1000
+_PLATEAU_DEPTH = 0.005  # of values about as high as the highest
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +33,7 @@ def compass_search(
     function: Callable[[np.ndarray], np.ndarray],
     start: np.ndarray,
     step: np.ndarray,
-    smallest: float = 1 / 64,
-    max_evaluations: int = 4000,
+    smallest: float,
 ) -> SearchResult:
     """Poll both ways along every axis, move to the best, and halve the mesh where none is better.
 
@@ -45,7 +48,7 @@ def compass_search(
     evaluations, mesh = 1, 1.0
     axes = np.concatenate([np.eye(len(best)), -np.eye(len(best))]) * np.asarray(step, float)
     pattern = None
-    while mesh >= smallest and evaluations < max_evaluations:
+    while mesh >= smallest and evaluations < _MOST_EVALUATIONS:
         polls = best + mesh * axes
         if pattern is not None:
             polls = np.concatenate([polls, best + np.stack([pattern, 2 * pattern])])
@@ -63,9 +66,6 @@ def compass_search(
 def direct_search(
     function: Callable[[np.ndarray], np.ndarray],
     reach: np.ndarray,
-    starts: int = 256,
-    climbs: int = 6,
-    smallest: float = 1 / 128,
     plateau: np.ndarray | None = None,
 ) -> SearchResult:
     """Compass searches from the best of an even spread of starts over the box +-``reach`` (D,),
@@ -81,13 +81,13 @@ def direct_search(
     from scipy.stats import qmc  # noqa: PLC0415  heavy to import, and only used here
 
     reach = np.asarray(reach, float)
-    spread = qmc.Halton(len(reach), scramble=False).random(starts)
+    spread = qmc.Halton(len(reach), scramble=False).random(_STARTS)
     places = np.concatenate([np.zeros((1, len(reach))), (2 * spread - 1) * reach])
     values = function(places)
-    order = np.argsort(-values, kind="stable")[:climbs]
+    order = np.argsort(-values, kind="stable")[:_CLIMBS]
     if 0 not in order:
         order[-1] = 0
-    runs = [compass_search(function, places[k], reach / 4, smallest) for k in order]
+    runs = [compass_search(function, places[k], reach / 4, _SMALLEST) for k in order]
     top = max(runs, key=lambda run: run.value)
     evaluations = len(places) + sum(run.evaluations for run in runs)
     if plateau is None:
@@ -100,11 +100,10 @@ def plateau_mean(
     function: Callable[[np.ndarray], np.ndarray],
     best: np.ndarray,
     reach: np.ndarray,
-    width: float = 0.005,
-    samples: int = 400,
+    samples: int,
 ) -> np.ndarray:
-    """(D,) mean of the places around ``best`` whose values come within about ``width`` of the
-    highest; looked for within ``reach`` (D,) to both sides, twice."""
+    """(D,) mean of the places around ``best`` whose values are about as high as the highest; looked
+    for at so many samples within ``reach`` (D,) to both sides, twice."""
     from scipy.stats import qmc  # noqa: PLC0415  heavy to import, and only used here
 
     spread = (2 * qmc.Halton(len(best), scramble=False).random(samples) - 1) * np.asarray(reach)
@@ -112,6 +111,6 @@ def plateau_mean(
     for _ in range(2):
         places = middle + spread
         values = function(places)
-        weight = np.exp((values - values.max()) / width)
+        weight = np.exp((values - values.max()) / _PLATEAU_DEPTH)
         middle = weight @ places / weight.sum()
     return middle

@@ -18,8 +18,8 @@ COARSE_STEP = 3
 _STRAY_PX = 0.1
 # Step in units of its standard deviation, squared, below which it may be asked whether to go on.
 _DRIFTING = 10.0
-# So many steps at full length.
-_FREE_ITERATIONS = 8
+# So many steps at full length, and so many in all.
+_FREE_ITERATIONS, _MOST_ITERATIONS = 8, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,6 @@ def refine(
     translation_m: np.ndarray,
     gates_m: tuple[float, ...],
     hopeless: Callable[[np.ndarray, Pairs, np.ndarray], bool],
-    max_iterations: int = 20,
 ) -> Refined:
     """Gauss-Newton from a start within the gates; the last gate is used until nothing moves any
     more.
@@ -100,7 +99,7 @@ def refine(
     converged = False
     last, stage, strayed = len(gates_m) - 1, -1, np.inf
     iteration = 0
-    for iteration in range(1, max_iterations + 1):
+    for iteration in range(1, _MOST_ITERATIONS + 1):
         if stage < last or strayed > _STRAY_PX * matcher.b.footprint_m:
             stage = min(stage + 1, last)
             each = COARSE_STEP if stage < last else 1
