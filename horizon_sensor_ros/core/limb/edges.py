@@ -173,7 +173,7 @@ def limb_of_edges(
     rho_rad: float,
     step: RefinePass,
     *,
-    uneven: bool = False,
+    uneven: bool,
 ) -> tuple[LimbPoints, tuple[EdgeLook, ...]]:
     """Limb of edges found one by one, and looks as `refine_limb` returns them.
 

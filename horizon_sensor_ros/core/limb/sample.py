@@ -104,9 +104,9 @@ class LimbSample:
     profiles: np.ndarray
     noise: float
     cornered: np.ndarray
-    black: Black | None = None
-    blur_open_px: float = 0.0
-    corner_px: float | None = None
+    black: Black | None
+    blur_open_px: float
+    corner_px: float | None
     light: FallingLight | None = None
 
     @cached_property

@@ -70,7 +70,7 @@ class Found:
     overlap: float
     searched: bool
     expected: bool
-    known: Uncertainty | None = None
+    known: Uncertainty | None
 
     @property
     def merit(self) -> float:

@@ -43,7 +43,7 @@ def view_consistency(
     b: SurfaceView,
     rotations: np.ndarray,
     translations: np.ndarray,
-    samples: int = 300,
+    samples: int,
     slack_px: float = 0.5,
 ) -> Consistency:
     """Judge candidate motions p_b = R p_a + t; ``rotations`` (C, 3, 3), ``translations`` (C, 3).

@@ -25,7 +25,7 @@ from horizon_sensor_ros.tools.bags.unreadable import Unreadable
 from horizon_sensor_ros.tools.output_files import written_whole
 
 
-def write_tables(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) -> str:
+def write_tables(arguments: argparse.Namespace, stopped: Callable[[], bool]) -> str:
     """Do what the command line asks for and return what was written.
 
     Raises BagError, saying why there are no tables, and KeyboardInterrupt soon after `stopped` says

@@ -33,11 +33,11 @@ class StampRule:
     unit : of written stamps, a key of `UNITS_NS`.
     """
 
-    file: Path | None = None
-    in_names: bool = False
-    unit: str = "s"
-    rate_hz: float = 10.0
-    start_ns: int = 10**9
+    file: Path | None
+    in_names: bool
+    unit: str
+    rate_hz: float
+    start_ns: int
 
 
 def frame_files(folder: Path, suffixes: Collection[str], rule: StampRule) -> list[FrameFile]:

@@ -41,7 +41,7 @@ _HINTS = {
 }
 
 
-def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) -> str:
+def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool]) -> str:
     """Do what the command line asks for and return what was written.
 
     Prints the table. Raises BagError, saying why there is no calibration, and KeyboardInterrupt

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import matplotlib as mpl
@@ -80,7 +80,7 @@ class Section:
 
     key: str
     title: str
-    blocks: tuple[Block, ...] = field(default_factory=tuple)
+    blocks: tuple[Block, ...]
 
 
 def chart(
@@ -167,7 +167,7 @@ def band(
 
 
 def error_band(
-    axes: Axes, time_s: np.ndarray, errors: np.ndarray, sigma: np.ndarray, colour: str = BLUE
+    axes: Axes, time_s: np.ndarray, errors: np.ndarray, sigma: np.ndarray, colour: str
 ) -> None:
     """Draw errors over a band of three sigma about zero; one wild value does not flatten all."""
     seen = np.isfinite(errors)

@@ -28,7 +28,7 @@ _MOST_REASONS = 12
 _RESIDUAL = re.compile(r"(?:(?P<camera>.+)\.)?residual_(?P<unit>px|mm)")
 
 
-def residuals_section(recorded: Recorded, seen_again: Sequence[Block] = ()) -> Section | None:
+def residuals_section(recorded: Recorded, seen_again: Sequence[Block]) -> Section | None:
     """Return residuals and numbers of points as /diagnostics has them; None without any.
 
     seen_again : of frames that were processed once more, to stand first.

@@ -35,7 +35,7 @@ def darkening_error(
     step: np.ndarray,
     px_over_radius: float,
     *,
-    model_free: bool = False,
+    model_free: bool,
 ) -> SharedError:
     """What edges share, in pixels of the profiles (N, J), where brightness rises below all of them.
 

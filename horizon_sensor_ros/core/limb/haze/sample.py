@@ -88,7 +88,7 @@ class HazySample:
     rho_rad: float
     pixel_rad: float
     white_share: float
-    warp: Warp | None = None
+    warp: Warp | None
 
     def offset_px(self, places_px: np.ndarray) -> np.ndarray:
         """How far (M,) outside the limb places (M,) in samples are, steps of its normals."""

@@ -33,7 +33,7 @@ class WorkingImage:
         """Reduce a frame (H, W) uint8 or uint16, and measure its space."""
         return cls._measured(*reduce_image(gray), mask)
 
-    def coarser(self, times: int, mask: Mask | None = None) -> WorkingImage:
+    def coarser(self, times: int, mask: Mask | None) -> WorkingImage:
         """The same frame, smaller by another factor. mask : of the frame."""
         return self._measured(block_average(self.gray, times), times * self.factor, mask)
 
