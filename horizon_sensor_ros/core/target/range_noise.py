@@ -9,7 +9,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.target.range_image import RangeImage
 from horizon_sensor_ros.core.target.repeated_returns import are_repeated
-from horizon_sensor_ros.core.target.smoothed_noise import noise_before_smoothing
+from horizon_sensor_ros.core.target.smoothed_noise import are_smoothed, noise_before_smoothing
 
 # Ranges come in steps that matter where these are above such a share of the noise.
 _COARSE_STEP = 0.2
@@ -67,10 +67,10 @@ def noise_of_returns(image: RangeImage) -> ReturnNoise:
         return ReturnNoise(noise_m)
     if noise_m > _DRAWN_M and are_repeated(inverse, *image.tangents()):
         most_m = _BEFORE_MEDIAN * noise_m
-        told = noise_before_smoothing(inverse, certain=True)
+        told = noise_before_smoothing(inverse)
         sigma_m = most_m if told is None else min(max(told[0], noise_m), most_m)
         return ReturnNoise(sigma_m, smoothed=True)
-    told = noise_before_smoothing(inverse)
+    told = noise_before_smoothing(inverse) if are_smoothed(inverse) else None
     if told is None:
         return ReturnNoise(noise_m)
     return ReturnNoise(max(told[0], noise_m), smoothed=True, reach_px2=told[1])

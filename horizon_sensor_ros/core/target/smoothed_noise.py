@@ -29,27 +29,33 @@ _THERE, _MEDIAN = 0.87, 0.6745
 _BEND_PX, _BEND_SIGMAS = 2.0, 1.0
 
 
-def noise_before_smoothing(
-    inverse: np.ndarray, *, certain: bool = False
-) -> tuple[float, float] | None:
-    """Standard deviation (m) of single returns before they were smoothed, and the mean square
-    reach (px^2) of what smoothed them, along rows or columns; None where it does not show that they
-    were, or too few returns tell.
+def are_smoothed(inverse: np.ndarray) -> bool:
+    """Whether it shows that ranges were smoothed: neighbours differ by less than returns farther
+    apart; not where too few returns tell.
 
-    inverse : (H, W) inverse depth, 0 without a return.  certain : that they were is known, and not
-        asked.
+    inverse : (H, W) inverse depth, 0 without a return.
+    """
+    mixed = _mixed(inverse, _FIRST)
+    if mixed is None or not _within_and_smoothed(inverse, *mixed):
+        return False
+    noise = _where_least(inverse.shape, *mixed)
+    return noise is not None and noise[-1] > _SMOOTHED_WHERE_LEAST * noise[0]
+
+
+def noise_before_smoothing(inverse: np.ndarray) -> tuple[float, float] | None:
+    """Standard deviation (m) of single returns before they were smoothed, as they are known to be,
+    and the mean square reach (px^2) of what smoothed them, along rows or columns; None where too
+    few returns tell, or ranges are exact.
+
+    inverse : (H, W) inverse depth, 0 without a return.
 
     Smoothing takes from what neighbours differ by, and nothing from what a whole window is off by:
     that is as if the noise were independent, and as large as before.
     """
     mixed = _mixed(inverse, _FIRST)
-    if mixed is None or not (certain or _within_and_smoothed(inverse, *mixed)):
-        return None
-    noise = _where_least(inverse.shape, *mixed)
+    noise = mixed and _where_least(inverse.shape, *mixed)
     # Of exact ranges all are nothing.
     if noise is None or not noise[-1] > 0:
-        return None
-    if not (certain or noise[-1] > _SMOOTHED_WHERE_LEAST * noise[0]):
         return None
     for lags in range(_FIRST + 1, _LAGS + 1):
         mixed = _mixed(inverse, lags)
