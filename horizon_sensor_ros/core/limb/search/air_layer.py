@@ -238,19 +238,16 @@ def may_be_cut_off(
     layer_rad = _layer_rad(consensus, planet)
     below = DEPTHS_M >= 0.0
     below_m, depths = DEPTHS_M[below], _depths_rad(layer_rad)[below]
-    enough = 1 + int(np.count_nonzero(below_m < ENOUGH_M))
     fades = False
     for i, (view, seen) in enumerate(zip(views, working, strict=True)):
         rays = edge.rays[edge.camera == i]
         if len(rays) == 0:
             continue
         some = evenly(len(rays), COLUMNS)
-        # As a rule frames show that far, and farther down nothing is asked.
-        level = levels(view, seen, rays_below(rays[some], consensus, depths[:enough]))
-        if np.count_nonzero(np.isfinite(level).all(axis=1)) >= FEW * TOGETHER:
-            return False
         level = levels(view, seen, rays_below(rays[some], consensus, depths))
         reach = np.isfinite(level).cumprod(axis=1).sum(axis=1)
+        if np.count_nonzero(reach > np.count_nonzero(below_m < ENOUGH_M)) >= FEW * TOGETHER:
+            return False
         num = int(median(reach))
         if num <= np.count_nonzero(below_m < _CUT_OFF_M):
             continue
