@@ -72,12 +72,14 @@ class Warp(NamedTuple):
 class HazySample:
     """Mean profiles (M, J) across stretches of a predicted limb, by angle.
 
-    curve : of the stretches' middles; its normals are as long as a sample's step at the limb, in
-    pixels of the reduced image. rho_rad : of the predicted limb. pixel_rad : angle of a pixel of
-    it. white_share : of the stretches, those that are overexposed. warp : how samples get
-    farther apart outside; None: they do not.
+    gray : (H, W), the image, reduced by `factor`. curve : middles of the stretches; its normals are
+    as long as a sample's step at the limb, in pixels of that image. noise : one sigma of profiles,
+    gray levels. grid : where their samples are, and where edges are sought. predicted, rho_rad :
+    the limb about which they are. stretch_px : length of a stretch, and pixel_rad : angle of a
+    pixel, of that image. warp : how samples get farther apart outside; None: they do not.
     """
 
+    gray: np.ndarray
     curve: LimbCurve
     profiles: np.ndarray
     noise: float
@@ -87,8 +89,13 @@ class HazySample:
     factor: int
     rho_rad: float
     pixel_rad: float
-    white_share: float
     warp: Warp | None
+
+    @property
+    def white_share(self) -> float:
+        """Of the stretches, those that are overexposed."""
+        white = NEAR_WHITE * saturation_level(self.gray, self.profiles)
+        return float(np.mean(self.profiles.max(axis=1) >= white))
 
     def offset_px(self, places_px: np.ndarray) -> np.ndarray:
         """How far (M,) outside the limb places (M,) in samples are, steps of its normals."""
@@ -154,6 +161,7 @@ def sample_haze(
     middle = bundles.middle
     least = _LEAST_NOISE * median(means.max(axis=1) - means[:, -1])
     return HazySample(
+        gray,
         LimbCurve(curve.px[middle], curve.normal_px[middle], size * spacing_px * factor),
         means,
         max(pixel_noise(means, size), least),
@@ -163,7 +171,6 @@ def sample_haze(
         factor,
         rho_rad,
         factor * usual_rad,
-        float(np.mean(means.max(axis=1) >= NEAR_WHITE * saturation_level(gray, means))),
         warp,
     )
 
