@@ -12,11 +12,11 @@ _LONGEST = 600  # sets that count: what it came from may have gone with the came
 class Doubts:
     """Remembers from set to set which cameras see a limb where others do not.
 
-    Nothing tells which of two cameras that contradict each other is mounted as it should be; where
-    the other one is dazzled for a moment this one alone would be believed. It is not for as many
-    fixes of its own as they contradicted each other, `_LONGEST` at most, unless they come to agree
-    before. Cameras of a wrong focal length agree by chance, now and then, on a limb in between:
-    they do agree where they do in `_AGREEMENTS` sets one after the other.
+    Nothing tells which of two cameras that contradict each other is mounted as it should be. Where
+    one is dazzled for a moment the other alone would be believed. It is not, for as many of its
+    own fixes as there were contradictions, `_LONGEST` at most, unless the cameras come to agree
+    before. Cameras of a wrong focal length agree by chance, now and then, on a limb in between: to
+    agree is to do so in `_AGREEMENTS` sets one after the other.
     """
 
     def __init__(self) -> None:

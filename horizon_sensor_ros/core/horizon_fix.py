@@ -54,15 +54,20 @@ class HorizonFix:
     """What simultaneous frames told.
 
     reason : why there is no estimate, or what makes it less certain; empty where nothing does.
-    fit : the estimate, NaN when status is not OK. limbs : one per frame, in order; a frame that
-    contributed nothing says why. cameras_used : names of those that did. cameras_spared : names of
-    those whose limbs lie on the same cone, but without which the fix is surer. predicted : where
-    the limb was expected, if it was followed and not searched for. airglow : the edge of the
-    airglow above the limb, as a fit of its own, where nadir is by that too. airglow_alone : all is
-    by that edge, and limbs are points of it. views : one per frame, as they see the horizon at the
-    set's time, where frames are not of that moment; else empty. contradicting : names of those that
-    were searched and see, each by itself, a limb where others do not. gyro_refused : frames not of
-    one moment were brought together without the gyro's rate, since no horizon bears it out.
+    fit : the estimate, NaN when status is not OK.
+    limbs : one per frame, in order; a frame that contributed nothing says why.
+    cameras_used : names of the cameras that contributed.
+    predicted : where the limb was expected, if it was followed and not searched for.
+    airglow : the edge of the airglow above the limb, as a fit of its own, where it told nadir too.
+    airglow_alone : that edge told all of the estimate, and limbs are points of it.
+    cameras_spared : names of cameras whose limbs lie on the same cone, but without which the fix is
+    surer.
+    views : one per frame, as they see the horizon at the set's time, where frames are not of that
+    moment; else empty.
+    contradicting : names of cameras that were searched one by one and see a limb where others do
+    not.
+    gyro_refused : frames not of one moment were brought together without the gyro's rate, since no
+    horizon bears it out.
     """
 
     status: Status

@@ -78,11 +78,13 @@ class _Run:
 class Leaps:
     """Remembers where the craft was, and what else was seen.
 
-    Where the limb leaves the frame of one camera, and the Moon or a reflection comes in, nothing
-    tells which of both is the planet but which was there for longer: the other's fixes are not
-    believed before it was, in sets, or a minute has passed. Cameras that agree are believed at
-    once. Without a gyro nothing is asked: frames of another scene are no fault then. One by which
-    the craft turned less than from one fix to the next, twice one right after the other, is wrong:
+    Where the limb leaves the frame of one camera, and the Moon or a reflection comes in, only one
+    thing tells which of both is the planet: what was there for longer. Fixes of the other are not
+    believed until there were more sets of them, or for a minute. Fixes on which several cameras
+    agree are believed at once.
+
+    Without a gyro nothing is asked: frames of another scene are no fault then. A gyro by which the
+    craft turned less than from one fix to the next, twice one right after the other, is wrong:
     until fixes bear it out again altitude alone is asked.
     """
 

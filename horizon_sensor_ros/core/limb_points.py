@@ -19,15 +19,21 @@ def _empty(columns: int) -> np.ndarray:
 class SharedError(NamedTuple):
     """One-sigma errors that the points of one camera's limb share, pixels along the normal.
 
+    Of one camera, independent of the others':
     coherent_px : of a stretch of limb, independent of the other stretches (air glow bends long
-    ones). shift_px : of the whole limb (cameras see different air). slope_px : of its ends, one
-    outwards and one inwards, which turns the limb. height_px : of the whole limb, the same in the
-    limbs of all cameras (overexposed air, or below airglow). scale_px : of places where the lens
-    has e times as many pixels to an angle, beside the others, likewise the same in all limbs (air
-    that passes for blur lifts edges the less, the better it is resolved). dark_px : of places as
-    bright as is usual along the limb, and more where it is darker, by `LimbPoints.step` (air that
-    passes for blur lifts edges the more, the less light the ground gives beside it). white_px :
-    what `coherent_px` has of overexposed edges, which does not bend a limb as the rest of it may.
+    ones).
+    white_px : the part of `coherent_px` that is of overexposed edges: it does not bend a limb, as
+    the rest may.
+    shift_px : of the whole limb (cameras see different air).
+    slope_px : of its ends, one outwards and one inwards, which turns the limb.
+
+    The same in the limbs of all cameras:
+    height_px : of the whole limb (overexposed air, or below airglow).
+    scale_px : of a place where the lens has e times as many pixels to an angle as elsewhere. Air
+    that passes for blur lifts edges the less, the better it is resolved.
+    dark_px : of a place that is as bright as is usual along the limb (`LimbPoints.step`), and more
+    where it is darker. Air that passes for blur lifts edges the more, the less light the ground
+    beside it gives.
     """
 
     coherent_px: float = 0.0

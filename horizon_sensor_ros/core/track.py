@@ -35,14 +35,17 @@ class ConeStep(NamedTuple):
 class Track:
     """The limb of the last set of frames, and what it looked like.
 
-    views : of the frames that were searched. cameras : names of those whose limbs lie on one cone.
-    nadir_base, rho_rad : its disc's cone. outside : of the other cameras, by name, how many edges
-    agreed on one disc, a limb or not, when they were searched. elsewhere : those of them, by name,
-    that saw a limb elsewhere by themselves, in words. step : from the set before; None right after
-    a search that follows none of the same cameras.
-    state : what the limb looked like. working : the search's images of the frames, one per frame.
-    layer_rad : height of airglow above the limb. airglow : whether it shows. age : sets since the
-    search.
+    views : of the frames that were searched.
+    cameras : names of those whose limbs lie on one cone.
+    nadir_base (3,), rho_rad : that cone.
+    state : what the limb looked like.
+    working : the search's images of the frames, one per frame.
+    layer_rad : height of airglow above the limb. airglow : whether it shows.
+    outside : of the other cameras, by name, how many edges agreed on one disc, a limb or not, when
+    they were searched.
+    elsewhere : those of them, by name, that saw a limb elsewhere by themselves, in words.
+    step : from the set before; None right after a search that follows none of the same cameras.
+    age : sets since the search.
     """
 
     views: tuple[CameraView, ...]

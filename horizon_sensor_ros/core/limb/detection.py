@@ -75,19 +75,22 @@ class Detection:
     """The limb in each frame, and where the last pass of refinement looked for it.
 
     One per frame, in order:
-    observations : the limb. looks : models of its edge; empty where none fits. factors : by which
-    the frame was reduced for the last pass. smears : motion's in it, None where there is hardly
-    any. steepness : of the limb, when it was last asked whether motion smears it. working : the
-    frame in the size of the search, which evidence is looked for in. separated : the limbs that
-    were separated from the glow above them (`LimbPoints.glow_separated`), where others were not;
-    empty where all or none were.
+    observations : the limb.
+    looks : models of its edge; empty where none fits.
+    factors : by which the frame was reduced for the last pass.
+    smears : motion's in it, None where there is hardly any.
+    steepness : of the limb, when it was last asked whether motion smears it.
+    working : the frame in the size of the search, in which evidence is looked for.
+    separated : where some limbs were separated from the glow above them
+    (`LimbPoints.glow_separated`) and others were not, those that were; else empty.
 
     Of all frames together:
     nadir_base (3,), rho_rad : the cone around which the last pass refined; NaN where there is none.
-    candidates : the search's edges, of which the consensus is; None where the limb was followed and
-    nothing was searched.
-    layer_rad : how far above the limb a layer of airglow lies, 0 without one. airglow : after a
-    search, whether such a layer may show; where the limb is followed, whether it did.
+    consensus : what the search agreed on; status NO_LIMB where the limb was followed.
+    candidates : the edges of which the consensus is; None where the limb was followed.
+    layer_rad : how far above the limb a layer of airglow lies, 0 without one.
+    airglow : after a search, whether such a layer may show; where the limb is followed, whether it
+    did.
     """
 
     observations: tuple[LimbObservation, ...]

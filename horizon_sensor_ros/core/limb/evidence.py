@@ -48,21 +48,28 @@ _MASK_CLEARANCE_PX = 11.0  # nearer to a mask, pixels of the full image, no limb
 
 @dataclass(frozen=True)
 class SkyEvidence:
-    """One camera's evidence about a fitted limb.
+    """One camera's evidence about a fitted limb, without the Sun's glare and stray light.
 
-    Along the limb: limb_px : its length in the frame, where not masked. bright_sky : share of it
-    whose outer side is bright. lit_limb : share of it whose inner side is brighter than space.
-    ground_beyond : share of it that has something bright beyond it which looks like ground: it ends
-    in an edge whose distance from the limb changes, as that of a layer of air does not. Where that
-    edge is out of sight, as a part of the craft's may be, it counts only up to as much of the limb
-    again as where it is in sight.
-    Inside: contrast : gray levels from space to the planet beside the limb, over the noise.
+    Stray light makes one side of the sky a little brighter than the other, as twilight and
+    moonlight do on long exposures.
+
+    Along the limb:
+    limb_px : its length in the frame, where not masked.
+    bright_sky : share of it whose outer side is bright.
+    lit_limb : share of it whose inner side is brighter than space.
+    ground_beyond : share of it beyond which something bright looks like ground: it ends in an edge
+    whose distance from the limb changes, as that of a layer of air does not. Where that edge is out
+    of sight, as a part of the craft's may be, at most as much of the limb counts again as where it
+    is in sight.
+
+    Inside:
+    contrast : gray levels from space to the planet beside the limb, over the noise.
     dark_ground : behind the lit part of the limb, share of the ground that is as dark as space; it
     is large between the lamps of a night side.
-    Outside: clear_sky : share of the frame outside the disc that is at the level of space; NaN when
-    less than 1 % of the frame lies outside.
-    Taken off before that: the Sun's glare, and stray light, which makes one side of the sky a
-    little brighter than the other, as twilight and moonlight do on long exposures.
+
+    Outside:
+    clear_sky : share of the frame outside the disc that is at the level of space; NaN when less
+    than 1 % of the frame lies outside.
     """
 
     limb_px: float

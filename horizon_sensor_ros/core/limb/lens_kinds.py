@@ -1,6 +1,6 @@
-"""What is known of a lens, of which two kinds are made.
+"""What is known of a lens that may be of either of two kinds: most are good, some are not.
 
-Most are good, some are not: a mean over both by how well what is seen agrees with either.
+The answer is the mean over both, weighted by how well either explains what is seen.
 Source: Bayesian model averaging (Hoeting et al. 1999).
 """
 
@@ -12,8 +12,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Known:
-    """Mean and variance of what lenses of one kind do, about nothing by one sigma, and the
-    logarithm of how likely it is that what was seen was seen, but for what is common to all kinds.
+    """What is known of one lens, if it is of one kind: what lenses of that kind do is spread about
+    nothing by one sigma.
+
+    mean, variance : of what this one does. log_likelihood : how likely such a lens is to show what
+    was seen, up to a term that all kinds have in common.
     """
 
     mean: float
@@ -22,7 +25,7 @@ class Known:
 
     @classmethod
     def of(cls, seen: float, variance: float, sigma: float) -> Known:
-        """By what was seen of it and the variance of that, of a kind's one sigma."""
+        """By what was seen of it, and the variance of that. sigma : of its kind."""
         whole = variance + sigma**2
         share = sigma**2 / whole
         log_likelihood = -0.5 * (seen**2 / whole + math.log(whole))
@@ -30,9 +33,9 @@ class Known:
 
 
 def of_either(usual: Known, other: Known, log_odds: float) -> tuple[float, float]:
-    """Mean and variance whatever the kind.
+    """Mean and variance over both kinds.
 
-    log_odds : of the other kind, before anything is seen.
+    log_odds : logarithm of how much likelier the other kind is, before anything is seen.
     """
     log_odds += other.log_likelihood - usual.log_likelihood
     share = 0.5 + 0.5 * math.tanh(0.5 * log_odds)

@@ -50,20 +50,28 @@ PLAIN_NOISE = 0.71  # noise of pixels over `pixel_noise`, which allows for an ed
 
 @dataclass(frozen=True)
 class RefinePass:
-    """One pass of refinement: edges within +-reach_px on a grid, a profile every spacing_px.
+    """One pass of refinement: what it looks for, and when it is made.
 
-    All in pixels of the image, which is reduced by `factor`. guess : say what the edge may look
-    like where that was not known. at_once : and go on with that guess, if it is that of a sharp
-    edge. expected : the limb is where it is predicted, as far as is known.
-    inner_px : how far a profile reaches into the planet, beside the search range. contour : where
-    air glows its contour draws the limb. separate_glow : limb and glow are fitted together, which
-    separates them; in_part : in a part of the limb where they cannot be in all of it.
+    In pixels of the image, which is reduced by `factor`:
+    reach_px, grid_px : edges are sought within +-reach_px of the predicted limb, on such a grid.
+    spacing_px : from profile to profile along the limb.
+    inner_px : how far a profile reaches into the planet, beside the search range.
     blur_open_px : one sigma of what the blur may differ by along the limb.
 
-    Its place among the passes (`passes.look_for`): after_search : the first around a consensus,
-    which may have strayed, in frames that may be too large for a soft limb. resizes : frames change
-    their size by how it sees their limbs. for_glow : it is left out where no edge glows, or the air
-    is known. finest : none tells more, where it finds the limb on its cone.
+    What it does:
+    guess : say what the edge may look like, where that was not known.
+    at_once : and go on with that guess, if it is that of a sharp edge.
+    expected : take the limb to be where it is predicted, as far as is known.
+    contour : where air glows, let its contour draw the limb.
+    separate_glow : fit limb and glow together, which separates them.
+    in_part : do so in a part of the limb where they cannot be fitted in all of it.
+
+    Its place among the passes (`passes.look_for`):
+    after_search : the first around a consensus, which may have strayed, in frames that may be too
+    large for a soft limb.
+    resizes : frames change their size by how it sees their limbs.
+    for_glow : it is left out where no edge glows, or the air is known.
+    finest : none tells more, where it finds the limb on its cone.
     """
 
     reach_px: float

@@ -79,13 +79,19 @@ class RayCandidates:
 
 @dataclass(frozen=True, eq=False)
 class Consensus:
-    """The winning hypothesis; `inliers` is a mask over the ray candidates. Not OK: a reason, and
-    NaN but below a layer of airglow without ground. unanimous : it explains nearly all of them, and
-    lies as near to the limb as they do.
-    layer_rad : how far above the limb a layer of airglow lies, whose edge then the inliers are; 0
-    where there is none. by_day : of such, the consensus before it was taken for a layer's edge,
-    where lit air looks like that too. perhaps_layer : whether the limb may be such an edge, and how
-    light fades below it does not tell.
+    """The disc on which the candidates agree.
+
+    Not OK: a reason, and a cone of NaN, unless the status is that of a layer of airglow without
+    ground.
+
+    nadir_base (3,), rho_rad : the cone of its limb.
+    inliers : (N,) which of the candidates agree.
+    unanimous : nearly all of them do, and the cone lies as near to the limb as they do.
+    layer_rad : how far above the limb the edge of a layer of airglow lies, which the inliers then
+    are on; 0 where there is none.
+    by_day : the consensus before it was taken for such an edge, where air that is lit by day may
+    look like that too.
+    perhaps_layer : the limb may be such an edge, and how light fades below it does not tell.
     """
 
     status: Status
