@@ -187,58 +187,76 @@ def limb_of_edges(
         return LimbPoints.none(Status.NO_LIMB, reason), ()
     edges_px = places.offset_px
     jumps_px = scatter_px(steepest.offset_px[good])
-    profiles, px, normal_px, places = _taken(sample, places, good)
+    taken = _Taken.of(sample, places, good)
     if step.guess and not given:
-        looks = guess_looks(profiles, sample.grid.d_px, places)
+        looks = guess_looks(taken.profiles, sample.grid.d_px, taken.places)
     glow_px = max((look.glow_px for look in looks), default=0.0)
     glows = glow_px > 0.0
     shared = edges.shared
     if glows or edges.model_free:
         moved_px = (edges_px - steepest.offset_px)[good & believable(steepest)]
         length_px = usual_length_px(view, rho_rad, step.factor)
-        coherent = _coherent_px(places, glow_px, length_px, None if edges.model_free else moved_px)
+        moved_px = None if edges.model_free else moved_px
+        coherent = _coherent_px(taken.places, glow_px, length_px, moved_px)
         if step.contour and 0.0 < glow_px <= _LONGEST_CONTOUR_PX:
             # Edges without a model lie the farther out, the darker the ground.
             shared_px = coherent if edges.model_free else None
-            contour = _contour(sample, good, places, view, shared_px)
+            contour = _contour(sample, good, taken, view, shared_px)
             if contour is not None:
                 coherent = contour.coherent_px
-                places = contour.places(places)
-                px, normal_px = px[contour.keep], normal_px[contour.keep]
+                taken = taken.along(contour)
         if uneven:
             coherent *= _UNEVEN_GLOW
         shared = SharedError(coherent, _SHIFT * coherent, _SLOPE * coherent)
     shared = shared.besides(of_clipping).besides(of_light)
     no_model = given and edges.model_free
     if glows:
-        points = _points(sample, px, normal_px, places, shared, jumps_px, np.empty(0), np.nan)
-        along_rad = len(px) * sample.stretch_px * sample.pitch_rad
+        points = _points(sample, taken, shared, jumps_px)
+        along_rad = len(taken.px) * sample.stretch_px * sample.pitch_rad
         share, length_px = float(np.mean(sample.clipped)), usual_length_px(view, rho_rad)
         by_white = of_white_air(share, along_rad, rho_rad, length_px)
         points = replace(points, shared=points.shared.besides(by_white))
     else:
-        # Contours move edges below glow alone: these are as they were taken.
+        look = None if edges.model_free else looks[0]
         points = _points_without_glow(
-            sample,
-            (profiles, px, normal_px, places),
-            _falls(profiles),
-            rho_rad,
-            shared,
-            jumps_px,
-            None if edges.model_free else looks[0],
-            edges.corner_blur,
-            modelled=not no_model,
+            sample, taken, shared, jumps_px, look, rho_rad, edges.corner_blur
         )
+        points = replace(points, modelled=not no_model)
     return points, () if no_model else tuple(looks)
 
 
-def _taken(
-    sample: LimbSample, places: EdgePlaces, good: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, EdgePlaces]:
-    """Profiles (N, J), their pixels and normals (N, 2), and places, where edges (M,) are good."""
-    if good.all():
-        return sample.profiles, sample.px, sample.normal_px, places
-    return sample.profiles[good], sample.px[good], sample.normal_px[good], places.take(good)
+@dataclass(frozen=True, eq=False)
+class _Taken:
+    """Edges (N,) of which limb points are made.
+
+    profiles : (N, J) in which they are. px, normal_px : (N, 2) where these cross the predicted
+    limb, pixels of the full image, and their directions. places : of the edges.
+    """
+
+    profiles: np.ndarray
+    px: np.ndarray
+    normal_px: np.ndarray
+    places: EdgePlaces
+
+    @classmethod
+    def of(cls, sample: LimbSample, places: EdgePlaces, good: np.ndarray) -> _Taken:
+        """Of a sample's edges (M,) those that are good."""
+        if good.all():
+            return cls(sample.profiles, sample.px, sample.normal_px, places)
+        px, normal_px = sample.px[good], sample.normal_px[good]
+        return cls(sample.profiles[good], px, normal_px, places.take(good))
+
+    def along(self, contour: ContourLimb) -> _Taken:
+        """Those of them that a contour of the glow could follow, where it has the limb."""
+        keep, places = contour.keep, contour.places(self.places)
+        return _Taken(self.profiles[keep], self.px[keep], self.normal_px[keep], places)
+
+    @cached_property
+    def falls(self) -> np.ndarray:
+        """By how much brightness falls from sample to sample, in stretches of limb: (S, J - 1)."""
+        first = starts_of_parts(len(self.profiles), _STRETCHES)
+        sums = np.add.reduceat(self.profiles.T, first, axis=1).T
+        return np.asarray(sums[:, :-1] - sums[:, 1:])
 
 
 def _in_falling_light(
@@ -269,41 +287,26 @@ def _of_limb(sample: LimbSample, step: np.ndarray, good: np.ndarray) -> np.ndarr
     return of_limb
 
 
-def _darkening(
-    sample: LimbSample,
-    profiles: np.ndarray,
-    places: EdgePlaces,
-    rho_rad: float,
-    model_free: bool,
-) -> SharedError:
-    """Error that edges share over ground that darkens towards them; profiles are (N, J)."""
-    px_over_radius = ground_across_px(sample.pitch_rad, rho_rad)
-    return darkening_error(
-        profiles, sample.grid, places.step, px_over_radius, model_free=model_free
-    )
-
-
 def _contour(
     sample: LimbSample,
     good: np.ndarray,
-    places: EdgePlaces,
+    taken: _Taken,
     view: CameraView,
     shared_px: float | None,
 ) -> ContourLimb | None:
-    """Contour of the glow above good edges, at their places (N,); good : (M,) of the sample.
+    """Contour of the glow above the edges that were taken; good : (M,) which of the sample's.
 
     shared_px : as of `contour_limb`, by default if None.
     """
-    px, normal_px = sample.px[good], sample.normal_px[good]
     alike = {} if shared_px is None else {"shared_px": shared_px}
     return contour_limb(
-        sample.profiles[good],
+        taken.profiles,
         sample.grid.d_px,
-        places,
+        taken.places,
         sample.noise,
         sample.bundles.middle[good],
-        normal_px,
-        pixel_rad_across(view, px, normal_px),
+        taken.normal_px,
+        pixel_rad_across(view, taken.px, taken.normal_px),
         **alike,
     )
 
@@ -373,57 +376,45 @@ def expected_limb(sample: LimbSample, look: EdgeLook, rho_rad: float) -> LimbPoi
     places, of_light = _in_falling_light(sample, places, fits)
     if np.count_nonzero(fits) < max(_EXPECTED_SHARE * np.count_nonzero(good), MIN_PROFILES):
         return None
-    taken = _taken(sample, places, fits)
-    profiles, *_, places = taken
-    jumps_px = scatter_px(places.offset_px)
-    falls = _falls(profiles)
-    if not (jumps_px < _CALM_PX and _falls_there(falls, sample.grid)):
+    taken = _Taken.of(sample, places, fits)
+    jumps_px = scatter_px(taken.places.offset_px)
+    if not (jumps_px < _CALM_PX and _falls_there(taken.falls, sample.grid)):
         return None
-    if not _lit_there(profiles, places, sample.grid):
+    if not _lit_there(taken, sample.grid):
         return None
     shared = _of_sharpness(found.shared, look).besides(of_light)
-    return _points_without_glow(
-        sample, taken, falls, rho_rad, shared, jumps_px, look, found.corner_blur
-    )
+    return _points_without_glow(sample, taken, shared, jumps_px, look, rho_rad, found.corner_blur)
 
 
 def _points_without_glow(
     sample: LimbSample,
-    taken: tuple[np.ndarray, np.ndarray, np.ndarray, EdgePlaces],
-    falls: np.ndarray,
-    rho_rad: float,
+    taken: _Taken,
     shared: SharedError,
     jumps_px: float,
     look: EdgeLook | None,
+    rho_rad: float,
     corner_blur: CornerBlur | None,
-    *,
-    modelled: bool = True,
 ) -> LimbPoints:
-    """Points of edges as `_taken`, and what shows there besides where no air glows.
+    """As `_points`, with what shows besides where no air glows.
 
-    falls : as of `_falls`. shared : but for darkening ground. look : by which they were placed;
-    None without a model.
+    shared : but for what darkening ground adds. look : by which edges were placed; None without a
+    model. corner_blur : in pixels of the sample's image.
     """
-    profiles, px, normal_px, places = taken
-    return _points(
-        sample,
-        px,
-        normal_px,
-        places,
-        shared.besides(_darkening(sample, profiles, places, rho_rad, look is None)),
-        jumps_px,
-        _steepness(falls, sample.grid),
-        np.nan if look is None else sample.factor * look.psf_px,
-        corner_blur,
-        modelled=modelled,
-        beside_over_deep=beside_over_deep(profiles, sample.grid),
+    grid, factor = sample.grid, sample.factor
+    darkening = darkening_error(
+        taken.profiles,
+        grid,
+        taken.places.step,
+        ground_across_px(sample.pitch_rad, rho_rad),
+        model_free=look is None,
     )
-
-
-def _falls(profiles: np.ndarray) -> np.ndarray:
-    """By how much profiles (N, J) fall from sample to sample, in stretches of limb: (S, J - 1)."""
-    sums = np.add.reduceat(profiles.T, starts_of_parts(len(profiles), _STRETCHES), axis=1).T
-    return np.asarray(sums[:, :-1] - sums[:, 1:])
+    return replace(
+        _points(sample, taken, shared.besides(darkening), jumps_px),
+        steepness=_steepness(taken.falls, grid),
+        blur_px=np.nan if look is None else factor * look.psf_px,
+        corner_blur=None if corner_blur is None else corner_blur.times(factor),
+        beside_over_deep=beside_over_deep(taken.profiles, grid),
+    )
 
 
 def _falls_there(falls: np.ndarray, grid: ProfileGrid) -> bool:
@@ -435,13 +426,13 @@ def _falls_there(falls: np.ndarray, grid: ProfileGrid) -> bool:
     return bool((there > _LEAST_FALL * falls.max(axis=1)).all())
 
 
-def _lit_there(profiles: np.ndarray, places: EdgePlaces, grid: ProfileGrid) -> bool:
-    """Whether all along the limb edges lie where profiles (N, J) are about half as bright as beside
-    the limb.
+def _lit_there(taken: _Taken, grid: ProfileGrid) -> bool:
+    """Whether all along the limb edges lie where it is about half as bright as beside the limb.
 
     Kriged about a prediction that lies in space the dark below it is texture's, and the limb is
     where it was predicted.
     """
+    profiles, places = taken.profiles, taken.places
     at = places.offset_px - grid.first_px
     before = at.astype(np.intp)
     share = at - before
@@ -490,42 +481,24 @@ def _with_clipped(
     return places.replaced(clipped, by), found.shared.times(share)._replace(slope_px=turned_px)
 
 
-def _points(
-    sample: LimbSample,
-    px: np.ndarray,
-    normal_px: np.ndarray,
-    places: EdgePlaces,
-    shared: SharedError,
-    jumps_px: float,
-    steepness: np.ndarray,
-    blur_px: float,
-    corner_blur: CornerBlur | None = None,
-    *,
-    modelled: bool = True,
-    beside_over_deep: float = np.nan,
-) -> LimbPoints:
-    """Limb points (N,) in the full image, of edges near px (N, 2); the rest, but for the blur, in
-    pixels of the sample's. modelled, beside_over_deep : as of `LimbPoints`.
+def _points(sample: LimbSample, taken: _Taken, shared: SharedError, jumps_px: float) -> LimbPoints:
+    """Limb points (N,) in the full image of edges in a sample of it; shared, jumps_px : in pixels
+    of the sample's.
     """
-    factor = sample.factor
+    factor, places = sample.factor, taken.places
     offset_px = places.offset_px * factor
     return LimbPoints(
         Status.OK,
-        px=px + offset_px[:, None] * normal_px,
-        normal_px=normal_px,
+        px=taken.px + offset_px[:, None] * taken.normal_px,
+        normal_px=taken.normal_px,
         sigma_px=places.sigma_px * factor,
         shared=shared.times(factor),
         spacing_px=sample.stretch_px * factor,
         jumps_px=jumps_px * factor,
         predicted=sample.curve,
         offset_px=offset_px,
-        steepness=steepness,
-        blur_px=blur_px,
         factor=factor,
         step=places.step,
-        corner_blur=None if corner_blur is None else corner_blur.times(factor),
-        modelled=modelled,
-        beside_over_deep=beside_over_deep,
     )
 
 
