@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -290,9 +290,40 @@ def _graph(i: np.ndarray, j: np.ndarray, size: int) -> csr_matrix:
     return csr_matrix((np.ones(len(j)), j, first), shape=(size, size))
 
 
+class _Sums(NamedTuple):
+    """Sums (P,) over each place and its neighbours on the same edge.
+
+    n : how many these are.  u, v, w and two of them : of pixels and inverse depths, and of their
+        products.  out_u, out_v : of the steps outwards.
+    wider : how many of them know `_Places.inwards`.  wider_u, wider_v : of the steps outwards at
+        those, and inwards : of that itself.
+    """
+
+    n: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+    uu: np.ndarray
+    vv: np.ndarray
+    uv: np.ndarray
+    uw: np.ndarray
+    vw: np.ndarray
+    out_u: np.ndarray
+    out_v: np.ndarray
+    ww: np.ndarray
+    wider: np.ndarray
+    wider_u: np.ndarray
+    wider_v: np.ndarray
+    inwards: np.ndarray
+
+    def take(self, k: np.ndarray) -> _Sums:
+        """Those of some of the places, by number."""
+        return _Sums(*(each[k] for each in self))
+
+
 def _widths(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean squares (pixels^2) across and along the lines through places, and the angle of these to
-    the rows, (P,) each; of `_gathered`'s sums."""
+    the rows, (P,) each; sums : (16, P) as of `_Sums`."""
     n, u, v, _, uu, vv, uv = sums[:7]
     u, v = u / n, v / n
     uu, vv, uv = uu / n - u * u, vv / n - v * v, uv / n - u * v
@@ -303,8 +334,8 @@ def _widths(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _gathered(
     image: RangeImage, planes: Planes, places: _Places
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Sums (16, P) over each place and its neighbours on the same edge; which places (P,) lie on an
-    oblique thin part; and the neighbours, i in order, and j."""
+    """`_Sums` (16, P); which places (P,) lie on an oblique thin part; and the neighbours, i in
+    order, and j."""
     (u, v), w = places.spot, places.inverse_depth
     size = len(w)
     i, j = _neighbours(places, image.inverse_depth.shape)
@@ -331,25 +362,23 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     """Fit a short straight line through each place and its neighbours on the same edge."""
     if len(places.pixel) < _FEWEST_PLACES:
         return _none()
-    sums, oblique, i, j = _gathered(image, planes, places)
-    (u, v), w = places.spot, places.inverse_depth
-    n = sums[0]
-    mean_u, mean_v, level, xw, yw, out_u, out_v, square = sums[[1, 2, 3, *range(7, 12)]] / n
-    wider, wider_u, wider_v, inwards = sums[12:]
-    wide, long, angle = _widths(sums)
+    gathered, oblique, i, j = _gathered(image, planes, places)
+    wide, long, angle = _widths(gathered)
+    sums = _Sums(*gathered)
     along = np.array([np.cos(angle), np.sin(angle)])
-    turn = along[0] * out_v - along[1] * out_u
+    turn = along[0] * (sums.out_v / sums.n) - along[1] * (sums.out_u / sums.n)
     across = np.array([-along[1], along[0]]) * np.sign(turn)
-    straight = (n >= _FEWEST_ON_LINE) & (wide < _WIDEST_LINE) & (long > _SHORTEST_LINE)
+    straight = (sums.n >= _FEWEST_ON_LINE) & (wide < _WIDEST_LINE) & (long > _SHORTEST_LINE)
     k = np.flatnonzero(straight & (np.abs(turn) > 0.3))
     limb, normal = _before_end(planes, places.pixel[k], across[:, k])
     edge = ~(limb & places.sharp[k])
     k, normal = k[edge], normal[:, edge]
-    u, v, w, mean_u, mean_v, level = u[k], v[k], w[k], mean_u[k], mean_v[k], level[k]
-    n, long = n[k], long[k]
-    along, across, sharp = along[:, k], across[:, k], places.sharp[k]
+    sums, long, along, across = sums.take(k), long[k], along[:, k], across[:, k]
+    (u, v), w, sharp = places.spot[:, k], places.inverse_depth[k], places.sharp[k]
     # The place on the line, and inverse depth along it.
-    slope = along[0] * (xw[k] - mean_u * level) + along[1] * (yw[k] - mean_v * level)
+    mean_u, mean_v, level = sums.u / sums.n, sums.v / sums.n, sums.w / sums.n
+    slope = along[0] * (sums.uw / sums.n - mean_u * level)
+    slope += along[1] * (sums.vw / sums.n - mean_v * level)
     slope /= long
     mean_u, mean_v = mean_u - u, mean_v - v
     on_line = np.array([u, v]) + across * (mean_u * across[0] + mean_v * across[1])
@@ -358,25 +387,12 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
     ray, points, side, direction = _in_space(image, on_line, smooth, slope, along, across)
     front = column_crosses(side, direction)
     front *= -np.sign(column_dots(front, ray))
-    # A rim, or the end of a steep surface, shows now more, now less of what lies behind it; and
-    # where an outline stays while the body turns under it, both views show the same.
-    scatter = (square[k] - level * level - slope * slope * long) * n / (n - 2)
-    chance = 1 + _BY_CHANCE * np.sqrt(2 / (n - 2))
-    noise2 = chance * (planes.sigma_m**2 + (_STRAIGHT_PX * planes.footprint_m) ** 2)
-    # And where in its pixel a steep surface ends nobody knows: alike for all of a line along the
-    # rows, which then scatters little.
-    count = np.maximum(wider[k], 1)
-    fall = (inwards[k] + slope * (along[0] * wider_u[k] + along[1] * wider_v[k])) / count
-    within = np.maximum(fall * fall / smooth**4 - 2 * noise2 / count, 0) * _WITHIN_PIXEL**2
-    depth = np.sqrt(np.maximum(scatter / smooth**4 - noise2, 0) + within)
+    depth = _scatter_m(planes, sums, smooth, slope, along, long)
     rough = np.where(sharp, 0, depth * -column_dots(front, ray))
     front[:, sharp] = np.nan
-    tilt = rough * smooth * image.focal_px / np.sqrt(n * long)
-    # How far a side at right angles to the face would be turned towards the sensor.
-    outward = column_crosses(normal, direction)
-    outward *= np.sign(column_dots(outward, side))
-    rim = -column_dots(outward, ray) / np.sqrt(column_dots(ray, ray))
-    edge_px = np.where(sharp, np.hypot(_EDGE_PX, _RIM_PX * np.maximum(rim, 0)), _THIN_EDGE_PX)
+    tilt = rough * smooth * image.focal_px / np.sqrt(sums.n * long)
+    end_px = np.hypot(_EDGE_PX, _RIM_PX * np.maximum(_rim_cosine(normal, ray, side, direction), 0))
+    edge_px = np.where(sharp, end_px, _THIN_EDGE_PX)
     edge_px = np.where(oblique[k], np.maximum(edge_px, _OBLIQUE_EDGE_PX), edge_px)
     sigma = edge_px / (smooth * image.focal_px)
     run, *off_px = _runs(places, angle, i, j)
@@ -387,6 +403,47 @@ def _lines(image: RangeImage, planes: Planes, places: _Places) -> Edges:
         points.T, side.T, direction.T, sigma, front.T, rough, tilt, half_width, creases, run[k],
         alike, leaning,
     )  # fmt: skip
+
+
+def _scatter_m(
+    planes: Planes,
+    sums: _Sums,
+    inverse_depth: np.ndarray,
+    slope: np.ndarray,
+    along: np.ndarray,
+    long: np.ndarray,
+) -> np.ndarray:
+    """(N,) scatter of the returns of lines in depth, beyond their noise.
+
+    inverse_depth, slope : (N,) of the lines, and of that a pixel along them.  along : (2, N) their
+        directions.  long : (N,) as of `_widths`.
+    """
+    # A rim, or the end of a steep surface, shows now more, now less of what lies behind it; and
+    # where an outline stays while the body turns under it, both views show the same.
+    n = sums.n
+    level = sums.w / n
+    scatter = (sums.ww / n - level * level - slope * slope * long) * n / (n - 2)
+    chance = 1 + _BY_CHANCE * np.sqrt(2 / (n - 2))
+    noise2 = chance * (planes.sigma_m**2 + (_STRAIGHT_PX * planes.footprint_m) ** 2)
+    # And where in its pixel a steep surface ends nobody knows: alike for all of a line along the
+    # rows, which then scatters little.
+    count = np.maximum(sums.wider, 1)
+    fall = (sums.inwards + slope * (along[0] * sums.wider_u + along[1] * sums.wider_v)) / count
+    within = np.maximum(fall * fall / inverse_depth**4 - 2 * noise2 / count, 0) * _WITHIN_PIXEL**2
+    return np.asarray(np.sqrt(np.maximum(scatter / inverse_depth**4 - noise2, 0) + within))
+
+
+def _rim_cosine(
+    normal: np.ndarray, ray: np.ndarray, side: np.ndarray, direction: np.ndarray
+) -> np.ndarray:
+    """(N,) how far a side at right angles to the face would be turned towards the sensor: cosine of
+    the angle at which it is seen, less than 0 where it faces away.
+
+    normal : (3, N) of the face.  ray, side, direction : (3, N) as of `_in_space`.
+    """
+    outward = column_crosses(normal, direction)
+    outward *= np.sign(column_dots(outward, side))
+    return -column_dots(outward, ray) / np.sqrt(column_dots(ray, ray))
 
 
 def _half_widths_px(
