@@ -84,10 +84,6 @@ class CraftFixed:
     def __init__(self) -> None:
         self._since: _Since | None = None
 
-    def reset(self) -> None:
-        """Forget what was found."""
-        self._since = None
-
     def against(self, fix: HorizonFix, aiding: Aiding) -> str:
         """What speaks against a fix as of the horizon, for a person; empty where nothing does."""
         since = self._since = None if self._since is None else self._since.later(aiding)

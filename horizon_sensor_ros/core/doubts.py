@@ -23,11 +23,6 @@ class Doubts:
         self._sets: dict[str, int] = {}
         self._agreed = 0
 
-    def reset(self) -> None:
-        """Forget all of them."""
-        self._sets.clear()
-        self._agreed = 0
-
     def against(self, fix: HorizonFix, *, followed: bool) -> str:
         """Why the fix of a set is not believed: it is a doubted camera's alone, or one of
         doubted cameras that have not agreed for long enough; empty where it is.

@@ -23,10 +23,6 @@ class GyroTrust:
     """
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Believe it, until it is found to be wrong."""
         self._wrong = False
         self._borne_out_s = self._not_asked_s = 0.0
 

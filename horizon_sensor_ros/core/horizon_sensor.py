@@ -58,6 +58,10 @@ class HorizonSensor:
         self.config = HorizonConfig() if config is None else config
         self._estimator = HorizonEstimator(self.config)
         self._search = HorizonSearch(self._estimator)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames: the next ones are searched."""
         self._track: Track | None = None
         self._nadir_rate = NadirRate()
         self._gyro_trust = GyroTrust()
@@ -66,17 +70,6 @@ class HorizonSensor:
         self._leaps = Leaps()
         self._images = RepeatedImages()
         self._timed_by, self._time_s = "", 0.0  # the last fix's, its time after that of its set
-
-    def reset(self) -> None:
-        """Forget where the limb was: the next frames are searched."""
-        self._track = None
-        self._nadir_rate.reset()
-        self._gyro_trust.reset()
-        self._doubts.reset()
-        self._craft_fixed.reset()
-        self._leaps.reset()
-        self._images.reset()
-        self._timed_by, self._time_s = "", 0.0
 
     @property
     def following(self) -> bool:

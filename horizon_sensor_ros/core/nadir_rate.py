@@ -37,10 +37,6 @@ class NadirRate:
     def __init__(self) -> None:
         self._fixes: deque[_Fix] = deque()
 
-    def reset(self) -> None:
-        """Forget all fixes."""
-        self._fixes.clear()
-
     def add(self, fit: HorizonFit, since_last_s: float | None) -> None:
         """Take a fit, or one without an answer. since_last_s : since the set before; None: it is
         not known, and what was before does not count.

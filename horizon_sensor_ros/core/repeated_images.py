@@ -45,10 +45,6 @@ class RepeatedImages:
     def __init__(self) -> None:
         self._shown: dict[str, _Shown] = {}
 
-    def reset(self) -> None:
-        """Forget all images."""
-        self._shown = {}
-
     def marked(self, frames: Sequence[Frame], aiding: Aiding) -> list[Frame]:
         """Return the frames; those of frozen cameras say so (`Frame.unusable`)."""
         repeated = [self._repeats(frame) for frame in frames]

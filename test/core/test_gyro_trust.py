@@ -70,5 +70,3 @@ def test_where_no_fixes_tell_anything_for_a_minute_it_is_asked_anew() -> None:
     assert 59.8 < believed.index(True) * PERIOD_S < 60.3
     trust.refute()
     assert not any(trust.believes(told, None, None) for _ in range(1000))
-    trust.reset()
-    assert trust.believes(told, None, None)

@@ -154,6 +154,19 @@ def test_the_same_frames_give_the_same_fix() -> None:
     np.testing.assert_array_equal(first.limbs[0].px, again.limbs[0].px)
 
 
+def test_a_reset_leaves_no_memory_of_any_frames() -> None:
+    sensor = HorizonSensor()
+    sensor.process(clouded_pair())
+    before = dict(vars(sensor))
+    sensor.reset()
+    assert before["_track"] is not None
+    assert sensor._track is None
+    kept = {
+        name for name, thing in vars(sensor).items() if thing is not None and thing is before[name]
+    }
+    assert kept - {"_timed_by", "_time_s"} == {"config", "_estimator", "_search"}
+
+
 def test_the_base_frame_turns_the_answer_with_it() -> None:
     turn = Rotation.from_euler("zyx", [0.4, -1.0, 2.0]).as_matrix()
     fix = clouded_fix()

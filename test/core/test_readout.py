@@ -163,9 +163,6 @@ def test_no_rate_without_two_sure_fixes_in_succession() -> None:
     ):
         found.add(fit, since_last_s)
         assert (found.now(USUAL_RAD_S) is not None) == known
-    found.add(fit_at(nadir), PERIOD_S)
-    found.reset()
-    assert found.now(USUAL_RAD_S) is None
 
 
 @lru_cache(maxsize=8)
