@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
+from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.craft_fixed import CraftFixed
 from horizon_sensor_ros.core.doubts import Doubts
 from horizon_sensor_ros.core.fits.result import HorizonFit
@@ -20,6 +21,7 @@ from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon_search import HorizonSearch
 from horizon_sensor_ros.core.judgement import nadir_sigma_rad
 from horizon_sensor_ros.core.leaps import Leaps
+from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import follow_limb
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS
 from horizon_sensor_ros.core.limb.sun_streak import without_streaks
@@ -215,49 +217,48 @@ class HorizonSensor:
     ) -> HorizonFix:
         """Fix of frames. given : the same, by the cameras as they are called from set to set."""
         unusable = [_unusable(frame) for frame in frames]
-        usable = [i for i, limb in enumerate(unusable) if limb is None]
         frames = [
             frame if limb is not None else _without_streaks(frame)
             for frame, limb in zip(frames, unusable, strict=True)
         ]
+        usable = [i for i, limb in enumerate(unusable) if limb is None]
         views = [given[i].view for i in usable]
         # What raises, or is not followed, leaves no track: the next set is searched.
         before, self._track = self._track, None
         numbers = None if before is None else before.numbers(views)
         if before is not None and numbers is not None:
             followed = self._follow([frames[i] for i in usable], before, numbers, aiding)
-            if followed is not None and len(usable) < len(frames):
-                limbs = iter(followed.limbs)
-                followed = replace(followed, limbs=tuple(limb or next(limbs) for limb in unusable))
             if followed is not None:
-                return followed
+                limbs = iter(followed.limbs)
+                return replace(followed, limbs=tuple(limb or next(limbs) for limb in unusable))
         fix, detection = self._search.fix(frames, unusable, aiding)
-        if (
-            self.config.tracking
-            and detection is not None
-            and fix.fit.disc is not None
-            and detection.modelled
-        ):
-            shows = detection.layer_rad > 0.0 or fix.airglow is not None
-            cameras = fix.cameras_on_cone(views)
-            track = Track.started(
-                views,
-                replace(detection, airglow=shows),
-                fix.fit,
-                cameras,
-                {
-                    given[i].view.name: self._search.agreeing(frames[i])
-                    for i in usable
-                    if given[i].view.name not in cameras
-                },
-                {
-                    frame.view.name: limb.reason
-                    for frame, limb in zip(given, fix.limbs, strict=True)
-                    if frame.view.name in fix.contradicting
-                },
-            )
+        to_be_followed = self.config.tracking and fix.fit.disc is not None
+        if to_be_followed and detection is not None and detection.modelled:
+            track = self._started(views, frames, fix, detection)
             self._track = track.after(before, aiding.since_last_s)
         return fix
+
+    def _started(
+        self,
+        views: Sequence[CameraView],
+        frames: Sequence[Frame],
+        fix: HorizonFix,
+        detection: Detection,
+    ) -> Track:
+        """Track from a search. views : of the frames that were looked at. frames : all of them."""
+        cameras = fix.cameras_on_cone(views)
+        shows = detection.layer_rad > 0.0 or fix.airglow is not None
+        by_name = {frame.view.name: frame for frame in frames}
+        outside = [view.name for view in views if view.name not in cameras]
+        limbs = dict(zip(by_name, fix.limbs, strict=True))
+        return Track.started(
+            views,
+            replace(detection, airglow=shows),
+            fix.fit,
+            cameras,
+            {name: self._search.agreeing(by_name[name]) for name in outside},
+            {name: limb.reason for name, limb in limbs.items() if name in fix.contradicting},
+        )
 
     def _follow(
         self, frames: Sequence[Frame], track: Track, numbers: Sequence[int], aiding: Aiding
