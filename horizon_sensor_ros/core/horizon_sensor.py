@@ -228,9 +228,11 @@ class HorizonSensor:
         numbers = None if before is None else before.numbers(views)
         if before is not None and numbers is not None:
             followed = self._follow([frames[i] for i in usable], before, numbers, aiding)
-            if followed is not None:
+            if followed is not None and len(usable) < len(frames):
                 limbs = iter(followed.limbs)
-                return replace(followed, limbs=tuple(limb or next(limbs) for limb in unusable))
+                followed = replace(followed, limbs=tuple(limb or next(limbs) for limb in unusable))
+            if followed is not None:
+                return followed
         fix, detection = self._search.fix(frames, unusable, aiding)
         to_be_followed = self.config.tracking and fix.fit.disc is not None
         if to_be_followed and detection is not None and detection.modelled:

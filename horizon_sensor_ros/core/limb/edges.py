@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -221,7 +222,8 @@ def limb_of_edges(
         points = _points_without_glow(
             sample, taken, shared, jumps_px, look, rho_rad, edges.corner_blur
         )
-        points = replace(points, modelled=not no_model)
+        if no_model:
+            points = replace(points, modelled=False)
     return points, () if no_model else tuple(looks)
 
 
@@ -408,8 +410,11 @@ def _points_without_glow(
         ground_across_px(sample.pitch_rad, rho_rad),
         model_free=look is None,
     )
-    return replace(
-        _points(sample, taken, shared.besides(darkening), jumps_px),
+    return _points(
+        sample,
+        taken,
+        shared.besides(darkening),
+        jumps_px,
         steepness=_steepness(taken.falls, grid),
         blur_px=np.nan if look is None else factor * look.psf_px,
         corner_blur=None if corner_blur is None else corner_blur.times(factor),
@@ -481,9 +486,11 @@ def _with_clipped(
     return places.replaced(clipped, by), found.shared.times(share)._replace(slope_px=turned_px)
 
 
-def _points(sample: LimbSample, taken: _Taken, shared: SharedError, jumps_px: float) -> LimbPoints:
+def _points(
+    sample: LimbSample, taken: _Taken, shared: SharedError, jumps_px: float, **besides: Any
+) -> LimbPoints:
     """Limb points (N,) in the full image of edges in a sample of it; shared, jumps_px : in pixels
-    of the sample's.
+    of the sample's. besides : further fields of the points.
     """
     factor, places = sample.factor, taken.places
     offset_px = places.offset_px * factor
@@ -499,6 +506,7 @@ def _points(sample: LimbSample, taken: _Taken, shared: SharedError, jumps_px: fl
         offset_px=offset_px,
         factor=factor,
         step=places.step,
+        **besides,
     )
 
 
