@@ -16,6 +16,7 @@ from horizon_sensor_ros.core.judgement import disagreement_rad, nadir_sigma_rad
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import joined
 from horizon_sensor_ros.core.limb.search.air_layer import may_be_cut_off
+from horizon_sensor_ros.core.limb.search.bare_edge import bare_by_night
 from horizon_sensor_ros.core.limb.search.columns import LAYER_M
 from horizon_sensor_ros.core.limb.search.selection import Consensus
 from horizon_sensor_ros.core.limb_curve import limb_in_sight
@@ -25,6 +26,7 @@ from horizon_sensor_ros.core.status import Status
 
 _PERHAPS_AT_LAYER = "the limb may be the edge of a layer of airglow, and altitude 95 km too small"
 _BY_FADING = "by how light fades below it"
+_BARE = "stars above it, and no airglow"
 _CUT_OFF = "the frame ends too near to the limb"
 _SIGMAS = 4.0  # by which altitudes by the limb of the ground and of a layer are told apart
 _MUCH_LESS_SURE = 2.0  # times the sigma of nadir
@@ -237,6 +239,8 @@ class SingleCameras:
             at = sighting.views, detection.working, agreed, detection.consensus
             if may_be_cut_off(*at, self._estimator.sphere):
                 return _CUT_OFF
+            if bare_by_night(at[0], sighting.images, *at[1:], self._estimator.sphere):
+                return _BARE
         if self._undisputed(fix, detection.consensus):
             return None
         self._look_near(sighting)

@@ -25,6 +25,8 @@ from horizon_sensor_ros.core.limb.search.selection import (
     limb_consensus,
     rays_of_candidates,
 )
+from horizon_sensor_ros.core.limb.search.stars import count_stars, spread_stars
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim import hard_scenes as hard_scenes_module
@@ -220,13 +222,14 @@ def lit_shell(
     lit_columns: float = 0.0,
     thick_air_m: float = 0.0,
     stars: int = 0,
+    shell_dn: float = 200.0,
 ) -> np.ndarray:
     """A frame (H, W) of a shell that glows between two heights above the ground: as bright as the
     way through what the planet does not hide of it is long.
 
     lit_dn : how bright the ground is, in so large a share of the frame's columns; else black.
     thick_air_m : height up to which the air takes most of the light that comes from behind it.
-    stars : number of them above the ground.
+    stars : number of them above the ground. shell_dn : how bright the shell is at most.
     """
     rng = np.random.default_rng(1)
     height, width = view.camera.height, view.camera.width
@@ -246,7 +249,7 @@ def lit_shell(
     if thick_air_m > 0.0:
         rear *= np.exp(-np.exp((PLANET.radius_m + thick_air_m - nearest_m) / 8e3))
     way_m = (1.0 + rear) * one_side_m
-    gray = 3.0 + 200.0 * way_m / way_m.max()
+    gray = 3.0 + shell_dn * way_m / way_m.max()
     gray += np.where((half_chord_m(0.0) > 0.0) & (px[:, 0] < lit_columns * width), lit_dn, 0.0)
     in_space = rng.permutation(np.flatnonzero(half_chord_m(0.0) == 0.0))
     gray[in_space[:stars]] += 400.0
@@ -330,6 +333,49 @@ def test_a_layer_over_lit_ground_is_told_by_what_thick_air_takes(
     image = lit_shell(91e3, 97e3, view, lit_dn, 1.0, thick_air_m=15e3, stars=600)
     _, after = looked_at([image], [view])
     assert after.layer_rad > 0.0
+
+
+def hot(image: np.ndarray, view: CameraView) -> np.ndarray:
+    """A frame (H, W) by day with hot pixels in the sky, such as no lens has drawn."""
+    image, height = image.copy(), view.camera.height
+    x, y = np.random.default_rng(2).integers(3, height - 3, (2, 900))
+    rays = view.camera.rays(np.stack([x, y], axis=1).astype(float)) @ view.rot_base_from_cam.T
+    sky = rays[:, 2] < np.cos(RHO + 0.05)
+    image[y[sky], x[sky]] = 200
+    return image
+
+
+@pytest.mark.parametrize("lit_dn", [60.0, 140.0])
+@pytest.mark.parametrize("fov_deg", [60.0, 75.0])
+def test_an_overexposed_layer_under_stars_may_be_what_shows_as_the_limb(
+    fov_deg: float, lit_dn: float
+) -> None:
+    """White from its edge down to the ground it does not fade as a layer does: altitude was 100 km
+    off at 9 to 13 claimed. But above the ground's limb stars would have the layer below them.
+    """
+    camera = camera_from_fov(640, 480, np.radians(fov_deg))
+    (view,) = limb_views(ALTITUDE_M, camera, azimuths_rad=(0.4,), above_rad=0.03)
+    image = lit_shell(84e3, 96e3, view, lit_dn, 1.0, 15e3, stars=600, shell_dn=1600.0)
+    fix = HorizonSensor().process([Frame(view, image)])
+    assert fix.ok, fix.reason
+    assert "stars above it, and no airglow" in fix.reason
+    sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
+    assert abs(fix.fit.altitude_m - ALTITUDE_M) < 2.0 * sigma_m
+    assert nadir_nees(fix.fit, np.array([0.0, 0.0, 1.0])) < 9.0
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_hot_pixels_above_a_limb_by_day_are_no_stars(seed: int) -> None:
+    (view,) = limb_views(ALTITUDE_M, VIEWS[0].camera, azimuths_rad=(0.4,), above_rad=0.05)
+    image = hot(draw((view,), ALTITUDE_M, clouds(seed), NOISE)[0].image, view)
+    working = WorkingImage.of(image)
+    beyond = np.array([0.0, 0.0, 1.0]), RHO + 0.05
+    assert count_stars(view, working, *beyond) > 100
+    assert spread_stars(image, view, working, *beyond) == 0
+    fix = HorizonSensor().process([Frame(view, image)])
+    assert fix.ok, fix.reason
+    assert "airglow" not in fix.reason
+    assert fix.fit.cov_nadir_altitude[3, 3] < 30e3**2
 
 
 @pytest.mark.parametrize("stars", [0, 3000])

@@ -29,13 +29,14 @@ from horizon_sensor_ros.core.limb.search.columns import (
     ENOUGH_M,
     FALL,
     FEW,
-    LAYER_M,
     SIGMAS,
     TOGETHER,
     Columns,
     bundled,
     columns_below,
     crest_and_trough,
+    depths_rad,
+    layer_above_rad,
     levels,
     rays_below,
 )
@@ -89,8 +90,8 @@ def ground_under_airglow(
     """
     if consensus.status is not Status.OK or not planet.has_air:
         return consensus
-    layer_rad = _layer_rad(consensus, planet)
-    columns = columns_below(views, working, found, consensus, _depths_rad(layer_rad))
+    layer_rad = layer_above_rad(consensus, planet)
+    columns = columns_below(views, working, found, consensus, depths_rad(layer_rad))
     if not columns:
         return consensus
     # Stars above the layer show an exposure for the night.
@@ -210,7 +211,7 @@ def _ground_cone(
     """Nadir and rho of the limb of the ground that columns show; None where that is no limb, and
     nothing else tells that there is one. refined : as of `ground_under_airglow`.
     """
-    at, depths = below.ground[below.shown], _depths_rad(layer_rad)
+    at, depths = below.ground[below.shown], depths_rad(layer_rad)
     if not refined:
         rays = rays_below(found.rays[below.places[below.shown]], consensus, depths)
         cone = _cone(rays[np.arange(len(rays)), at], consensus, layer_rad)
@@ -235,9 +236,9 @@ def may_be_cut_off(
 
     edge : inliers of the consensus. False where any camera shows enough of what is below.
     """
-    layer_rad = _layer_rad(consensus, planet)
+    layer_rad = layer_above_rad(consensus, planet)
     below = DEPTHS_M >= 0.0
-    below_m, depths = DEPTHS_M[below], _depths_rad(layer_rad)[below]
+    below_m, depths = DEPTHS_M[below], depths_rad(layer_rad)[below]
     fades = False
     for i, (view, seen) in enumerate(zip(views, working, strict=True)):
         rays = edge.rays[edge.camera == i]
@@ -279,18 +280,6 @@ def layer_heights_m(
         for share in (0.25, 0.5, 0.75)
     )
     return low, middle, high
-
-
-def _layer_rad(consensus: Consensus, planet: Planet) -> float:
-    """Angle from the ground's limb up to the layer's edge, if the consensus is of that edge."""
-    apparent = planet.altitude_from_rho(consensus.rho_rad)
-    above_m = apparent + LAYER_M / np.sin(consensus.rho_rad)
-    return consensus.rho_rad - planet.rho_from_altitude(above_m)
-
-
-def _depths_rad(layer_rad: float) -> np.ndarray:
-    """Angles (D,) below the edge of a layer at `DEPTHS_M`."""
-    return DEPTHS_M * (layer_rad / LAYER_M)
 
 
 def _ground_behind(

@@ -12,6 +12,7 @@ from horizon_sensor_ros.core.camera_view import CameraView
 from horizon_sensor_ros.core.limb.search.evenly import evenly
 from horizon_sensor_ros.core.limb.search.selection import Consensus, RayCandidates
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
+from horizon_sensor_ros.core.planet import Planet
 
 LAYER_M = 95e3  # height of the layer; depths below its edge are counted in this height's scale
 # A column is the brightness straight down from one place of the edge.
@@ -37,6 +38,18 @@ class Columns(NamedTuple):
 
     places: np.ndarray
     level: np.ndarray
+
+
+def layer_above_rad(consensus: Consensus, planet: Planet) -> float:
+    """Angle from the ground's limb up to the layer's edge, if the consensus is of that edge."""
+    apparent = planet.altitude_from_rho(consensus.rho_rad)
+    above_m = apparent + LAYER_M / np.sin(consensus.rho_rad)
+    return consensus.rho_rad - planet.rho_from_altitude(above_m)
+
+
+def depths_rad(layer_rad: float, depths_m: np.ndarray = DEPTHS_M) -> np.ndarray:
+    """Angles (D,) below the edge of a layer at depths (D,) below it."""
+    return depths_m * (layer_rad / LAYER_M)
 
 
 def columns_below(

@@ -11,6 +11,10 @@ from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 
 NIGHT_STARS = 8  # that show an exposure for the night
 _SIGMAS = 8.0  # of noise that a star stands above what is around it
+# A lens spreads a star's light over the pixels beside it, of which the four nearest get a third of
+# the brightest one's and more before lenses that blur by .3 px and more; a hot pixel is alone.
+_SPREAD = 0.2
+_AROUND_PX = 3  # pixels about a spot, of which most are dark
 
 
 def shows_stars(
@@ -35,9 +39,46 @@ def count_stars(
 
     Hot pixels and lamps of the craft count like stars.
     """
+    return len(_spots_px(view, working, nadir_base, beyond_rad))
+
+
+def spread_stars(
+    gray: np.ndarray,
+    view: CameraView,
+    working: WorkingImage,
+    nadir_base: np.ndarray,
+    beyond_rad: float,
+) -> int:
+    """The same, as the lens spreads light over pixels of the frame (H, W): 0 where the spots are
+    hot pixels mostly, but for those that demosaicing or compression have spread.
+    """
+    px = _spots_px(view, working, nadir_base, beyond_rad)
+    reach, block = _AROUND_PX + working.factor, working.factor
+    height, width = gray.shape
+    x, y = np.floor(px.T - 0.5 * (block - 1) + 0.5).astype(int)
+    inside = (x >= reach) & (y >= reach) & (x < width - reach) & (y < height - reach)
+    x, y = x[inside], y[inside]
+    if len(x) == 0:
+        return 0
+    step_y, step_x = np.indices((block, block)).reshape(2, -1)
+    brightest = gray[y[:, None] + step_y, x[:, None] + step_x].argmax(axis=1)
+    x, y = x + step_x[brightest], y + step_y[brightest]
+    beside = np.arange(-_AROUND_PX, _AROUND_PX + 1)
+    around = gray[y[:, None, None] + beside[:, None], x[:, None, None] + beside].astype(float)
+    around -= np.median(around, axis=(1, 2))[:, None, None]
+    one = _AROUND_PX
+    nearest = around[:, [one - 1, one + 1, one, one], [one, one, one - 1, one + 1]]
+    spread = nearest.sum(axis=1) / np.maximum(around[:, one, one], 1e-6)
+    return len(x) if np.median(spread) > _SPREAD else 0
+
+
+def _spots_px(
+    view: CameraView, working: WorkingImage, nadir_base: np.ndarray, beyond_rad: float
+) -> np.ndarray:
+    """Where `count_stars` sees them: pixels (N, 2) of the frame."""
     small = working.gray
     if min(small.shape) < 5:
-        return 0
+        return np.empty((0, 2))
     middle = small[2:-2, 2:-2]
     around = np.maximum.reduce(
         [small[:-4, 2:-2], small[4:, 2:-2], small[2:-2, :-4], small[2:-2, 4:]]
@@ -52,4 +93,4 @@ def count_stars(
     rays = view.camera.rays(px)
     with np.errstate(invalid="ignore"):
         in_the_sky = rays @ (view.rot_base_from_cam.T @ nadir_base) < np.cos(beyond_rad)
-    return int(np.count_nonzero(in_the_sky))
+    return np.asarray(px[in_the_sky])
