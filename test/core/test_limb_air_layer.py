@@ -378,6 +378,14 @@ def test_hot_pixels_above_a_limb_by_day_are_no_stars(seed: int) -> None:
     assert fix.fit.cov_nadir_altitude[3, 3] < 30e3**2
 
 
+def test_compressions_spots_above_a_limb_by_day_are_no_stars() -> None:
+    """It leaves dark ones as well."""
+    scene = hard_scene("jpeg", 93, 9)
+    fix = HorizonSensor().process(as_frames(scene.views, scene.frames))
+    assert fix.ok, fix.reason
+    assert "airglow" not in fix.reason
+
+
 @pytest.mark.parametrize("stars", [0, 3000])
 def test_a_layer_is_told_with_and_without_stars(stars: int) -> None:
     _, after = searched(replace(night(1), star_count=stars))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,7 @@ _SIGMAS = 8.0  # of noise that a star stands above what is around it
 # A lens spreads a star's light over the pixels beside it, of which the four nearest get a third of
 # the brightest one's and more before lenses that blur by .3 px and more; a hot pixel is alone.
 _SPREAD = 0.2
+_DARK = 0.1  # dark spots a bright one, more than which are not of the sky
 _AROUND_PX = 3  # pixels about a spot, of which most are dark
 
 
@@ -50,9 +52,13 @@ def spread_stars(
     beyond_rad: float,
 ) -> int:
     """The same, as the lens spreads light over pixels of the frame (H, W): 0 where the spots are
-    hot pixels mostly, but for those that demosaicing or compression have spread.
+    hot pixels mostly, but for those that demosaicing has spread, or compression's.
     """
     px = _spots_px(view, working, nadir_base, beyond_rad)
+    # Compression leaves dark spots beside the bright ones.
+    negative = replace(working, gray=-working.gray.astype(np.float32))
+    if len(_spots_px(view, negative, nadir_base, beyond_rad)) > _DARK * len(px):
+        return 0
     reach, block = _AROUND_PX + working.factor, working.factor
     height, width = gray.shape
     x, y = np.floor(px.T - 0.5 * (block - 1) + 0.5).astype(int)
