@@ -24,6 +24,7 @@ from horizon_sensor_ros.core.target.registration import (
     register,
     target_view,
 )
+from horizon_sensor_ros.core.target.temporal_filter import TemporalFilter
 
 # The first cloud defines the target frame; its pose has this variance (rad^2, m^2) rather than
 # none.
@@ -130,6 +131,7 @@ class TargetTracker:
         self._flat: TargetView | None = None
         self._agreeing = 0
         self._stamp_ns: int | None = None
+        self._filter = TemporalFilter()
         self._why = why
 
     @property
@@ -236,11 +238,12 @@ class TargetTracker:
                 reason = "" if found.status is Status.OK else f"{reason}: {found.reason}"
             if reason:
                 return self._refuse(Status.ILL_CONDITIONED, reason, stamp_ns, view, None)
-        changing = self._changing
+        changing, of_driver = self._changing, self._filter
         self.reset()
-        self._stamp_ns, self._changing = stamp_ns, changing
+        self._stamp_ns, self._changing, self._filter = stamp_ns, changing, of_driver
         centroid = view.image.rot_sensor_from_view @ view.image.centroid_m
         pose = pose_matrix(np.eye(3), centroid)
+        self._filter.start(view.image, view.surface.sigma_m, pose)
         covariance = np.eye(6) * _DEFINITION_VARIANCE
         self._last = _Known(view, stamp_ns, pose, covariance, np.zeros(6), None, np.zeros((6, 6)))
         self._keyframes = [self._last]
@@ -267,6 +270,10 @@ class TargetTracker:
             doubted = doubted or found.doubted
             if found.status is Status.OK:
                 found = self._believed(found, keyframe, predicted, refused_by, view)
+            if found.status is Status.OK:
+                found = self._of_now(found, keyframe, view)
+                if found.status is not Status.OK:
+                    return None, found
             if not tried.reason or found.status is Status.OK:
                 tried = found
             if found.status is Status.OK:
@@ -303,6 +310,19 @@ class TargetTracker:
             if against is not None:
                 return against
         return found
+
+    def _of_now(self, found: Registration, keyframe: _Known, view: TargetView) -> Registration:
+        """The motion found from a keyframe; refused where the driver averages over clouds: faces
+        then are where they were, and outlines where they are."""
+        assert view.surface is not None
+        pose = found.pose_b_from_a @ keyframe.pose
+        if not self._filter.told(view.image, view.surface.sigma_m, pose):
+            return found
+        reason = (
+            "clouds have noise in common, as if averaged over time: is a temporal filter on in"
+            " the sensor's driver?"
+        )
+        return found.refused(Status.POOR_FIT, reason)
 
     def _predict(self, stamp_ns: int) -> np.ndarray | None:
         """Pose from the last one and constant velocity; None before there is a velocity."""
