@@ -25,7 +25,7 @@ from horizon_sensor_ros.core.limb.search.selection import (
     limb_consensus,
     rays_of_candidates,
 )
-from horizon_sensor_ros.core.limb.search.stars import count_stars, spread_stars
+from horizon_sensor_ros.core.limb.search.stars import NIGHT_STARS, count_stars, spread_stars
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
@@ -372,6 +372,20 @@ def test_hot_pixels_above_a_limb_by_day_are_no_stars(seed: int) -> None:
     beyond = np.array([0.0, 0.0, 1.0]), RHO + 0.05
     assert count_stars(view, working, *beyond) > 100
     assert spread_stars(image, view, working, *beyond) == 0
+    fix = HorizonSensor().process([Frame(view, image)])
+    assert fix.ok, fix.reason
+    assert "airglow" not in fix.reason
+    assert fix.fit.cov_nadir_altitude[3, 3] < 30e3**2
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_clouds_under_stars_are_no_layer(seed: int) -> None:
+    """No layer is as uneven as they are along a limb; simulated skies have stars by day."""
+    (view,) = limb_views(ALTITUDE_M, VIEWS[0].camera, azimuths_rad=(0.4,), above_rad=0.05)
+    scene = replace(clouds(seed), star_count=20000)
+    image = draw((view,), ALTITUDE_M, scene, NOISE)[0].image
+    beyond = np.array([0.0, 0.0, 1.0]), RHO + 0.05
+    assert spread_stars(image, view, WorkingImage.of(image), *beyond) >= NIGHT_STARS
     fix = HorizonSensor().process([Frame(view, image)])
     assert fix.ok, fix.reason
     assert "airglow" not in fix.reason

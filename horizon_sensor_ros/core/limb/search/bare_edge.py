@@ -39,6 +39,9 @@ _SKY_M = -np.array([170e3, 190e3, 210e3, 230e3])
 # Of a pixel's noise, by which it is brighter than the sky: by 3.5 and more above the ground in
 # frames that others drew, above the layer's own edge by .6 at most.
 _GLOWS = 1.5
+# Scatter of brightness along a limb, over its mean: of layers that others drew .14 at most, mostly
+# what the lens fades; of clouds .17 and more.
+_UNEVEN = 0.2
 
 
 def bare_by_night(
@@ -49,35 +52,39 @@ def bare_by_night(
     consensus: Consensus,
     planet: Planet,
 ) -> bool:
-    """Whether stars show above an edge, nothing glows between in any frame, and light falls off
-    behind it, or may do so where it is white.
+    """Whether stars show above an edge, nothing glows between in any frame that shows them, and
+    light falls off behind it, or may do so where it is white; all along alike, as no clouds are.
 
-    images : (H, W), one a view. edge : inliers of the consensus. False where no frame shows enough
-    of what is above.
+    images : (H, W), one a view. edge : inliers of the consensus. False where no frame shows both
+    stars and enough of what is above.
     """
     layer_rad = layer_above_rad(consensus, planet)
     beyond = consensus.nadir_base, consensus.rho_rad + layer_rad
-    if not any(
-        spread_stars(image, view, seen, *beyond) >= NIGHT_STARS
-        for image, view, seen in zip(images, views, working, strict=True)
-    ):
-        return False
     falls = False
     for i, (view, image, seen) in enumerate(zip(views, images, working, strict=True)):
         rays = edge.rays[edge.camera == i]
-        if len(rays) == 0:
+        # Another frame's stars do not tell how long this one was exposed.
+        if len(rays) == 0 or spread_stars(image, view, seen, *beyond) < NIGHT_STARS:
             continue
         rays = rays[evenly(len(rays), COLUMNS)]
-        glow, sky, behind = (
-            _usual(levels(view, seen, rays_below(rays, consensus, depths_rad(layer_rad, at_m))))
+        above, far_above, below = (
+            levels(view, seen, rays_below(rays, consensus, depths_rad(layer_rad, at_m)))
             for at_m in (_GLOW_M, _SKY_M, DEPTHS_M)
         )
+        glow, sky, behind = _usual(above), _usual(far_above), _usual(below)
         if not all(np.isfinite(usual).any() for usual in (glow, sky, behind[DEPTHS_M <= CREST_M])):
             continue
         if np.nanmedian(glow) - np.nanmedian(sky) > _GLOWS * seen.noise:
             return False
-        falls |= _falls(behind, seen.space_level, image)
+        falls |= _is_even(below) and _falls(behind, seen.space_level, image)
     return falls
+
+
+def _is_even(level: np.ndarray) -> bool:
+    """Whether light (N, D) down to the crest is as bright all along the limb."""
+    near = level[:, (DEPTHS_M > 0.0) & (DEPTHS_M <= CREST_M)]
+    crests = near[np.isfinite(near).all(axis=1)].mean(axis=1)
+    return len(crests) >= FEW and bool(crests.std() < _UNEVEN * crests.mean())
 
 
 def _falls(behind: np.ndarray, space_level: float, image: np.ndarray) -> bool:
