@@ -52,9 +52,12 @@ def spread_stars(
     beyond_rad: float,
 ) -> int:
     """The same, as the lens spreads light over pixels of the frame (H, W): 0 where the spots are
-    hot pixels mostly, but for those that demosaicing has spread, or compression's.
+    hot pixels mostly, but for those that demosaicing has spread, or compression's; or where they
+    are less than `NIGHT_STARS`.
     """
     px = _spots_px(view, working, nadir_base, beyond_rad)
+    if len(px) < NIGHT_STARS:
+        return 0
     # Compression leaves dark spots beside the bright ones.
     negative = replace(working, gray=-working.gray.astype(np.float32))
     if len(_spots_px(view, negative, nadir_base, beyond_rad)) > _DARK * len(px):
@@ -86,13 +89,14 @@ def _spots_px(
     if min(small.shape) < 5:
         return np.empty((0, 2))
     middle = small[2:-2, 2:-2]
-    around = np.maximum.reduce(
-        [small[:-4, 2:-2], small[4:, 2:-2], small[2:-2, :-4], small[2:-2, 4:]]
-    )
-    beside = np.maximum.reduce(
-        [small[1:-3, 2:-2], small[3:-1, 2:-2], small[2:-2, 1:-3], small[2:-2, 3:-1]]
-    )
-    y, x = np.nonzero((middle >= beside) & (middle > around + _SIGMAS * working.noise))
+    around = np.maximum(small[:-4, 2:-2], small[4:, 2:-2])
+    for farther in (small[2:-2, :-4], small[2:-2, 4:]):
+        np.maximum(around, farther, out=around)
+    bright = middle > around + _SIGMAS * working.noise
+    y, x = np.divmod(np.flatnonzero(bright), bright.shape[1])
+    beside = [small[y + 1, x + 2], small[y + 3, x + 2], small[y + 2, x + 1], small[y + 2, x + 3]]
+    brightest = (middle[y, x] >= beside).all(axis=0)
+    y, x = y[brightest], x[brightest]
     px = (np.stack([x, y], axis=1) + 2.5) * working.factor - 0.5
     if view.mask is not None:
         px = px[view.mask.clear(px, working.factor)]
