@@ -168,13 +168,13 @@ class SingleCameras:
         if not by_ground(fix, consensus) or self._undisputed(fix, consensus):
             return None
         self._look_near(sighting)
-        by_own = self._by_own(sighting, fix)
+        by_own = self._by_own(sighting, fix) or self._surer_by_itself(fix)
         if by_own is None or not self._near:
             return by_own
         # Errors of one camera's cone draw what is found near it: before cameras contradict each
         # other each is searched all over its frame.
         self._near.clear()
-        return self._by_own(sighting, fix)
+        return self._by_own(sighting, fix) or self._surer_by_itself(fix)
 
     def _by_own(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
         """The same, by what is known so far of each camera."""
@@ -206,6 +206,23 @@ class SingleCameras:
         # What contradicts itself already is only followed no longer where it is far worse.
         known_rad = _MUCH_LESS_SURE * nadir_sigma_rad(fix.fit) if fix.reason else 0.0
         return by_own if nadir_sigma_rad(by_own.fit) > known_rad else None
+
+    def _surer_by_itself(self, fix: HorizonFix) -> HorizonFix | None:
+        """Fix of a camera that was spared and by itself is surer than those that were not: around
+        a cone that is none of its own its limb was measured badly. Else None.
+        """
+        by_itself = [
+            (self._frames[i], self.judged(i).fix)
+            for i, name in enumerate(self._names)
+            if name in fix.cameras_spared and self.judged(i).fix.ok
+        ]
+        if not by_itself:
+            return None
+        frame, surest = min(by_itself, key=lambda one: nadir_sigma_rad(one[1].fit))
+        if nadir_sigma_rad(surest.fit) >= nadir_sigma_rad(fix.fit):
+            return None
+        surest = in_place_of(fix, self._frames, surest, [frame])
+        return surest.surer_without_rest(self._views)
 
     def perhaps_of_layer(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
         """The same fix, its altitude as uncertain as a layer of airglow is high, where the limb may

@@ -76,11 +76,13 @@ def test_where_no_camera_shows_air_none_is_supposed(limbs: tuple[LimbPoints, ...
     assert lifted(limbs[0], replace(limbs[1], steepness=np.empty(0)))[0] is limbs[0]
 
 
-def test_alone_they_claim_as_much_as_beside_air(limbs: tuple[LimbPoints, ...]) -> None:
+def test_alone_or_beside_others_of_no_model_they_claim_as_much_as_beside_air(
+    limbs: tuple[LimbPoints, ...],
+) -> None:
     free = replace(limbs[0], modelled=False)
     beside_air = lifted(free, replace(limbs[1], steepness=np.empty(0)))[0].shared
     missed = LimbPoints.none(Status.NO_LIMB, "too faint")
-    for alone in (lifted(free), lifted(free, missed)):
+    for alone in (lifted(free), lifted(free, missed), lifted(free, replace(free))):
         assert alone[0].shared == beside_air
 
 

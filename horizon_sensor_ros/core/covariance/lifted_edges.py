@@ -1,8 +1,8 @@
 """What air lifts edges by in which it does not show, for the covariance.
 
 Edges that no model fits, beside limbs that show air: the same air may be above them, and brightness
-falls most steeply in it, not at the ground's edge. Where there is no other limb nothing tells that
-there is none.
+falls most steeply in it, not at the ground's edge. Where there is no other limb that a model fits
+nothing tells that there is none.
 Edges that are less sharp than a lens in focus leaves them, where air fades over a pixel or two: it
 may be air that passes for blur. By how much it lifts all of the limb is `hidden_air`'s; but it
 lifts it less where the lens has more pixels to an angle, which turns the limb.
@@ -47,7 +47,7 @@ def with_lifted_edges(
     observations: Sequence[LimbObservation], planet: Planet, rho_rad: float
 ) -> tuple[LimbObservation, ...]:
     """Return the limbs of simultaneous frames, with what air, if the planet has any, may be lifting
-    their edges by: those that no model fits, unless there are limbs of others and none shows air,
+    their edges by: those that no model fits, unless one fits limbs of others and none shows air,
     and soft ones.
 
     rho_rad : angular radius of the limb.
@@ -58,7 +58,8 @@ def with_lifted_edges(
     limbs = [seen.limb for seen in observations if seen.limb.status is Status.OK]
     if all(limb.modelled for limb in limbs):
         return observations
-    if len(limbs) > 1 and not any(_shows_air(limb) for limb in limbs):
+    # Edges of no model do not tell that there is none, however many cameras see such.
+    if any(limb.modelled for limb in limbs) and not any(_shows_air(limb) for limb in limbs):
         return observations
     return tuple(
         seen if seen.limb.modelled or not len(seen.limb.px) else _lifted(seen, rho_rad)
