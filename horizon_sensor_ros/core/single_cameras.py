@@ -168,16 +168,20 @@ class SingleCameras:
         if not by_ground(fix, consensus) or self._undisputed(fix, consensus):
             return None
         self._look_near(sighting)
-        by_own = self._by_own(sighting, fix) or self._surer_by_itself(fix)
+        by_own = self._by_what_is_known(sighting, fix)
         if by_own is None or not self._near:
             return by_own
         # Errors of one camera's cone draw what is found near it: before cameras contradict each
         # other each is searched all over its frame.
         self._near.clear()
-        return self._by_own(sighting, fix) or self._surer_by_itself(fix)
+        return self._by_what_is_known(sighting, fix)
 
-    def _by_own(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
+    def _by_what_is_known(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
         """The same, by what is known so far of each camera."""
+        return self._contradicting(sighting, fix) or self._surer_by_itself(fix)
+
+    def _contradicting(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
+        """What comes of limbs that contradict each other; None where they do not."""
         found = {
             i: self.found(i)
             for i, limb in enumerate(fix.limbs)
@@ -253,10 +257,11 @@ class SingleCameras:
         if agreed is not None:
             if detection.consensus.perhaps_layer:
                 return _BY_FADING
-            at = sighting.views, detection.working, agreed, detection.consensus
-            if may_be_cut_off(*at, self._estimator.sphere):
+            views, working = sighting.views, detection.working
+            edge = agreed, detection.consensus, self._estimator.sphere
+            if may_be_cut_off(views, working, *edge):
                 return _CUT_OFF
-            if bare_by_night(at[0], sighting.images, *at[1:], self._estimator.sphere):
+            if bare_by_night(views, sighting.images, working, *edge):
                 return _BARE
         if self._undisputed(fix, detection.consensus):
             return None

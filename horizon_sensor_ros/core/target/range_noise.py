@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from horizon_sensor_ros.core.target.mixed_differences import mixed_differences
 from horizon_sensor_ros.core.target.range_image import RangeImage
 from horizon_sensor_ros.core.target.repeated_returns import are_repeated
 from horizon_sensor_ros.core.target.smoothed_noise import are_smoothed, noise_before_smoothing
@@ -88,11 +89,7 @@ def slant_growth(inverse: np.ndarray, secant2: np.ndarray, side: int, least_m: f
     size = len(place) // _GROUPS
     if size < _FEWEST or len(place) < _WITHIN * np.count_nonzero(inverse):
         return 0.0
-    # Planes have no mixed differences, nor surfaces of second degree, however slanted, nor steps
-    # along a row or a column: of noise their mean square is 36 times its variance.
-    bend = np.array([1, -2, 1], np.float32)
-    mixed = cv2.sepFilter2D(inverse, cv2.CV_32F, bend, bend).ravel()[place]
-    square = (mixed / (6 * inverse.ravel()[place] ** 2)) ** 2
+    square = mixed_differences(inverse, place) ** 2
     order = np.argsort(steep)[-size * _GROUPS :].reshape(_GROUPS, size)
     rank = int(_SHARE * size)
     variance = np.partition(square[order], rank, axis=1)[:, rank].astype(float) / _AT_SHARE

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.robust import quantile
+from horizon_sensor_ros.core.target.mixed_differences import mixed_differences
 
 # Lags, in pixels, at which returns are held against each other; and returns that have others all
 # about them so far, at least, for a lag to count.
@@ -83,24 +84,13 @@ def _within_and_smoothed(inverse: np.ndarray, place: np.ndarray, mixed: list[np.
 
 
 def _mixed(inverse: np.ndarray, lags: int) -> tuple[np.ndarray, list[np.ndarray]] | None:
-    """Flat indices (N,) of returns that have others all about them, and their mixed differences
-    (N,) at each lag, m, in standard deviations of one return if these were independent; None where
-    such are too few.
-
-    Of [1, -2, 1] over rows and over columns, which planes and surfaces of second degree do not
-    have, nor steps along a row or a column.
-    """
+    """Flat indices (N,) of returns that have others all about them, and their `mixed_differences`
+    (N,) at each lag; None where such are too few."""
     whole = cv2.erode((inverse > 0).view(np.uint8), np.ones((2 * lags + 1,) * 2, np.uint8))
     place = np.flatnonzero(whole)
     if len(place) < _FEWEST:
         return None
-    unit = 6 * inverse.ravel()[place] ** 2
-    mixed = []
-    for lag in range(1, lags + 1):
-        bend = np.zeros(2 * lag + 1, np.float32)
-        bend[[0, lag, -1]] = 1, -2, 1
-        mixed.append(cv2.sepFilter2D(inverse, cv2.CV_32F, bend, bend).ravel()[place] / unit)
-    return place, mixed
+    return place, [mixed_differences(inverse, place, lag) for lag in range(1, lags + 1)]
 
 
 def _where_least(

@@ -10,14 +10,11 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.rigid import inverse_pose
+from horizon_sensor_ros.core.target.mixed_differences import mixed_differences
 from horizon_sensor_ros.core.target.range_image import RangeImage
 
-# Mixed differences, over rows and columns: surfaces of second degree have none, and the mean of
-# the nine returns tells nothing of them.
-_BEND = np.array([1, -2, 1], np.float32)
-_OF_ONE = 6.0  # their standard deviation, in that of one return if these are independent
-# They count up to so many standard deviations, by the median of what is normal, regardless of its
-# sign.
+# Mixed differences count up to so many standard deviations, by the median of what is normal,
+# regardless of its sign.
 _MOST, _MEDIAN = 2.0, 0.6745
 # Variance of a sum of products of such differences, over that of as many independent ones: nine
 # pixels share returns.
@@ -114,6 +111,7 @@ class TemporalFilter:
         )
 
     def _hold(self, now: _Noise, before: _Noise) -> None:
+        """Hold a cloud against the one before, and against the oldest that shows the same."""
         place = np.nonzero(now.depth_m)
         bend, depth_m = _there(before, now.image, place)
         same = np.abs(depth_m - now.depth_m[place]) < _CHANGED * max(now.sigma_m, before.sigma_m)
@@ -134,16 +132,18 @@ class TemporalFilter:
 
 
 def _noise_of(image: RangeImage, sigma_m: float, pose: np.ndarray) -> _Noise:
+    """Of an image, the noise of its single returns, and the target's pose; nothing where its pixels
+    are not the sensor's own."""
     inverse = image.inverse_depth
-    whole = cv2.erode((inverse > 0).view(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    if not image.on_grid:
-        whole[:] = False
-    unit = np.where(whole, inverse, np.float32(1))
-    bend = cv2.sepFilter2D(inverse, cv2.CV_32F, _BEND, _BEND) / (unit * unit)
-    depth = cv2.boxFilter(1 / np.where(inverse > 0, inverse, np.float32(1)), -1, (3, 3))
-    nothing = np.float32(0)
-    bend_m = np.where(whole, bend / np.float32(_OF_ONE), nothing)
-    return _Noise(image, bend_m, np.where(whole, depth, nothing), sigma_m, pose)
+    bend_m, depth_m = np.zeros((2, *inverse.shape), np.float32)
+    if image.on_grid:
+        whole = cv2.erode((inverse > 0).view(np.uint8), np.ones((3, 3), np.uint8))
+        place = np.flatnonzero(whole)
+        bend_m.ravel()[place] = mixed_differences(inverse, place)
+        # The mean of the nine returns tells nothing of their mixed differences.
+        depth = cv2.boxFilter(1 / np.where(inverse > 0, inverse, np.float32(1)), -1, (3, 3))
+        depth_m.ravel()[place] = depth.ravel()[place]
+    return _Noise(image, bend_m, depth_m, sigma_m, pose)
 
 
 def _there(

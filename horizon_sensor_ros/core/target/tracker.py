@@ -272,12 +272,10 @@ class TargetTracker:
                 found = self._believed(found, keyframe, predicted, refused_by, view)
             if found.status is Status.OK:
                 found = self._of_now(found, keyframe, view)
-                if found.status is not Status.OK:
-                    return None, found
-            if not tried.reason or found.status is Status.OK:
+                of_now = found.status is Status.OK
+                return self._accept(keyframe, found, view, stamp_ns) if of_now else None, found
+            if not tried.reason:
                 tried = found
-            if found.status is Status.OK:
-                return self._accept(keyframe, found, view, stamp_ns), tried
             if np.isfinite(found.part_off_m):
                 # From one cloud to the next the part would move too little to tell.
                 return None, found

@@ -239,6 +239,7 @@ def may_be_cut_off(
     layer_rad = layer_above_rad(consensus, planet)
     below = DEPTHS_M >= 0.0
     below_m, depths = DEPTHS_M[below], depths_rad(layer_rad)[below]
+    enough, cut_off = (np.count_nonzero(below_m < most_m) for most_m in (ENOUGH_M, _CUT_OFF_M))
     fades = False
     for i, (view, seen) in enumerate(zip(views, working, strict=True)):
         rays = edge.rays[edge.camera == i]
@@ -247,10 +248,10 @@ def may_be_cut_off(
         some = evenly(len(rays), COLUMNS)
         level = levels(view, seen, rays_below(rays[some], consensus, depths))
         reach = np.isfinite(level).cumprod(axis=1).sum(axis=1)
-        if np.count_nonzero(reach > np.count_nonzero(below_m < ENOUGH_M)) >= FEW * TOGETHER:
+        if np.count_nonzero(reach > enough) >= FEW * TOGETHER:
             return False
         num = int(median(reach))
-        if num <= np.count_nonzero(below_m < _CUT_OFF_M):
+        if num <= cut_off:
             continue
         _, level = bundled(some[reach >= num], level[reach >= num, :num])
         share = level / np.maximum(level.max(axis=1, keepdims=True), 1e-6)

@@ -62,23 +62,28 @@ def spread_stars(
     negative = replace(working, gray=-working.gray.astype(np.float32))
     if len(_spots_px(view, negative, nadir_base, beyond_rad)) > _DARK * len(px):
         return 0
-    reach, block = _AROUND_PX + working.factor, working.factor
+    spread = _spread(gray, px, working.factor)
+    return len(spread) if len(spread) and np.median(spread) > _SPREAD else 0
+
+
+def _spread(gray: np.ndarray, px: np.ndarray, factor: int) -> np.ndarray:
+    """Light of the four pixels nearest to the brightest one of each spot, over that one's (M,); of
+    spots at px (N, 2) of a frame, reduced by `factor`, but for those near its border.
+    """
+    reach = _AROUND_PX + factor
     height, width = gray.shape
-    x, y = np.floor(px.T - 0.5 * (block - 1) + 0.5).astype(int)
+    x, y = np.floor(px.T - 0.5 * (factor - 1) + 0.5).astype(int)
     inside = (x >= reach) & (y >= reach) & (x < width - reach) & (y < height - reach)
     x, y = x[inside], y[inside]
-    if len(x) == 0:
-        return 0
-    step_y, step_x = np.indices((block, block)).reshape(2, -1)
+    step_y, step_x = np.indices((factor, factor)).reshape(2, -1)
     brightest = gray[y[:, None] + step_y, x[:, None] + step_x].argmax(axis=1)
     x, y = x + step_x[brightest], y + step_y[brightest]
     beside = np.arange(-_AROUND_PX, _AROUND_PX + 1)
     around = gray[y[:, None, None] + beside[:, None], x[:, None, None] + beside].astype(float)
     around -= np.median(around, axis=(1, 2))[:, None, None]
-    one = _AROUND_PX
-    nearest = around[:, [one - 1, one + 1, one, one], [one, one, one - 1, one + 1]]
-    spread = nearest.sum(axis=1) / np.maximum(around[:, one, one], 1e-6)
-    return len(x) if np.median(spread) > _SPREAD else 0
+    at, to = _AROUND_PX, np.array([-1, 1])
+    nearest = around[:, at + to, at].sum(axis=1) + around[:, at, at + to].sum(axis=1)
+    return np.asarray(nearest / np.maximum(around[:, at, at], 1e-6))
 
 
 def _spots_px(
