@@ -7,9 +7,9 @@ from horizon_errors import BEYOND_NEES, FitErrors, fit_errors, nadir_sigma_deg
 from tables import Options, Table, number, percentile
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.horizon_fix import Frame
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.config import HorizonConfig
+from horizon_sensor_ros.core.horizon.fix import Frame
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.sim.hard_scenes import ALL_KINDS, hard_scenes
 
 _COLUMNS = (

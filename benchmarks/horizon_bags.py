@@ -15,8 +15,8 @@ import numpy as np
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from horizon_sensor_ros.core.attitude import quaternion_from_rotation
-from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.mathematics.attitude import quaternion_from_rotation
 from horizon_sensor_ros.sim.poses import camera_from_fov, side_views
 
 START_S = 1_700_000_000

@@ -14,12 +14,12 @@ from tables import Options, Table, Text, absent, number, percentile, shared_data
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.aiding import Aiding, CoarsePose
-from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.horizon_fix import Frame
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.config import HorizonConfig
+from horizon_sensor_ros.core.horizon.fix import Frame
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
+from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.planet_figure import VERTICALS
-from horizon_sensor_ros.core.rigid import rotation_from_vector
 from horizon_sensor_ros.sim.frame_truth import FrameTruth
 from horizon_sensor_ros.sim.scene_sets import two_camera_set
 

@@ -11,9 +11,9 @@ from horizon_errors import angle_deg, nadir_sigma_deg
 from tables import Options, Table, number, percentile, verdict
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.config import HorizonConfig
+from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.sim.hard_scenes import ALL_KINDS, HardScene, hard_scenes
 
 WRONG_DEG, WRONG_SIGMAS = 1.0, 3.0

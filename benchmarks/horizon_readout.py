@@ -14,8 +14,8 @@ from tables import Options, Table, number, percentile, root_mean_square
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.aiding import Aiding
-from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.sim.earth_camera import SimFrame
 from horizon_sensor_ros.sim.flight import Flight, swinging_flight
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import quaternion_from_rotation
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.mathematics.attitude import quaternion_from_rotation
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging

@@ -21,10 +21,10 @@ from horizon_bags import (
 from horizon_errors import angle_deg, nadir_sigma_deg
 from tables import Options, Table, Text, absent, number, percentile, shared_data, verdict
 
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.horizon_fix import Frame
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.horizon.fix import Frame
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 
 # Nadir's largest error by kind, deg. Those of the second line may also go without a fix.
 BARS_DEG = {

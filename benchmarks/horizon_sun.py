@@ -8,9 +8,9 @@ import numpy as np
 from tables import Options, Table, number, percentile
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.horizon_fix import Frame
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.horizon.fix import Frame
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.sim.poses import camera_from_fov
 from horizon_sensor_ros.sim.sun_alone import sun_alone
 

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from tables import Options, Table, number, verdict
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.horizon.config import HorizonConfig
+from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.detector import detect_limb
 from horizon_sensor_ros.core.limb.passes import EXPECTED
 from horizon_sensor_ros.core.limb.refinement import refine_limb

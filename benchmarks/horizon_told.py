@@ -10,9 +10,9 @@ from horizon_errors import FixErrors
 from tables import Options, Table
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.horizon_fix import Frame
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.config import HorizonConfig
+from horizon_sensor_ros.core.horizon.fix import Frame
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.sim.frame_truth import FrameTruth
 from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scene
 

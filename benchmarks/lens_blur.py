@@ -11,9 +11,9 @@ from self_calibration import swinging_flight
 from tables import Options, Table, number
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.horizon_fix import Frame
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.config import HorizonConfig
+from horizon_sensor_ros.core.horizon.fix import Frame
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.self_calibration.corner_blur import LensBlur, lens_blurs
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet, camera_horizon

@@ -22,12 +22,12 @@ from horizon_sensor_ros.core.applicability.visibility import (
     horizon_rays,
     rot_base_from_down,
 )
-from horizon_sensor_ros.core.attitude import angle_rad
 from horizon_sensor_ros.core.fits import METHODS, fit_horizon
 from horizon_sensor_ros.core.fits.observation import LimbObservation
-from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.horizon_fix import Frame
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.config import HorizonConfig
+from horizon_sensor_ros.core.horizon.fix import Frame
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.tools.applicability.figure6 import paper_rig

@@ -16,8 +16,8 @@ from rosbags.rosbag2 import StoragePlugin
 from sensor_msgs.msg import CameraInfo, Image
 from tables import Options, Table, number, verdict
 
-from horizon_sensor_ros.core.attitude import quaternion_from_rotation
-from horizon_sensor_ros.core.rigid import rotation_from_vector
+from horizon_sensor_ros.core.mathematics.attitude import quaternion_from_rotation
+from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector
 from horizon_sensor_ros.core.self_calibration.adjustment import calibrate
 from horizon_sensor_ros.core.self_calibration.result import Calibration, CalibrationConfig
 from horizon_sensor_ros.ros.sensor_messages import camera_info_message, encoded_image

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from scipy.special import ndtr
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit

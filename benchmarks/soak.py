@@ -25,7 +25,7 @@ from horizon_rig import rig
 from sensor_msgs.msg import Imu
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.rigid import pose_matrix, rotation_from_vector
+from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, rotation_from_vector
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline

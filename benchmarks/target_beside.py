@@ -14,7 +14,7 @@ from target_pairs import MESHES, errors_at, random_poses, random_rotation, unit
 from target_sets import WRONG_CM, WRONG_DEG
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.rigid import inverse_pose
+from horizon_sensor_ros.core.mathematics.rigid import inverse_pose
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.registration import register, target_view
 from horizon_sensor_ros.sim.shapes import TriangleMesh, assembly, beam, box

@@ -14,7 +14,7 @@ from tables import Options, Table, number
 from target_pairs import nees, random_poses
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.rigid import inverse_pose
+from horizon_sensor_ros.core.mathematics.rigid import inverse_pose
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.registration import register, target_view
 from horizon_sensor_ros.sim.shapes import TriangleMesh, assembly, beam, box, cylinder

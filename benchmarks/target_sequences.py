@@ -10,7 +10,7 @@ from tables import Options, Table, number, verdict
 from target_pairs import MESHES, nees, timed, tumbling
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.rigid import inverse_pose
+from horizon_sensor_ros.core.mathematics.rigid import inverse_pose
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.registration import register, target_view
 from horizon_sensor_ros.core.target.tracker import TargetTracker

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import AltitudeMeasurement
-from horizon_sensor_ros.core.attitude import nadir_from_roll_pitch, tangent_basis
-from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.mathematics.attitude import nadir_from_roll_pitch, tangent_basis
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.self_calibration.measurement import (
     CameraHorizon,

@@ -9,8 +9,8 @@ import numpy as np
 from limb_frames import as_frames
 from scipy.spatial.transform import Rotation
 
-from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.hard_scenes import HardScene
 

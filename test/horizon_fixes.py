@@ -8,9 +8,9 @@ import numpy as np
 from limb_frames import as_frames, clouds, draw, limb_views
 from limb_samples import angle_between
 
-from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import Imaging
 from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scenes

@@ -14,7 +14,10 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.special import ndtr
 from sensor_msgs.msg import CameraInfo, Image, Imu
 
-from horizon_sensor_ros.core.attitude import nadir_from_roll_pitch, quaternion_from_rotation
+from horizon_sensor_ros.core.mathematics.attitude import (
+    nadir_from_roll_pitch,
+    quaternion_from_rotation,
+)
 
 WIDTH, HEIGHT, FOCAL_PX = 320, 240, 260.0
 PSF_PX = 0.757  # of the optics, 0.7, and of a pixel's width

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from horizon_sensor_ros.core.rigid import (
+from horizon_sensor_ros.core.mathematics.rigid import (
     inverse_pose,
     pose_matrix,
     rotation_from_vector,

@@ -10,7 +10,7 @@ import numpy as np
 from horizon_messages import START_NS
 from sensor_msgs.msg import PointCloud2, PointField
 
-from horizon_sensor_ros.core.rigid import pose_matrix, rotation_from_vector
+from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, rotation_from_vector
 from horizon_sensor_ros.sim.shapes import sich_n5, winged_cylinder
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
-from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 from horizon_sensor_ros.core.status import Status
 
 ROOT = Path(__file__).parents[1]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizon_sensor_ros.core.attitude import (
+from horizon_sensor_ros.core.mathematics.attitude import (
     level_from_base,
     nadir_from_roll_pitch,
     rotation_from_quaternion,
@@ -253,7 +253,7 @@ def test_the_page_says_where_a_camera_looks() -> None:
 
 
 def test_what_the_page_says_of_the_attitudes_covariance() -> None:
-    from horizon_sensor_ros.core.attitude import (
+    from horizon_sensor_ros.core.mathematics.attitude import (
         GROUND_VARIANCE_M2,
         YAW_VARIANCE_RAD2,
         pose_covariance,
@@ -313,7 +313,7 @@ def matrix(pose: Any) -> np.ndarray:
 
 
 def test_what_the_pages_say_of_the_defaults() -> None:
-    from horizon_sensor_ros.core.horizon_config import HorizonConfig
+    from horizon_sensor_ros.core.horizon.config import HorizonConfig
 
     config = HorizonConfig()
     rows = table_rows("horizon.md", "Judgement")

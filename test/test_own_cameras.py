@@ -14,8 +14,8 @@ import yaml
 from geometry_msgs.msg import Vector3
 from rosbags.typesys import Stores, get_typestore
 
-from horizon_sensor_ros.core.attitude import nadir_from_roll_pitch
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.mathematics.attitude import nadir_from_roll_pitch
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.messages import attitude_message
 

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from horizon_messages import nadir_of, recording, write_bag, write_parameters
 
-from horizon_sensor_ros.core.attitude import rotation_from_quaternion
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.parameters.file import read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings

@@ -69,6 +69,19 @@ def test_no_files_import_each_other_in_a_circle() -> None:
     TopologicalSorter(graph).prepare()  # raises CycleError, which names them
 
 
+def test_no_folders_of_the_core_import_each_other_in_a_circle() -> None:
+    """A file that lies in no folder is one of its own."""
+    core = f"{ROOT.name}.core."
+    graph: dict[str, set[str]] = {}
+    for path in (ROOT / "core").rglob("*.py"):
+        if path != ROOT / "core" / "__init__.py":
+            folder = module_of(path).removeprefix(core).split(".")[0]
+            used = {module.removeprefix(core).split(".")[0] for module in imports_of(path)}
+            graph.setdefault(folder, set()).update(used - {folder})
+    assert {"cameras", "limb", "horizon"} <= graph.keys()
+    TopologicalSorter(graph).prepare()  # raises CycleError, which names them
+
+
 def test_what_holds_arrays_is_compared_by_identity() -> None:
     """Compared field by field it would raise: an array has no truth value."""
     of_arrays = [

@@ -11,8 +11,8 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from figures.drawing import BLUE, ORANGE, SKY, save
-from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.limb_curve import limb_curve
 from horizon_sensor_ros.core.planet_figure import disc_of
 from horizon_sensor_ros.sim.hard_scenes import hard_scenes

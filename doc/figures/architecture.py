@@ -13,14 +13,14 @@ _CORE, _DRIVER, _ROS, _OTHER = "#DCEBF5", "#F1F7FB", "#DDF1E9", "#FBE9D9"
 _WIDTH, _HEIGHT, _GAP = 30.5, 5.2, 2.0
 # What drives the steps below it, and is where to start reading; then the steps, each a folder or
 # file, or what is done, and what that is. Top to bottom is the way of the data.
-HORIZON_DRIVER = ("core/horizon_sensor.py", "start here: follow or search the limb")
+HORIZON_DRIVER = ("core/horizon/sensor.py", "start here: follow or search the limb")
 HORIZON = (
-    ("core/horizon_search.py", "which cameras to search together"),
+    ("core/horizon/search.py", "which cameras to search together"),
     ("core/limb/", "image to points of the limb"),
-    ("core/horizon_estimator.py", "limbs to a fix, by these three:"),
+    ("core/horizon/estimator.py", "limbs to a fix, by these three:"),
     ("core/fits/", "points to nadir, altitude"),
     ("core/covariance/", "errors that points share, and all else"),
-    ("core/judgement.py", "believe it, or say why not"),
+    ("core/horizon/judgement.py", "believe it, or say why not"),
 )
 TARGET_DRIVER = ("core/target/tracker.py", "start here: clouds to a track")
 TARGET = (

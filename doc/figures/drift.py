@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from figures.drawing import BLUE, ORANGE, save
-from horizon_sensor_ros.core.rigid import inverse_pose, vector_from_rotation
+from horizon_sensor_ros.core.mathematics.rigid import inverse_pose, vector_from_rotation
 from horizon_sensor_ros.core.target.registration import register, target_view
 from horizon_sensor_ros.core.target.tracker import TargetTracker
 from horizon_sensor_ros.sim.shapes import TriangleMesh, plate_with_dish, sich_n5

@@ -10,8 +10,8 @@ from matplotlib import pyplot as plt
 
 from figures.drawing import BLUE, GREEN, ORANGE, save
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
-from horizon_sensor_ros.core.horizon_fix import Frame
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.fix import Frame
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.sim.hard_scenes import hard_scenes
 
 _SCENES = (("flat", "sharp planet"), ("clouds", "clouds beside the limb"), ("air", "air above it"))

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from figures.drawing import BLUE, GREEN, ORANGE, arrow, blank, save
-from horizon_sensor_ros.core.attitude import level_from_base, nadir_from_roll_pitch
+from horizon_sensor_ros.core.mathematics.attitude import level_from_base, nadir_from_roll_pitch
 
 _PITCH_DEG = 20.0
 

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from figures.drawing import BLUE, GREEN, ORANGE, save
-from horizon_sensor_ros.core.horizon_fix import Frame
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.fix import Frame
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook, edge_profile
 from horizon_sensor_ros.core.limb.haze.sample import PLACE, haze_factor, sample_haze
 from horizon_sensor_ros.core.planet import Planet

@@ -8,7 +8,11 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from figures.drawing import save
-from horizon_sensor_ros.core.rigid import inverse_pose, pose_matrix, rotation_from_vector
+from horizon_sensor_ros.core.mathematics.rigid import (
+    inverse_pose,
+    pose_matrix,
+    rotation_from_vector,
+)
 from horizon_sensor_ros.core.target.one_body import most_off_m, patches_of
 from horizon_sensor_ros.core.target.registration import target_view
 from horizon_sensor_ros.sim.shapes import TARGETS, assembly, box

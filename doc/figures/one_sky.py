@@ -9,8 +9,8 @@ from matplotlib import pyplot as plt
 
 from figures.drawing import BLUE, ORANGE, save
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
-from horizon_sensor_ros.core.horizon_fix import Frame
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.fix import Frame
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.glow.points import GlowPoints, points_alone
 from horizon_sensor_ros.sim.hard_scenes import hard_scenes
 

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 
 from figures.drawing import BLUE, ORANGE, save
 from horizon_sensor_ros.core.aiding import Aiding
-from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.config import HorizonConfig
+from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.sim.flight import swinging_flight
 from horizon_sensor_ros.sim.hard_scenes import hard_scene
 from horizon_sensor_ros.sim.scene_sets import set_m

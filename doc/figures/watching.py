@@ -7,8 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.horizon_fix import Frame
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.fix import Frame
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.ros.debug_image import draw_fix
 from horizon_sensor_ros.sim.hard_scenes import hard_scenes
 

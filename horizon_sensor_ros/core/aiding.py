@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import require_rotation, require_vector
+from horizon_sensor_ros.core.mathematics.attitude import require_rotation, require_vector
 from horizon_sensor_ros.core.planet import Planet, require_position
 
 # Of a circular orbit at the surface of the Earth, by its density, which no other planet exceeds.

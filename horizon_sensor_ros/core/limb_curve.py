@@ -8,8 +8,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 
 _COARSE = 384
 # Steps in which nadir and the logarithm of rho are told apart to see which azimuths are in the

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import require_vector
+from horizon_sensor_ros.core.mathematics.attitude import require_vector
 
 _BOWRING_STEPS = 6
 

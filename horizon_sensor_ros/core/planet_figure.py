@@ -18,7 +18,8 @@ from typing import Protocol
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import CoarsePose
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.stretched_camera import stretched_view
 from horizon_sensor_ros.core.covariance.figure_error import (
     ANY_POLE,
     figure_covariance,
@@ -29,10 +30,9 @@ from horizon_sensor_ros.core.covariance.figure_error import (
 from horizon_sensor_ros.core.fits.disc import Disc
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.mathematics.rigid import skew
+from horizon_sensor_ros.core.motion.turn_rate import TurnRate
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.rigid import skew
-from horizon_sensor_ros.core.stretched_camera import stretched_view
-from horizon_sensor_ros.core.turn_rate import TurnRate
 
 VERTICALS = ("geocentric", "geodetic")
 # A coarse attitude farther off the measured vertical than this many of its sigmas is none.

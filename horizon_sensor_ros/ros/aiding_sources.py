@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement, CoarsePose
-from horizon_sensor_ros.core.gyro import RateHistory
+from horizon_sensor_ros.core.motion.gyro import RateHistory
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.coarse_poses import CoarsePoses
 from horizon_sensor_ros.ros.messages import (

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.horizon_fix import HorizonFix
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.horizon.fix import HorizonFix
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC

@@ -14,16 +14,16 @@ from typing import Any
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import rotation_from_quaternion
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.linear_light import linear_light
+from horizon_sensor_ros.core.cameras.mask import Mask
+from horizon_sensor_ros.core.cameras.white_level import full_scale
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
-from horizon_sensor_ros.core.linear_light import linear_light
-from horizon_sensor_ros.core.mask import Mask
+from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
+from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.white_level import full_scale
 from horizon_sensor_ros.ros.aiding_sources import AidingSources
 from horizon_sensor_ros.ros.messages import (
     NANOSECONDS,

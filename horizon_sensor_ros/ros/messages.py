@@ -21,16 +21,16 @@ from geometry_msgs.msg import (
     Vector3Stamped,
 )
 
-from horizon_sensor_ros.core.attitude import (
+from horizon_sensor_ros.core.cameras.byte_order import bytes_swapped
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.mathematics.attitude import (
     level_from_base,
     nadir_sign,
     pose_covariance,
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
-from horizon_sensor_ros.core.byte_order import bytes_swapped
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.planet import Planet
 
 LEVEL_FRAME = "local_level"
@@ -286,7 +286,7 @@ def local_vertical_message(fit: HorizonFit, stamp: int, base_frame: str) -> Vect
 def attitude_message(fit: HorizonFit, stamp: int, level_z: str) -> PoseWithCovarianceStamped:
     """Return the base frame's pose in the level frame: orientation (yaw 0), altitude in position.z.
 
-    `fit` has to be OK. Covariance as in `core.attitude.pose_covariance`.
+    `fit` has to be OK. Covariance as in `core.mathematics.attitude.pose_covariance`.
     """
     rot_level_from_base = level_from_base(fit.nadir_base, level_z)
     msg = PoseWithCovarianceStamped()

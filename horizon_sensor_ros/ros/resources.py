@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 from ament_index_python.packages import get_package_share_directory
 
-from horizon_sensor_ros.core.mask import Mask
+from horizon_sensor_ros.core.cameras.mask import Mask
 
 _PACKAGE = "package://"
 _HALF = 128

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 
-from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.ros.messages import time_from_ns
 
 # Channels and type of an array to the name that sensor_msgs has for it.

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStamped
 
-from horizon_sensor_ros.core.rigid import skew, vector_from_rotation
+from horizon_sensor_ros.core.mathematics.rigid import skew, vector_from_rotation
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.tracker import TargetFix, TargetTracker
 from horizon_sensor_ros.ros.messages import (

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.rigid import rotation_from_vector
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector
 
 FloatArray = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.camera_view import CameraView
-from horizon_sensor_ros.core.rigid import vector_from_rotation
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.mathematics.rigid import vector_from_rotation
 from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.poses import ROT_BASE_FROM_BODY, rot_level_from_body, side_views

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.planet import Planet
 
 FloatArray = NDArray[np.float64]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from horizon_sensor_ros.core.rigid import pose_matrix, rotation_from_vector
+from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, rotation_from_vector
 
 # Pitch of the cells of the section patterns in its example.
 SECTION_PITCH_M = 0.026

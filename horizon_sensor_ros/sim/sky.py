@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.cameras.camera import Camera
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.float32]

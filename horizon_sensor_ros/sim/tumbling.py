@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from horizon_sensor_ros.core.rigid import pose_matrix, rotation_from_vector
+from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, rotation_from_vector
 from horizon_sensor_ros.sim.shapes import TriangleMesh, sich_n5
 from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFScan
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import rotation_from_quaternion
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.yaml_file import YamlFileError, read_yaml, shown
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import nadir_sign, rotation_from_quaternion
+from horizon_sensor_ros.core.mathematics.attitude import nadir_sign, rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.messages import EARTH_FRAME, LEVEL_FRAME
 from horizon_sensor_ros.tools.bags.bag_errors import BagError

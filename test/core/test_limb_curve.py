@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from limb_samples import CAMERAS, FISHEYE, PINHOLE, cone_rays, view_at_limb
 from scipy.spatial.transform import Rotation
 
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 
 NADIR = np.array([0.3, -0.5, 0.81]) / np.linalg.norm([0.3, -0.5, 0.81])

@@ -16,9 +16,9 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement, CoarsePose
-from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.stretched_camera import stretched_view
 from horizon_sensor_ros.core.covariance.figure_error import (
     ANY_POLE,
     figure_influence,
@@ -28,16 +28,16 @@ from horizon_sensor_ros.core.covariance.figure_error import (
 from horizon_sensor_ros.core.fits import METHODS, fit_horizon
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.horizon_config import HorizonConfig
-from horizon_sensor_ros.core.horizon_estimator import HorizonEstimator
-from horizon_sensor_ros.core.horizon_fix import Frame
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.config import HorizonConfig
+from horizon_sensor_ros.core.horizon.estimator import HorizonEstimator
+from horizon_sensor_ros.core.horizon.fix import Frame
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.limb_curve import limb_curve
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.planet_figure import VERTICALS, Figure, MeanSphere, StretchedEllipsoid
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.stretched_camera import stretched_view
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene
 from horizon_sensor_ros.sim.scene_sets import two_camera_set

@@ -31,8 +31,8 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 
 from horizon_sensor_ros.core.aiding import Aiding
-from horizon_sensor_ros.core.horizon_fix import HorizonFix
-from horizon_sensor_ros.core.horizon_sensor import HorizonSensor
+from horizon_sensor_ros.core.horizon.fix import HorizonFix
+from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.aiding_sources import AidingSources
 from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor

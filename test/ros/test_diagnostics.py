@@ -19,10 +19,10 @@ from horizon_messages import (
     recording,
 )
 
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.planet_figure import Disc, MeanSphere

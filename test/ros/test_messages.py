@@ -23,9 +23,9 @@ from limb_samples import CAMERAS
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image, RegionOfInterest
 
-from horizon_sensor_ros.core.attitude import level_from_base, nadir_from_roll_pitch
-from horizon_sensor_ros.core.camera import Camera
+from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.mathematics.attitude import level_from_base, nadir_from_roll_pitch
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.messages import (
     ENCODINGS,

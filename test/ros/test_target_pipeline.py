@@ -24,7 +24,7 @@ from target_messages import (
     truth_at,
 )
 
-from horizon_sensor_ros.core.rigid import rotation_from_vector, vector_from_rotation
+from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.diagnostics import Health
 from horizon_sensor_ros.ros.parameters.target_settings import target_settings

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from horizon_sensor_ros.core.rigid import rotation_from_vector
+from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector
 from horizon_sensor_ros.sim.earth_camera import render
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.exposure import attitudes_during

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from horizon_sensor_ros.core.rigid import rotation_from_vector
+from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector
 from horizon_sensor_ros.sim.earth_scene import Imaging
 from horizon_sensor_ros.sim.flight import Flight, swinging_flight
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizon_sensor_ros.core.rigid import vector_from_rotation
+from horizon_sensor_ros.core.mathematics.rigid import vector_from_rotation
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
 
 TARGET = TumblingTarget()

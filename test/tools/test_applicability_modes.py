@@ -17,15 +17,15 @@ from horizon_sensor_ros.core.applicability.visibility import (
     horizon_in_view,
     rot_base_from_down,
 )
-from horizon_sensor_ros.core.attitude import rotation_from_quaternion
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.bound import (
     bound_of,
     horizon_bound,
     horizon_information,
     nadir_sigma_bound_rad,
 )
+from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.tools.applicability.applicability import main
 from horizon_sensor_ros.tools.applicability.mounting_angle import depression_deg, mountings, tilted

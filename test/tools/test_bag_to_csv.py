@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 
-from horizon_sensor_ros.core.attitude import level_from_base, quaternion_from_rotation
+from horizon_sensor_ros.core.mathematics.attitude import level_from_base, quaternion_from_rotation
 from horizon_sensor_ros.tools.bags.bag_to_csv import main
 from horizon_sensor_ros.tools.bags.message_tables import TABLES
 

@@ -20,8 +20,11 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from rclpy.serialization import deserialize_message
 from rosbags.rosbag2 import Reader
 
-from horizon_sensor_ros.core.attitude import nadir_from_roll_pitch, rotation_from_quaternion
-from horizon_sensor_ros.core.rigid import (
+from horizon_sensor_ros.core.mathematics.attitude import (
+    nadir_from_roll_pitch,
+    rotation_from_quaternion,
+)
+from horizon_sensor_ros.core.mathematics.rigid import (
     inverse_pose,
     pose_matrix,
     rotation_from_vector,

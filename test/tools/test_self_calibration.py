@@ -33,9 +33,12 @@ from horizon_messages import (
 )
 from rclpy.serialization import serialize_message
 
-from horizon_sensor_ros.core.attitude import quaternion_from_rotation, rotation_from_quaternion
+from horizon_sensor_ros.core.mathematics.attitude import (
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+)
+from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.core.self_calibration.corner_blur import LensBlur
 from horizon_sensor_ros.core.self_calibration.result import Calibration
 from horizon_sensor_ros.core.self_calibration.unknowns import Unknowns

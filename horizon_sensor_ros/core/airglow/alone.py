@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from horizon_sensor_ros.core.airglow.nadir import cone_of_airglow, under_stars
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.covariance.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.horizon_config import HorizonConfig
 from horizon_sensor_ros.core.limb.airglow_edge import (
     AIRGLOW_HEIGHT_M,
     airglow_edge,
@@ -58,13 +57,16 @@ def by_airglow_alone(
     working: Sequence[WorkingImage],
     cone: tuple[np.ndarray, float],
     figure: Figure,
-    config: HorizonConfig,
+    *,
+    mounting_sigma_rad: float,
+    lens_sigma_px: float,
 ) -> AirglowAlone | None:
     """Find the airglow's edge; None where it is not as even as airglow is in nearly all of what is
     seen, or no stars are above it.
 
     frames : image (H, W), and its camera, stretched as the figure has it. working : working
     images of them. cone : nadir (3,) and rho of where the ground's limb would be below the layer.
+    mounting_sigma_rad, lens_sigma_px : as in `HorizonConfig`.
     """
     sphere = figure.sphere
     layer = sphere_of_airglow(sphere)
@@ -85,8 +87,8 @@ def by_airglow_alone(
         replace(edge, cov_nadir_altitude=cov),
         observations,
         layer,
-        mounting_sigma_rad=config.mounting_sigma_rad,
-        lens_sigma_px=config.lens_sigma_px,
+        mounting_sigma_rad=mounting_sigma_rad,
+        lens_sigma_px=lens_sigma_px,
         limb_height_sigma_m=_HEIGHT_SIGMA_M,
     )
     return AirglowAlone(edge, observations)

@@ -11,8 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.covariance.shared_error import bend_px, with_shared_error
 from horizon_sensor_ros.core.fits.assessment import birge_factor, tangent_rows
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
@@ -22,6 +21,7 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.airglow_edge import airglow_edge, sphere_of_airglow
 from horizon_sensor_ros.core.limb.search.stars import shows_stars
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 

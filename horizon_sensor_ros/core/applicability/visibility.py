@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status

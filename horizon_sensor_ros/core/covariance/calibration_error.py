@@ -8,17 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.cameras.readout import seen_after_s, seen_late
 from horizon_sensor_ros.core.covariance.common_cone import cone_shares
 from horizon_sensor_ros.core.covariance.uneven_limb import heights_alike
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.rigid import skew
+from horizon_sensor_ros.core.mathematics.symmetric3 import inverse
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.readout import seen_after_s, seen_late
-from horizon_sensor_ros.core.rigid import skew
-from horizon_sensor_ros.core.symmetric3 import inverse
 
 # How errors of focal length and of distortion grow with the distance to the optical axis.
 _FOCAL, _DISTORTION = 1, 3

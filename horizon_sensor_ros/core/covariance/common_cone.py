@@ -14,7 +14,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import (
     birge_factor,
     covariance_nadir_altitude,
@@ -25,8 +24,9 @@ from horizon_sensor_ros.core.fits.assessment import (
 from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD as MAXIMUM_LIKELIHOOD
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.symmetric3 import inverse
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.symmetric3 import inverse
 
 
 def cone_shares(

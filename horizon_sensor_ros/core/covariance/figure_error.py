@@ -13,13 +13,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.covariance.common_cone import cone_shares
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.rigid import rotation_from_vector
 
 _POINTS = 100  # of a camera's limb, at most; the influence needs no more
 _OUTLIER_PX = 5.0

@@ -13,9 +13,9 @@ from itertools import combinations
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
-from horizon_sensor_ros.core.robust import median
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.robust import median
 
 _POINTS = 4.0  # of the camera with the fewest, to a stretch: all that see it have some there
 

@@ -9,16 +9,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.covariance.same_limb import common_stretches, of_same_limb
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude, tangent_rows
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.robust import median, medians, starts_and_sizes
+from horizon_sensor_ros.core.mathematics.symmetric3 import inverse
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.robust import median, medians, starts_and_sizes
-from horizon_sensor_ros.core.symmetric3 import inverse
 
 _STRETCHES = 6
 _NEGLIGIBLE = 0.02  # shared variance over the points' own that is not worth adding

@@ -7,14 +7,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.circle import circle_on_sphere
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.robust import median, robust_sigma
+from horizon_sensor_ros.core.mathematics.symmetric3 import is_positive
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.robust import median, robust_sigma
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.symmetric3 import is_positive
 
 MIN_POINTS = 4
 # Larger residuals than these are not a limb's.

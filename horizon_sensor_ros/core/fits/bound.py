@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis, unit_direction
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude
 from horizon_sensor_ros.core.fits.limb_rays import outward_per_px
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis, unit_direction
 from horizon_sensor_ros.core.planet import Planet
 
 

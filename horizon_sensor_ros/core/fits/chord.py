@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import (
     LEAST_ANGLE_RAD,
     MIN_POINTS,
@@ -22,8 +21,9 @@ from horizon_sensor_ros.core.fits.circle import robust_circle_on_sphere
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.robust import robust_sigma
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.robust import robust_sigma
 from horizon_sensor_ros.core.status import Status
 
 _DIRECTIONS = 90

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
-from horizon_sensor_ros.core.rigid import cross
+from horizon_sensor_ros.core.mathematics.rigid import cross
 
 _ROBUST_ROUNDS = 6
 # Without residuals beyond this, at a scale not far above the claimed one, there are no outliers.

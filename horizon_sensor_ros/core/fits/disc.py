@@ -7,10 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 
 
 class FittedFigure(Protocol):

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import nadir_from_roll_pitch, tangent_basis
 from horizon_sensor_ros.core.fits.assessment import assess_least_squares, too_few
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.mathematics.attitude import nadir_from_roll_pitch, tangent_basis
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 
 # A limb normal so far off the cone's that a distance along it says nothing about the cone.
 _LEAST_NORMAL_COSINE = 0.2

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.assessment import (
     MAX_RMS_PX,
     MIN_INLIER_FRACTION,
@@ -23,10 +22,11 @@ from horizon_sensor_ros.core.fits.circle import robust_circle_on_sphere
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.robust import TUKEY_SIGMAS, robust_sigma
+from horizon_sensor_ros.core.mathematics.symmetric3 import inverse, solve
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.robust import TUKEY_SIGMAS, robust_sigma
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.symmetric3 import inverse, solve
 
 METHOD = "ml"
 # The residuals' scale, in units of their claimed sigmas, is measured but not believed below this.

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays, no_rays, rays_of
 from horizon_sensor_ros.core.limb_points import LimbPoints
 

@@ -11,13 +11,13 @@ import math
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb.profiles import pixel_rad_across, sample_profiles, scatter_px
 from horizon_sensor_ros.core.limb.sample import thinning
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError
+from horizon_sensor_ros.core.mathematics.robust import median
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.robust import median
 from horizon_sensor_ros.core.status import Status
 
 # Height of the edge above the ground: that of the green line's layer, and half of its thickness.

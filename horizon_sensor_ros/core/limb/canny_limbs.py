@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb.search.candidates import canny_candidates
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS
 from horizon_sensor_ros.core.limb_points import LimbPoints

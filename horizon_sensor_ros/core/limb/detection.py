@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
@@ -19,8 +19,8 @@ from horizon_sensor_ros.core.limb.search.air_layer import layer_heights_m
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS, Consensus, RayCandidates
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.mathematics.robust import medians
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.robust import medians
 from horizon_sensor_ros.core.status import Status
 
 _STRETCHES, _ON_COURSE_PX = 4, 0.6

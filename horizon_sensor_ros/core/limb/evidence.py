@@ -13,12 +13,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
-from horizon_sensor_ros.core.robust import quantile, robust_sigma
-from horizon_sensor_ros.core.symmetric3 import solve
+from horizon_sensor_ros.core.mathematics.robust import quantile, robust_sigma
+from horizon_sensor_ros.core.mathematics.symmetric3 import solve
 
 NEAREST_SKY_PX = 5.0  # outwards from the limb, working pixels, that is looked at
 _SKY_STEPS_PX = np.array([NEAREST_SKY_PX, 7.0, 10.0, 14.0])  # likewise

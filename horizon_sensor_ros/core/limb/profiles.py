@@ -9,9 +9,9 @@ from functools import cached_property, lru_cache
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb_curve import LimbCurve
-from horizon_sensor_ros.core.robust import median, robust_sigma
+from horizon_sensor_ros.core.mathematics.robust import median, robust_sigma
 
 # Second differences along interpolated profiles show less than the pixels' own noise, and a real
 # edge is never quite the model's: on frames of known noise this factor makes the residuals of a

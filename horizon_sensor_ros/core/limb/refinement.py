@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.limb.edge.looks import (
     CLEAR_SHARE,
@@ -18,15 +18,15 @@ from horizon_sensor_ros.core.limb.edge.looks import (
 )
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.terminator import beside_over_deep
-from horizon_sensor_ros.core.limb.edges import (
+from horizon_sensor_ros.core.limb.glow.limb import GlowLimb, fit_glow, usual_length_px
+from horizon_sensor_ros.core.limb.glow.points import points_alone
+from horizon_sensor_ros.core.limb.limb_of_edges import (
     LimbEdges,
     believable,
     expected_limb,
     limb_of_edges,
     modelled_edges,
 )
-from horizon_sensor_ros.core.limb.glow.limb import GlowLimb, fit_glow, usual_length_px
-from horizon_sensor_ros.core.limb.glow.points import points_alone
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, LimbSample, RefinePass, sample_limb
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status

@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.white_level import NEAR_WHITE, saturation_level
 from horizon_sensor_ros.core.limb.edge.black import Black, black_of, may_be_clipped
 from horizon_sensor_ros.core.limb.edge.clipping import clipped, cut_off
 from horizon_sensor_ros.core.limb.edge.demosaicing import demosaiced
@@ -29,7 +30,6 @@ from horizon_sensor_ros.core.limb.texture.kriging import INNER_PX, OUTER_PX, Str
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.white_level import NEAR_WHITE, saturation_level
 
 MIN_PROFILES = 8
 LEAST_SIGNIFICANCE = 5.0  # of an edge: its step over the noise

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.robust import robust_sigma
-from horizon_sensor_ros.core.white_level import NEAR_WHITE, full_scale
+from horizon_sensor_ros.core.cameras.white_level import NEAR_WHITE, full_scale
+from horizon_sensor_ros.core.mathematics.robust import robust_sigma
 
 # The Sun is sought on a grid of so many points along a frame, and no finer than pixels of this.
 _GRID, _FINEST_PX = 80, 8

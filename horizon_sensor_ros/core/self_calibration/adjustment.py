@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import require_rotation, tangent_basis
+from horizon_sensor_ros.core.mathematics.attitude import require_rotation, tangent_basis
+from horizon_sensor_ros.core.mathematics.rigid import vector_from_rotation
+from horizon_sensor_ros.core.mathematics.robust import TUKEY_SIGMAS
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.rigid import vector_from_rotation
-from horizon_sensor_ros.core.robust import TUKEY_SIGMAS
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet
 from horizon_sensor_ros.core.self_calibration.normal_equations import Model, SetEquations
 from horizon_sensor_ros.core.self_calibration.observability import (

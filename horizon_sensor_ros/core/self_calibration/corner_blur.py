@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizon_sensor_ros.core.limb_points import CornerBlur
-from horizon_sensor_ros.core.robust import median, robust_sigma
+from horizon_sensor_ros.core.mathematics.robust import median, robust_sigma
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet
 
 # One sigma of what all limbs show alike too much or too little, over that: of simulated lenses of

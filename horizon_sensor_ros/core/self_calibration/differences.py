@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import shortest_turn
+from horizon_sensor_ros.core.mathematics.attitude import shortest_turn
 from horizon_sensor_ros.core.self_calibration.measurement import FrameSet
 
 

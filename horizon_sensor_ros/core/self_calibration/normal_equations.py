@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import AltitudeMeasurement
-from horizon_sensor_ros.core.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector, skew
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.rigid import rotation_from_vector, skew
 from horizon_sensor_ros.core.self_calibration.measurement import (
     CameraHorizon,
     FrameSet,

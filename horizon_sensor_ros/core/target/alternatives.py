@@ -8,7 +8,7 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 
-from horizon_sensor_ros.core.rigid import rotation_from_vector, vector_from_rotation
+from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.core.target.consistency import view_consistency
 from horizon_sensor_ros.core.target.search import align_batch
 from horizon_sensor_ros.core.target.surfels import SurfaceView

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from horizon_sensor_ros.core.rigid import rotation_from_vector, vector_from_rotation
+from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.core.target.config import RegistrationConfig
 from horizon_sensor_ros.core.target.consistency import view_consistency
 from horizon_sensor_ros.core.target.judgement import Uncertainty, uncertainty, worst_known

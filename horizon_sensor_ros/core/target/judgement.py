@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.rigid import skew
+from horizon_sensor_ros.core.mathematics.rigid import skew
 from horizon_sensor_ros.core.target.columns import column_dots
 from horizon_sensor_ros.core.target.common_noise import common_variance
 from horizon_sensor_ros.core.target.edges import Edges

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from horizon_sensor_ros.core.rigid import vector_from_rotation
+from horizon_sensor_ros.core.mathematics.rigid import vector_from_rotation
 from horizon_sensor_ros.core.target.judgement import block_sums
 from horizon_sensor_ros.core.target.pairs import FACE, Pairs
 from horizon_sensor_ros.core.target.refinement import comparable, jacobian

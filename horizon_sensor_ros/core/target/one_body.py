@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.robust import median
+from horizon_sensor_ros.core.mathematics.robust import median
 from horizon_sensor_ros.core.target.consistency import against
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 

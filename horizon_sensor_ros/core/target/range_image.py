@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.robust import quantile
+from horizon_sensor_ros.core.mathematics.robust import quantile
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.pixel_values import depth_in_middles
 from horizon_sensor_ros.core.target.regular import MOST_OFF, ON_GRID, grid_of

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.rigid import orthonormal
+from horizon_sensor_ros.core.mathematics.rigid import orthonormal
 from horizon_sensor_ros.core.target.pairs import Matcher, Pairs
 
 # Before the last gate a part of the planes does.

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.rigid import pose_matrix, skew, vector_from_rotation
+from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, skew, vector_from_rotation
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target.alternatives import (
     Rival,

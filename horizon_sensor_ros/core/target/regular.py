@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from horizon_sensor_ros.core.robust import quantile
+from horizon_sensor_ros.core.mathematics.robust import quantile
 
 # A grid is one that nearly all values lie on, this far from it (in steps) at most.
 ON_GRID = 0.98

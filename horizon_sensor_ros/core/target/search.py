@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from horizon_sensor_ros.core.rigid import rotation_from_vector
+from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector
 from horizon_sensor_ros.core.target.consistency import project
 from horizon_sensor_ros.core.target.surfels import SurfaceView
 

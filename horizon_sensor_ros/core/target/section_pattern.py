@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.rigid import pose_matrix
+from horizon_sensor_ros.core.mathematics.rigid import pose_matrix
 from horizon_sensor_ros.core.target.inertia_frame import InertiaFrame, inertia_frame
 
 # The two coordinates in plane j, whose normal is axis j.

@@ -6,7 +6,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.robust import quantile
+from horizon_sensor_ros.core.mathematics.robust import quantile
 from horizon_sensor_ros.core.target.mixed_differences import mixed_differences
 
 # Lags, in pixels, at which returns are held against each other; and returns that have others all

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.rigid import inverse_pose
+from horizon_sensor_ros.core.mathematics.rigid import inverse_pose
 from horizon_sensor_ros.core.target.mixed_differences import mixed_differences
 from horizon_sensor_ros.core.target.range_image import RangeImage
 

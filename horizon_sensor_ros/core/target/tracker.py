@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from horizon_sensor_ros.core.rigid import (
+from horizon_sensor_ros.core.mathematics.rigid import (
     inverse_pose,
     pose_matrix,
     rotation_from_vector,

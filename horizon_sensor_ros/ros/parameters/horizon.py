@@ -7,7 +7,7 @@ from typing import Any
 
 from horizon_sensor_ros.core.aiding import CoarsePose
 from horizon_sensor_ros.core.fits import METHODS
-from horizon_sensor_ros.core.horizon_config import LIMB_SOURCES, HorizonConfig
+from horizon_sensor_ros.core.horizon.config import LIMB_SOURCES, HorizonConfig
 from horizon_sensor_ros.core.planet_figure import VERTICALS
 from horizon_sensor_ros.ros.parameters.camera import OF_A_CAMERA
 from horizon_sensor_ros.ros.parameters.common import COMMON_PARAMETERS, NODE_PARAMETERS

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import rotation_from_quaternion
-from horizon_sensor_ros.core.horizon_config import HorizonConfig
+from horizon_sensor_ros.core.horizon.config import HorizonConfig
+from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.parameters.camera import (
     corner_blur_parameter,

@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 from horizon_sensor_ros.core.applicability.visibility import rot_base_from_down
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.tools.applicability.figures import AngleGrid
 from horizon_sensor_ros.tools.camera_file import CameraFileError, Rig
 

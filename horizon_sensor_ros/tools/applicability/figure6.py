@@ -18,8 +18,8 @@ from horizon_sensor_ros.core.applicability.visibility import (
     limb_in_view,
     rot_base_from_down,
 )
-from horizon_sensor_ros.core.camera import Camera
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera import Camera
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.tools.camera_file import Rig
 

@@ -9,10 +9,10 @@ import numpy as np
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.applicability.visibility import rot_base_from_down
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.bound import horizon_information, nadir_sigma_bound_rad
+from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.rigid import rotation_from_vector
 
 ALTITUDES = 9
 STEP_DEG = 2.0

@@ -9,9 +9,9 @@ import numpy as np
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.applicability.visibility import horizon_in_view
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.bound import horizon_information, nadir_sigma_bound_rad
-from horizon_sensor_ros.core.horizon_config import HorizonConfig
+from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.planet import Planet
 
 ALL = "all cameras"

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import AltitudeMeasurement
-from horizon_sensor_ros.core.attitude import rotation_from_quaternion
-from horizon_sensor_ros.core.horizon_config import HorizonConfig
+from horizon_sensor_ros.core.horizon.config import HorizonConfig
+from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.planet_figure import mean_sphere
 from horizon_sensor_ros.core.self_calibration.measurement import (

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from horizon_sensor_ros.core.attitude import quaternion_from_rotation
+from horizon_sensor_ros.core.mathematics.attitude import quaternion_from_rotation
+from horizon_sensor_ros.core.mathematics.rigid import vector_from_rotation
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.rigid import vector_from_rotation
 from horizon_sensor_ros.core.self_calibration.corner_blur import LensBlur
 from horizon_sensor_ros.core.self_calibration.differences import nadir_differences
 from horizon_sensor_ros.core.self_calibration.result import Calibration

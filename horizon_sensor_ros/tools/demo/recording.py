@@ -12,8 +12,8 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from rosbags.rosbag2 import StoragePlugin
 
-from horizon_sensor_ros.core.attitude import quaternion_from_rotation
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.mathematics.attitude import quaternion_from_rotation
 from horizon_sensor_ros.tools.bags.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag, check_own
 from horizon_sensor_ros.tools.demo.link import (

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from horizon_sensor_ros.core.attitude import roll_pitch_from_nadir
+from horizon_sensor_ros.core.mathematics.attitude import roll_pitch_from_nadir
 from horizon_sensor_ros.tools.report.bags import Recorded
 from horizon_sensor_ros.tools.report.blocks import (
     BLUE,

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
-from horizon_sensor_ros.core.rigid import inverse_pose, vector_from_rotation
+from horizon_sensor_ros.core.mathematics.rigid import inverse_pose, vector_from_rotation
 from horizon_sensor_ros.core.target.section_pattern import (
     SectionPattern,
     candidate_of,

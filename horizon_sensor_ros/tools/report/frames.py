@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from horizon_sensor_ros.core.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.self_calibration.differences import (
     NadirDifference,
     nadir_differences,

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from horizon_sensor_ros.core.attitude import roll_pitch_from_nadir
+from horizon_sensor_ros.core.mathematics.attitude import roll_pitch_from_nadir
 from horizon_sensor_ros.ros.parameters.horizon import BASE_FRAME
 from horizon_sensor_ros.tools.reference_topics import Series
 from horizon_sensor_ros.tools.report.attitude import Attitudes, attitudes

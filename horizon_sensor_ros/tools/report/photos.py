@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.horizon_fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.ros.debug_image import draw_fix

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import rotation_from_quaternion
+from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 
 
 def is_usable(msg: Any) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 
-from horizon_sensor_ros.core.attitude import (
+from horizon_sensor_ros.core.mathematics.attitude import (
     level_from_base,
     nadir_sign,
     roll_pitch_from_nadir,

@@ -8,8 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import rotation_from_quaternion
-from horizon_sensor_ros.core.rigid import inverse_pose, pose_matrix, vector_from_rotation
+from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
+from horizon_sensor_ros.core.mathematics.rigid import (
+    inverse_pose,
+    pose_matrix,
+    vector_from_rotation,
+)
 from horizon_sensor_ros.ros.messages import NANOSECONDS
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
 from horizon_sensor_ros.tools.truth.horizon_errors import error_lines

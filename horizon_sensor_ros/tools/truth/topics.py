@@ -17,8 +17,8 @@ from __future__ import annotations
 import numpy as np
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 
-from horizon_sensor_ros.core.attitude import level_from_base, nadir_sign
-from horizon_sensor_ros.core.rigid import inverse_pose, pose_matrix
+from horizon_sensor_ros.core.mathematics.attitude import level_from_base, nadir_sign
+from horizon_sensor_ros.core.mathematics.rigid import inverse_pose, pose_matrix
 from horizon_sensor_ros.ros.messages import LEVEL_FRAME, pose_message, time_from_ns
 
 TRUE_LOCAL_VERTICAL = "truth/local_vertical"

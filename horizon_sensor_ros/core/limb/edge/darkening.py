@@ -15,7 +15,7 @@ import numpy as np
 from horizon_sensor_ros.core.limb.edge.near_edge import BESIDE_PX, DEEP_PX, mean_at
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid
 from horizon_sensor_ros.core.limb_points import NOTHING_SHARED, SharedError
-from horizon_sensor_ros.core.robust import median, stretches
+from horizon_sensor_ros.core.mathematics.robust import median, stretches
 
 _STRETCHES = 6
 # Errors of edges: of the whole limb with the square of the rise over the step, and of dark places

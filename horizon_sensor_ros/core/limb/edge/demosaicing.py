@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from horizon_sensor_ros.core.white_level import NEAR_WHITE
+from horizon_sensor_ros.core.cameras.white_level import NEAR_WHITE
 
 _BANDS = 32  # of two rows each, which tell enough of a frame
 _FEWEST = 200  # pixels of a field

@@ -26,7 +26,7 @@ from horizon_sensor_ros.core.limb.edge.terminator import FADED
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, space_mean
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
-from horizon_sensor_ros.core.robust import median, starts_of_parts
+from horizon_sensor_ros.core.mathematics.robust import median, starts_of_parts
 
 _STRETCHES = 12
 # Brightness lost from beside the edge to farther in, over that beside it, from which on it counts:

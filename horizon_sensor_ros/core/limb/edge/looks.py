@@ -15,7 +15,7 @@ from horizon_sensor_ros.core.limb.edge.model import (
 )
 from horizon_sensor_ros.core.limb.edge.places import look_evidence
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid, mean_profile
-from horizon_sensor_ros.core.robust import median
+from horizon_sensor_ros.core.mathematics.robust import median
 
 _MOST_EVIDENCE = 8.0  # of one profile, for one look over another
 _PROFILES = 48  # that decide on the look

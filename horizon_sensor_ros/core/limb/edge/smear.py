@@ -15,7 +15,7 @@ import numpy as np
 from horizon_sensor_ros.core.limb.edge.lens_blur import UNEVEN_PX, of_either_lens, of_measured_lens
 from horizon_sensor_ros.core.limb.edge.raster import BLUR_SIGMA_PX
 from horizon_sensor_ros.core.limb_points import CornerBlur
-from horizon_sensor_ros.core.robust import starts_of_parts
+from horizon_sensor_ros.core.mathematics.robust import starts_of_parts
 
 _BLUR_SIGMA_PX = 0.03  # how well a limb's blur is known beforehand
 # Error in common to a sixth of the limb, over one sigma of the lens's part: 2.4 would allow for its

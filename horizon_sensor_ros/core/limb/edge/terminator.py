@@ -15,13 +15,13 @@ import math
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.white_level import full_scale
 from horizon_sensor_ros.core.limb.edge.near_edge import DEEP_PX, beside_and_deep_unblurred
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, space_mean
 from horizon_sensor_ros.core.limb_points import LimbPoints
-from horizon_sensor_ros.core.robust import median, starts_and_sizes
-from horizon_sensor_ros.core.white_level import full_scale
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.robust import median, starts_and_sizes
 
 _STRETCHES = 6
 # Brightness beside the edge over that farther in where half of the latter is the limb's own, by the

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb.edge.width import BOX, NO_SMEAR, Smear, smear_from_parts
 from horizon_sensor_ros.core.limb_curve import limb_curve
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb.profiles import sample_profiles
 from horizon_sensor_ros.core.limb_curve import limb_curve
-from horizon_sensor_ros.core.robust import median
+from horizon_sensor_ros.core.mathematics.robust import median
 
 _PITCH_PX = 0.5  # between samples across the limb
 _D_PX = _PITCH_PX * np.arange(-48, 49)

@@ -15,7 +15,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces
 from horizon_sensor_ros.core.limb_points import BEND_OF_STRETCHES, SLOPE_OF_STRETCHES
-from horizon_sensor_ros.core.robust import median, robust_sigma
+from horizon_sensor_ros.core.mathematics.robust import median, robust_sigma
 
 _FROM_PX = 1.5  # beyond the edge, where the glow is looked at
 _OWN_LEVEL = 0.5  # share of a profile's mean that is its own background's, not its glow's

@@ -9,7 +9,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.glow.air import USUAL_HEIGHT
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight
-from horizon_sensor_ros.core.robust import median, robust_sigma
+from horizon_sensor_ros.core.mathematics.robust import median, robust_sigma
 
 _UNEVEN = 4.0  # scatter of the backgrounds over what noise makes of it
 _OUTER = 0.5  # share of what lies above the limb in which they are compared

@@ -24,8 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.glow.air import (
     BLURS_PX,
@@ -46,8 +45,9 @@ from horizon_sensor_ros.core.limb.glow.model import GlowStep, ends_unseen, step_
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight, look_along
 from horizon_sensor_ros.core.limb.glow.twilight import lit_part
 from horizon_sensor_ros.core.limb_curve import LimbCurve
-from horizon_sensor_ros.core.robust import median
-from horizon_sensor_ros.core.symmetric3 import is_positive
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.robust import median
+from horizon_sensor_ros.core.mathematics.symmetric3 import is_positive
 
 _LEAST_STRETCHES = 10  # of limb, that a fit takes
 _KEEP_SHARE = 0.5  # of the stretches, that may not be outliers

@@ -32,7 +32,7 @@ from horizon_sensor_ros.core.limb.glow.fading import with_either_lens
 from horizon_sensor_ros.core.limb.glow.ground import Ground
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight
 from horizon_sensor_ros.core.limb.glow.twilight import darker_end, lit_shares
-from horizon_sensor_ros.core.robust import median, quantile
+from horizon_sensor_ros.core.mathematics.robust import median, quantile
 
 # Up to where, beyond the edge, there may be texture: pixels, and blurs.
 _TEXTURE_PX, _TEXTURE_PSF = 3.0, 3.0

@@ -22,8 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb.glow.air import (
     BLUR_SIGMA_PX,
     KEPT,
@@ -34,6 +33,7 @@ from horizon_sensor_ros.core.limb.glow.air import (
 )
 from horizon_sensor_ros.core.limb.glow.brightness import powers
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 
 # What a frame's fit says of itself holds to so many of its sigmas: clouds are no Gaussian process.
 # As measured beside the truth of simulated limbs.

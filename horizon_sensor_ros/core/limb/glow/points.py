@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb.glow.air import (
     BLUR_SIGMA_PX,
@@ -27,6 +26,7 @@ from horizon_sensor_ros.core.limb_points import (
     LimbPoints,
     SharedError,
 )
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 from horizon_sensor_ros.core.status import Status
 
 # No model is quite right: errors of the limb's mean, slope and bend beside the truth of simulated

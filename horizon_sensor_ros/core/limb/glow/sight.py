@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.attitude import tangent_basis
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.white_level import saturation_level
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.limb.profiles import Bundles, pixel_noise, sample_profiles
 from horizon_sensor_ros.core.limb.sample import PLAIN_NOISE, TAPS_PX, thinning
 from horizon_sensor_ros.core.limb.texture.ground_texture import ground_across_px
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.white_level import saturation_level
 
 INNER_PX = 4.0  # how far profiles reach into the planet
 _STRETCH_PX, _MOST_STRETCHES = 24.0, 27

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from horizon_sensor_ros.core.limb.glow.brightness import powers
-from horizon_sensor_ros.core.robust import median, quantile
+from horizon_sensor_ros.core.mathematics.robust import median, quantile
 
 # By how much the logarithm of glow falls along the part of a limb that is looked at: what is darker
 # tells hardly more, and less of it follows any law.

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.white_level import NEAR_WHITE, saturation_level
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.haze.column import AirColumn, seen_from_within
 from horizon_sensor_ros.core.limb.profiles import (
@@ -22,8 +23,7 @@ from horizon_sensor_ros.core.limb.profiles import (
 )
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, TAPS_PX
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
-from horizon_sensor_ros.core.robust import median
-from horizon_sensor_ros.core.white_level import NEAR_WHITE, saturation_level
+from horizon_sensor_ros.core.mathematics.robust import median
 
 # Pixels of the reduced image: the usual scale height, at which a ground's sharp edge would still
 # show, and how far profiles reach beside where edges are sought, inwards and outwards.

@@ -22,7 +22,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb.search.columns import (
     COLUMNS,
     DEPTHS_M,
@@ -56,8 +56,8 @@ from horizon_sensor_ros.core.limb.search.layer_light import (
 from horizon_sensor_ros.core.limb.search.selection import Consensus, RayCandidates
 from horizon_sensor_ros.core.limb.search.stars import shows_stars
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
+from horizon_sensor_ros.core.mathematics.robust import median, quantile
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.robust import median, quantile
 from horizon_sensor_ros.core.status import Status
 
 _RISE = 1.25  # brightness of the ground over the trough's, at least

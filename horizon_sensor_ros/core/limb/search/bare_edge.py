@@ -13,7 +13,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.white_level import NEAR_WHITE, saturation_level
 from horizon_sensor_ros.core.limb.search.columns import (
     COLUMNS,
     CREST_M,
@@ -30,7 +31,6 @@ from horizon_sensor_ros.core.limb.search.selection import Consensus, RayCandidat
 from horizon_sensor_ros.core.limb.search.stars import NIGHT_STARS, spread_stars
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.core.white_level import NEAR_WHITE, saturation_level
 
 # Depths, negative since above the edge, at which a layer above the ground glows, air by day no
 # longer, and from which on there is none.

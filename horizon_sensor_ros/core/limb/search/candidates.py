@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
+from horizon_sensor_ros.core.cameras.mask import Mask
+from horizon_sensor_ros.core.cameras.white_level import full_scale
 from horizon_sensor_ros.core.limb.search.evenly import evenly
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
-from horizon_sensor_ros.core.mask import Mask
-from horizon_sensor_ros.core.robust import median
-from horizon_sensor_ros.core.white_level import full_scale
+from horizon_sensor_ros.core.mathematics.robust import median
 
 _CANNY = 50.0, 150.0  # its two thresholds
 _OUTWARD_STEPS_PX = np.array(

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb.search.selection import limb_consensus, rays_of_candidates
 from horizon_sensor_ros.core.status import Status

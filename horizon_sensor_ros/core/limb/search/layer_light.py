@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from horizon_sensor_ros.core.limb.search.columns import CREST_M, DEPTHS_M
-from horizon_sensor_ros.core.robust import median, quantile
+from horizon_sensor_ros.core.mathematics.robust import median, quantile
 
 # Behind its crest a layer fades in all columns alike.
 _FADES_M = 25e3, 70e3  # depths between which it does

@@ -14,14 +14,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.limb.search.candidates import LimbCandidates
 from horizon_sensor_ros.core.limb.search.evenly import evenly
-from horizon_sensor_ros.core.rigid import cross
-from horizon_sensor_ros.core.robust import quantile
+from horizon_sensor_ros.core.mathematics.rigid import cross
+from horizon_sensor_ros.core.mathematics.robust import quantile
+from horizon_sensor_ros.core.mathematics.symmetric3 import solve
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.symmetric3 import solve
 
 _NUM_DRAWS = 1500  # triples of candidates that are tried
 _NUM_HYPOTHESES = 400  # of those that make sense, how many are scored

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 
 NIGHT_STARS = 8  # that show an exposure for the night

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.mask import Mask
+from horizon_sensor_ros.core.cameras.mask import Mask
 
 # The search works on an image of about this many pixels on its longer side: the limb is a large
 # thing, and the cost of the search stays nearly the same for any sensor.

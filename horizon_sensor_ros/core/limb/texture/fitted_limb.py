@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.raster import PLACE_SIGMA_PX
-from horizon_sensor_ros.core.robust import median
-from horizon_sensor_ros.core.symmetric3 import inverse
+from horizon_sensor_ros.core.mathematics.robust import median
+from horizon_sensor_ros.core.mathematics.symmetric3 import inverse
 
 _FAR_OFF = 6.0  # times the median distance, from which on an edge is not the limb's
 

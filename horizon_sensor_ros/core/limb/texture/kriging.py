@@ -30,7 +30,7 @@ from horizon_sensor_ros.core.limb.texture import ground_texture
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 from horizon_sensor_ros.core.limb.texture.fitted_limb import limb_in_raster
 from horizon_sensor_ros.core.limb_points import CornerBlur, SharedError
-from horizon_sensor_ros.core.robust import median
+from horizon_sensor_ros.core.mathematics.robust import median
 
 # The part of a profile that is used, pixels from the predicted edge into the planet and into space.
 INNER_PX = 6.0

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.applicability.error_map import bound_error, fit_error
 from horizon_sensor_ros.core.applicability.visibility import horizon_in_view, horizon_rays
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.tools.applicability.arguments import (
     altitude_of,
     angle_grid,

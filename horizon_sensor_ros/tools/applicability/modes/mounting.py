@@ -14,7 +14,7 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
-from horizon_sensor_ros.core.camera_view import CameraView
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.tools.applicability.arguments import check_noise, chosen_views
 from horizon_sensor_ros.tools.applicability.figures import CIRCLE_COLOUR, EXACT_COLOUR, NOT_SEEN
