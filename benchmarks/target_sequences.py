@@ -12,8 +12,8 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.mathematics.rigid import inverse_pose
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target.registration import register, target_view
-from horizon_sensor_ros.core.target.tracker import TargetTracker
+from horizon_sensor_ros.core.target_motion.registration import register, target_view
+from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 
 COUNT, RATE_HZ = 200, 5.0

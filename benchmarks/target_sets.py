@@ -13,8 +13,8 @@ from target_peers import PEERS, centroid_start
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target.config import RegistrationConfig
-from horizon_sensor_ros.core.target.registration import (
+from horizon_sensor_ros.core.target_motion.config import RegistrationConfig
+from horizon_sensor_ros.core.target_motion.registration import (
     Registration,
     register,
     target_view,

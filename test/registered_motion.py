@@ -13,7 +13,7 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     vector_from_rotation,
 )
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target.registration import Registration, TargetView, register
+from horizon_sensor_ros.core.target_motion.registration import Registration, TargetView, register
 
 
 def motion_nees(found: Registration, poses: Sequence[np.ndarray]) -> float:

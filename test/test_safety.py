@@ -11,8 +11,8 @@ from horizon_messages import recording, write_bag
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags import input_bag
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(

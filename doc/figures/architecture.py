@@ -22,14 +22,14 @@ HORIZON = (
     ("core/covariance/", "errors that points share, and all else"),
     ("core/horizon/judgement.py", "believe it, or say why not"),
 )
-TARGET_DRIVER = ("core/target/tracker.py", "start here: clouds to a track")
+TARGET_DRIVER = ("core/target_motion/", "start at tracker.py: clouds to a track")
 TARGET = (
-    ("core/target/range_image.py", "cloud to a range image"),
-    ("core/target/surfels.py", "image to planes and edges"),
-    ("core/target/attempts.py", "from which start"),
-    ("core/target/search.py", "many motions at once"),
-    ("core/target/refinement.py", "the best one, refined"),
-    ("core/target/judgement.py", "believe it, or say why not"),
+    ("range_image.py", "cloud to a range image"),
+    ("surfels.py", "image to planes and edges"),
+    ("attempts.py", "from which start"),
+    ("search.py", "many motions at once"),
+    ("refinement.py", "the best one, refined"),
+    ("judgement.py", "believe it, or say why not"),
 )
 ROS_IN = (("ros/messages.py", "images to numpy"), ("ros/point_cloud.py", "clouds to numpy"))
 ROS_OUT = (

@@ -7,7 +7,7 @@ from pathlib import Path
 from matplotlib import pyplot as plt
 
 from figures.drawing import save
-from horizon_sensor_ros.core.target.registration import register, target_view
+from horizon_sensor_ros.core.target_motion.registration import register, target_view
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
 from horizon_sensor_ros.tools.report.clouds import draw_clouds
 

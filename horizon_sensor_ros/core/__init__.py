@@ -10,6 +10,6 @@ answer, or none), ``planet``, ``planet_figure`` (an ellipsoid fitted as a sphere
 (where a cone's limb runs in an image), ``limb_points`` (what was found of it); ``motion`` (how the
 craft turns), ``mathematics``.
 
-Beside the horizon: ``target`` (point clouds to a target's motion), ``self_calibration`` (how the
-cameras are mounted), ``applicability`` (where a mounting sees the horizon).
+Beside the horizon: ``target_motion`` (point clouds to a target's motion), ``self_calibration`` (how
+the cameras are mounted), ``applicability`` (where a mounting sees the horizon).
 """

@@ -15,7 +15,7 @@ from threading import Event
 from types import FrameType
 from typing import Any
 
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.output_files import remove_unfinished
 from horizon_sensor_ros.tools.standard_streams import StandardStream, lasting_streams
 

@@ -10,7 +10,7 @@ import numpy as np
 from horizon_sensor_ros.core.mathematics.attitude import nadir_sign, rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.messages import EARTH_FRAME, LEVEL_FRAME
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.message_types import IMU, POSE, POSE_WITH_COVARIANCE, VECTOR
 
 POSE_TYPES = (POSE, POSE_WITH_COVARIANCE)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from small_files import no_larger_files
 
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.output_files import check_place, remove_unfinished, written_whole
 
 

@@ -43,7 +43,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import String
 
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.tools.bags.bag_errors import in_one_line
+from horizon_sensor_ros.tools.bag_errors import in_one_line
 from horizon_sensor_ros.tools.bags.replay import main
 
 KINDS = {

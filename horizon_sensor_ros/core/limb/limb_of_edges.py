@@ -19,6 +19,7 @@ from horizon_sensor_ros.core.limb.edge.terminator import beside_over_deep, fadin
 from horizon_sensor_ros.core.limb.glow.contour import ContourLimb, contour_limb
 from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.glow.white_air import PART_TURNS, of_white_air
+from horizon_sensor_ros.core.limb.kriged_limb import KrigedLimb
 from horizon_sensor_ros.core.limb.profiles import (
     EdgePlaces,
     ProfileGrid,
@@ -34,7 +35,6 @@ from horizon_sensor_ros.core.limb.sample import (
 )
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
 from horizon_sensor_ros.core.limb.texture.ground_texture import ground_across_px
-from horizon_sensor_ros.core.limb.texture.kriged_limb import KrigedLimb
 from horizon_sensor_ros.core.limb_points import (
     NOTHING_SHARED,
     CornerBlur,

@@ -13,7 +13,6 @@ from horizon_sensor_ros.core.cameras.white_level import NEAR_WHITE, saturation_l
 from horizon_sensor_ros.core.limb.edge.black import Black, black_of, may_be_clipped
 from horizon_sensor_ros.core.limb.edge.clipping import clipped, cut_off
 from horizon_sensor_ros.core.limb.edge.demosaicing import demosaiced
-from horizon_sensor_ros.core.limb.edge.grazing import FallingLight, falling_light
 from horizon_sensor_ros.core.limb.edge.steepest import steepest_fall
 from horizon_sensor_ros.core.limb.profiles import (
     Bundles,
@@ -25,6 +24,7 @@ from horizon_sensor_ros.core.limb.profiles import (
     sample_profiles,
     space_mean,
 )
+from horizon_sensor_ros.core.limb.texture.grazing import FallingLight, falling_light
 from horizon_sensor_ros.core.limb.texture.ground_texture import ground_across_px
 from horizon_sensor_ros.core.limb.texture.kriging import INNER_PX, OUTER_PX, Stretches
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from horizon_sensor_ros.core.target.config import RegistrationConfig, TrackerConfig
+from horizon_sensor_ros.core.target_motion.config import RegistrationConfig, TrackerConfig
 from horizon_sensor_ros.ros.parameters.common import COMMON_PARAMETERS, NODE_PARAMETERS
 from horizon_sensor_ros.ros.parameters.parameter import Parameter
 

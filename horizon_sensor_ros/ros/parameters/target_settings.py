@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from horizon_sensor_ros.core.target.config import RegistrationConfig, TrackerConfig
+from horizon_sensor_ros.core.target_motion.config import RegistrationConfig, TrackerConfig
 from horizon_sensor_ros.ros.parameters.common import COMMON_PARAMETERS
 from horizon_sensor_ros.ros.parameters.frame_name import frame_problems
 from horizon_sensor_ros.ros.parameters.parameter import (

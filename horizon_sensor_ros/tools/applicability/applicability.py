@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from horizon_sensor_ros.tools.applicability.idle_options import DEFAULTS, idle_option
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.command import fill_defaults, run_computation
 
 DESCRIPTION = """\

@@ -9,7 +9,7 @@ from typing import Any
 
 from rosbags.serde import SerdeError
 
-from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
+from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.input_bag import open_bag, progress
 from horizon_sensor_ros.tools.bags.topic_advice import advice, of_other_types
 from horizon_sensor_ros.tools.bags.unreadable import Unreadable

@@ -35,7 +35,7 @@ from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterErro
 from horizon_sensor_ros.ros.parameters.target import target_parameters
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings, target_settings
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TargetPipeline
-from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
+from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.input_bag import (
     STORAGE,
     InputBag,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
+from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
 
 _PCD_TYPES = {
     ("F", 4): "f4", ("F", 8): "f8",

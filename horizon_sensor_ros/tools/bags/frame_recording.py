@@ -24,7 +24,7 @@ from horizon_sensor_ros.ros.sensor_messages import (
     encoded_image,
 )
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.cloud_files import CLOUD_SUFFIXES, read_cloud
 from horizon_sensor_ros.tools.bags.frame_files import FrameFile, StampRule, frame_files
 from horizon_sensor_ros.tools.bags.input_bag import STORAGE

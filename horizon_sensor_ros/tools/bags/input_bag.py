@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
 from horizon_sensor_ros.ros.yaml_file import YamlFileError, read_yaml
-from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
+from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.compressed_images import SUFFIX, decompressed
 from horizon_sensor_ros.tools.bags.message_types import COMPRESSED_IMAGE, IMAGE
 

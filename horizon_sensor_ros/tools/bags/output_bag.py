@@ -23,7 +23,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
+from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.message_types import type_name
 
 # The bag's own name is in its bytes; with a fixed one they do not depend on where it is written.

@@ -16,7 +16,7 @@ from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings
 from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS, TargetPipeline, TargetStep
-from horizon_sensor_ros.tools.bags.bag_errors import UsageError
+from horizon_sensor_ros.tools.bag_errors import UsageError
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag
 
 _TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)

@@ -11,7 +11,7 @@ from horizon_sensor_ros.core.self_calibration.corner_blur import lens_blurs
 from horizon_sensor_ros.core.self_calibration.lens_check import with_lenses_checked
 from horizon_sensor_ros.core.self_calibration.result import Calibration, CalibrationConfig
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.tools.bags.bag_errors import BagError, UsageError
+from horizon_sensor_ros.tools.bag_errors import BagError, UsageError
 from horizon_sensor_ros.tools.calibration.recording import Recording, read_recording
 from horizon_sensor_ros.tools.calibration.text import (
     calibration_text,

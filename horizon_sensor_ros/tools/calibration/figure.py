@@ -19,7 +19,7 @@ from horizon_sensor_ros.core.self_calibration.differences import (
     nadir_differences,
 )
 from horizon_sensor_ros.core.self_calibration.result import Calibration
-from horizon_sensor_ros.tools.bags.bag_errors import BagError, UsageError, in_one_line
+from horizon_sensor_ros.tools.bag_errors import BagError, UsageError, in_one_line
 
 # Okabe & Ito's colours, which colour-blind readers tell apart; the markers differ as well.
 _BEFORE: dict[str, Any] = {"color": "#D55E00", "marker": "x", "label": "before"}

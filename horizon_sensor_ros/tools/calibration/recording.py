@@ -33,7 +33,7 @@ from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.pairing import Pairing
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings, PipelineSettings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
-from horizon_sensor_ros.tools.bags.bag_errors import BagError, UsageError
+from horizon_sensor_ros.tools.bag_errors import BagError, UsageError
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
 from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames

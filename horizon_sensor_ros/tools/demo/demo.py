@@ -21,7 +21,7 @@ from horizon_sensor_ros.ros.node_names import HORIZON_NODES, NODES
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.sim.flight import Flight
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
-from horizon_sensor_ros.tools.bags.bag_errors import BagError, in_one_line
+from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.output_bag import check_own
 from horizon_sensor_ros.tools.demo.link import (
     ATTITUDE_TOPIC,

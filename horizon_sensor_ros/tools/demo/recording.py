@@ -14,7 +14,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.mathematics.attitude import quaternion_from_rotation
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag, check_own
 from horizon_sensor_ros.tools.demo.link import (
     DIAGNOSTICS_TOPIC,

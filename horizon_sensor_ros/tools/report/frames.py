@@ -30,7 +30,7 @@ from horizon_sensor_ros.ros.parameters.horizon_settings import (
     PipelineSettings,
 )
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
 from horizon_sensor_ros.tools.bags.message_types import (
     CAMERA_INFO,

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from horizon_sensor_ros.tools.bags.bag_errors import BagError
+from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.command import Once, run_command
 from horizon_sensor_ros.tools.output_files import check_place
 

@@ -17,10 +17,10 @@ from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.horizon.track import ConeStep, Track
 from horizon_sensor_ros.core.limb import detector
+from horizon_sensor_ros.core.limb.air import Air
 from horizon_sensor_ros.core.limb.detection import LimbState
 from horizon_sensor_ros.core.limb.detector import follow_limb
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.glow.air import Air
 from horizon_sensor_ros.core.planet_figure import disc_of, mean_sphere
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import render_views

@@ -9,7 +9,8 @@ from limb_samples import nadir_nees
 
 from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
-from horizon_sensor_ros.core.limb.glow.fading import FADING_SIGMA, either_lens, with_either_lens
+from horizon_sensor_ros.core.limb.air import FADING_SIGMA
+from horizon_sensor_ros.core.limb.glow.fading import either_lens, with_either_lens
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 
 _MISJUDGED, _SHARE, _EVEN_SIGMA = 1.8, 0.1, 0.02

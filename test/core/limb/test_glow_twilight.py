@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizon_sensor_ros.core.limb.glow.brightness import FURTHER, further_powers
+from horizon_sensor_ros.core.limb.air import FURTHER
+from horizon_sensor_ros.core.limb.glow.brightness import further_powers
 from horizon_sensor_ros.core.limb.glow.twilight import darker_end, lit_part, lit_shares
 
 

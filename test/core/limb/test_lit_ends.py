@@ -14,9 +14,9 @@ from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
-from horizon_sensor_ros.core.limb.edge.grazing import falling_light
 from horizon_sensor_ros.core.limb.edge.terminator import fading_ends
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid
+from horizon_sensor_ros.core.limb.texture.grazing import falling_light
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.poses import rot_from_axis
 

@@ -25,7 +25,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.glow.air import Air
+from horizon_sensor_ros.core.limb.air import Air
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid
 
 

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-FURTHER = 3  # powers beyond the second
-
 
 def powers(along: np.ndarray) -> np.ndarray:
     """Rows (M, 3) of the polynomial at places (M,) along the limb, -1 to 1."""

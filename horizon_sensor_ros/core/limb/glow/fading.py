@@ -12,11 +12,11 @@ import math
 
 import numpy as np
 
+from horizon_sensor_ros.core.limb.air import FADING_SIGMA
 from horizon_sensor_ros.core.limb.lens_kinds import Known, of_either
 
-# The logarithm of what light is lost in the corners, one sigma: of lenses that fade, one in so many
-# of all, and of the others.
-FADING_SIGMA, _FADING_LENSES, _EVEN_SIGMA = 0.7, 0.1, 0.02
+# One in so many lenses fades; the others lose light in the corners by so much, in its logarithm.
+_FADING_LENSES, _EVEN_SIGMA = 0.1, 0.02
 # How far off it is found beside clouds, over what is claimed: they are no Gaussian process.
 _MISJUDGED = 1.8
 _NOTHING = 1e-6  # information on it, over that beforehand, that is none

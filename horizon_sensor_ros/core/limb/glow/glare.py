@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.glow.air import USUAL_HEIGHT
+from horizon_sensor_ros.core.limb.air import USUAL_HEIGHT
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight
 from horizon_sensor_ros.core.mathematics.robust import median, robust_sigma
 

@@ -25,8 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
-from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.glow.air import (
+from horizon_sensor_ros.core.limb.air import (
     BLURS_PX,
     KEPT,
     KEPT_BLUR,
@@ -39,6 +38,7 @@ from horizon_sensor_ros.core.limb.glow.air import (
     Air,
     usual_bend,
 )
+from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.glow.brightness import powers
 from horizon_sensor_ros.core.limb.glow.glare import glare_lines, in_glare, reach_px
 from horizon_sensor_ros.core.limb.glow.model import GlowStep, ends_unseen, step_towards

@@ -11,9 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.model import normal_cdf
-from horizon_sensor_ros.core.limb.edge.near_edge import BESIDE_PX
-from horizon_sensor_ros.core.limb.glow.air import (
+from horizon_sensor_ros.core.limb.air import (
     BACKGROUND,
     BLUR,
     FADING,
@@ -26,6 +24,8 @@ from horizon_sensor_ros.core.limb.glow.air import (
     STRAY,
     Air,
 )
+from horizon_sensor_ros.core.limb.edge.model import normal_cdf
+from horizon_sensor_ros.core.limb.edge.near_edge import BESIDE_PX
 from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outside
 from horizon_sensor_ros.core.limb.glow.brightness import further_powers, powers
 from horizon_sensor_ros.core.limb.glow.fading import with_either_lens

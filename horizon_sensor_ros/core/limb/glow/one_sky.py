@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
-from horizon_sensor_ros.core.limb.glow.air import (
+from horizon_sensor_ros.core.limb.air import (
     BLUR_SIGMA_PX,
     KEPT,
     KEPT_BLUR,

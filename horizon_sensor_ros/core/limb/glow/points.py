@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from horizon_sensor_ros.core.fits.observation import LimbObservation
-from horizon_sensor_ros.core.limb.glow.air import (
+from horizon_sensor_ros.core.limb.air import (
     BLUR_SIGMA_PX,
     LIMB,
     SHARE_SIGMA,

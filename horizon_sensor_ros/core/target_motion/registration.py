@@ -1,0 +1,391 @@
+"""Motion of a target of unknown shape between two point clouds: search, refinement, judgement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, skew, vector_from_rotation
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target_motion.alternatives import (
+    Rival,
+    prism_turned,
+    right_turned,
+    rivals,
+)
+from horizon_sensor_ros.core.target_motion.attempts import (
+    BEYOND_DOUBT,
+    SCORE_LOST,
+    Finder,
+    Found,
+    odd_share,
+)
+from horizon_sensor_ros.core.target_motion.config import LEAST_POINTS, RegistrationConfig
+from horizon_sensor_ros.core.target_motion.consistency import view_consistency
+from horizon_sensor_ros.core.target_motion.judgement import weak_directions
+from horizon_sensor_ros.core.target_motion.layers import Layer, layer_off
+from horizon_sensor_ros.core.target_motion.one_body import part_off_m
+from horizon_sensor_ros.core.target_motion.range_image import RangeImage, range_image
+from horizon_sensor_ros.core.target_motion.surfels import SurfaceView, surface_view
+
+# Scores of two motions so near tell nothing, and so far apart much.
+_SAME_SCORE, _OTHER_SCORE = 0.012, 0.03
+# Rivals are aligned coarsely. Beyond the search, where a turn within it is the likelier one, those
+# that are right score up to 0.056 less than a wrong motion, and wrong ones at least 0.1 less than a
+# right one.
+_FAR_SCORE = 0.08
+# Times its own turn, up to which that of a prism by another number of sides is as likely: a target
+# that hardly turned may be a prism of however many.
+_AS_LIKELY = 6.0
+# Where it may have turned by more, on a body whose motion was doubted, what it was like before need
+# not show any more, and the right motion be no rival of the one that looks alike.
+_TURNED_AWAY_RAD = np.radians(90.0)
+# Turns of a prism that are asked for, over the search: it may have turned a little beyond that.
+_BEYOND_SEARCH = 2.0
+# Odd returns in both clouds make two scores differ by so much of their share.
+_SCORE_NOISE = 0.6
+_SAMPLES = 600  # points of each view that a score is of
+
+
+@dataclass(frozen=True, eq=False)
+class TargetView:
+    """A cloud made ready for registration; ``surface`` is None where ``status`` is not OK."""
+
+    status: Status
+    reason: str
+    image: RangeImage
+    surface: SurfaceView | None
+
+
+def _nan(*shape: int) -> np.ndarray:
+    return np.full(shape, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """Motion of the target from cloud a to cloud b, in the sensor's frame: p_b = pose_b_from_a p_a.
+
+    covariance : (6, 6) of (rotation vector, shift of the target's point at ``centre_m``), rad and
+        m, about the sensor's fixed axes: the true motion is the found one followed by that small
+        one.  by_bias : (6,) the part of it, one sigma, that comes from `range_bias_sigma_m`: of all
+        motions by one sensor at once.
+    score, overlap : view consistency.  weak : (K, 6) directions worse known than allowed, in the
+        order of ``covariance``.
+    num_points : pairs used.  searched : whether the search was needed.
+    part_off_m : by which a part of the cloud moved otherwise; NaN where all of it is one body.
+    doubted : it was refused since another motion explains the views about as well.
+    Everything numeric is NaN where there was nothing to tell; pose and covariance are NaN unless
+    the status is OK.
+    """
+
+    status: Status
+    reason: str
+    pose_b_from_a: np.ndarray = field(default_factory=lambda: _nan(4, 4))
+    covariance: np.ndarray = field(default_factory=lambda: _nan(6, 6))
+    by_bias: np.ndarray = field(default_factory=lambda: _nan(6))
+    centre_m: np.ndarray = field(default_factory=lambda: _nan(3))
+    score: float = float("nan")
+    overlap: float = float("nan")
+    rms_residual_m: float = float("nan")
+    num_points: int = 0
+    weak: np.ndarray = field(default_factory=lambda: np.empty((0, 6)))
+    searched: bool = False
+    part_off_m: float = float("nan")
+    doubted: bool = False
+
+    def refused(self, status: Status, reason: str) -> Registration:
+        """The same without its motion."""
+        return Registration(
+            status, reason, score=self.score, overlap=self.overlap,
+            rms_residual_m=self.rms_residual_m, num_points=self.num_points, searched=self.searched,
+        )  # fmt: skip
+
+    def covariance_at(self, point_m: np.ndarray) -> np.ndarray:
+        """(6, 6) covariance with the shift taken at another point of the sensor's frame."""
+        move = self._to(point_m)
+        return move @ self.covariance @ move.T
+
+    def by_bias_at(self, point_m: np.ndarray) -> np.ndarray:
+        """(6,) ``by_bias`` with the shift taken at another point of the sensor's frame."""
+        return self._to(point_m) @ self.by_bias
+
+    def _to(self, point_m: np.ndarray) -> np.ndarray:
+        move = np.eye(6)
+        move[3:, :3] = -skew(np.asarray(point_m, float) - self.centre_m)
+        return move
+
+
+def target_view(points: np.ndarray, config: RegistrationConfig | None = None) -> TargetView:
+    """Prepare a cloud, (H, W, 3) organised or (N, 3) plain, metres; bad data comes back as a
+    status."""
+    config = RegistrationConfig() if config is None else config
+    image = range_image(points, config.focal_px, config.min_points)
+    if image.status is not Status.OK:
+        return TargetView(image.status, image.reason, image, None)
+    surface = surface_view(image, config.range_noise_m)
+    needed = max(config.min_points // 4, LEAST_POINTS)
+    if len(surface.surfels.points) < needed:
+        reason = f"{len(surface.surfels.points)} surface elements, {needed} needed"
+        return TargetView(Status.TOO_FEW_POINTS, reason, image, None)
+    return TargetView(Status.OK, "", image, surface)
+
+
+def register(
+    a: TargetView,
+    b: TargetView,
+    config: RegistrationConfig | None = None,
+    prior_b_from_a: np.ndarray | None = None,
+    *,
+    turned_rad: float = 0.0,
+    doubted: bool = False,
+) -> Registration:
+    """Find the target's motion between two views.
+
+    prior_b_from_a : (4, 4) expected motion, good to a few degrees and centimetres; the search
+        follows only where it does not hold. Without one, a start from no turn is tried before the
+        search.
+    turned_rad : as far as the target may have turned since view a, if that is more than the search
+        covers, as views between these two led to no motion. doubted : whether a motion to one of
+        them was.
+    Bad data never raises: status and reason tell (TOO_FEW_POINTS, NOT_CONVERGED, ILL_CONDITIONED
+    where a direction cannot be observed, POOR_FIT where the views contradict each other). Raises
+    ValueError for a prior of another shape, or not finite.
+    """
+    config = RegistrationConfig() if config is None else config
+    if prior_b_from_a is not None:
+        prior_b_from_a = np.asarray(prior_b_from_a, dtype=float)
+        if prior_b_from_a.shape != (4, 4):
+            raise ValueError(f"prior_b_from_a must be (4, 4); got {prior_b_from_a.shape}")
+        if not np.isfinite(prior_b_from_a).all():
+            raise ValueError(f"prior_b_from_a must be finite; got {prior_b_from_a.tolist()}")
+    for view in (a, b):
+        if view.surface is None:
+            return Registration(view.status, view.reason)
+    assert a.surface is not None
+    assert b.surface is not None
+    turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
+    prior = None
+    if prior_b_from_a is not None:
+        prior = (turn_b.T @ prior_b_from_a[:3, :3] @ turn_a, turn_b.T @ prior_b_from_a[:3, 3])
+    still = turn_b.T @ turn_a
+    found = Finder(a.surface, b.surface, config, still).find(prior)
+    return _judge(found, a, b, still, config, max(turned_rad, config.search_rad), doubted)
+
+
+def gainsaid(
+    a: TargetView, b: TargetView, pose_b_from_a: np.ndarray, config: RegistrationConfig
+) -> Registration | None:
+    """Hold a motion that was not found between these two views against them: a refusal where they
+    contradict each other or a part of them is off, else None."""
+    assert a.surface is not None
+    assert b.surface is not None
+    turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
+    rotation = turn_b.T @ pose_b_from_a[:3, :3] @ turn_a
+    shift = turn_b.T @ pose_b_from_a[:3, 3]
+    seen = view_consistency(a.surface, b.surface, rotation[None], shift[None], _SAMPLES)
+    known = Registration(
+        Status.POOR_FIT, "", score=float(seen.score[0]), overlap=float(seen.overlap[0])
+    )
+    if known.score < _least_score(a.surface, b.surface, config):
+        reason = f"a view kept from before agrees to {known.score:.3f} only"
+        return replace(known, reason=reason)
+    off_m = part_off_m(a.surface, b.surface, rotation, shift)
+    if off_m is not None:
+        reason = f"{_tell_part(off_m)} (by a view kept from before)"
+        return replace(known, reason=reason, part_off_m=off_m)
+    return None
+
+
+def _least_score(a: SurfaceView, b: SurfaceView, config: RegistrationConfig) -> float:
+    return config.min_score - SCORE_LOST * odd_share(a, b)
+
+
+def _tell_part(off_m: float) -> str:
+    return (
+        f"a part of the cloud is off by {1e3 * off_m:.0f} mm: it moves otherwise, or ranges are"
+        " biased; is there more than the target in the cloud?"
+    )
+
+
+def _tell_layer(layer: Layer) -> str:
+    which = "nearer" if layer.nearer else "farther"
+    return (
+        f"what is {which} than {layer.depth_m:.2f} m moved otherwise than the rest, by"
+        f" {1e3 * layer.off_m:.1f} mm; is there more than the target in the cloud?"
+    )
+
+
+def _judge(
+    found: Found,
+    a: TargetView,
+    b: TargetView,
+    still: np.ndarray,
+    config: RegistrationConfig,
+    turned_rad: float,
+    doubted: bool,
+) -> Registration:
+    assert a.surface is not None
+    assert b.surface is not None
+    refined = found.refined
+    known = Registration(
+        Status.OK, "", score=found.score, overlap=found.overlap,
+        num_points=len(refined.pairs.kind), searched=found.searched,
+    )  # fmt: skip
+    least = _least_score(a.surface, b.surface, config)
+    if found.score < least or found.overlap < config.min_overlap:
+        reason = f"views agree to {found.score:.3f} over {found.overlap:.2f} of the points"
+        return replace(known, status=Status.POOR_FIT, reason=reason)
+    turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
+    both = np.zeros((6, 6))
+    both[:3, :3] = both[3:, 3:] = turn_b
+    judged = found.uncertainty
+    by_bias = config.range_bias_sigma_m * both @ judged.by_range
+    covariance = both @ judged.covariance @ both.T + np.outer(by_bias, by_bias)
+    known = replace(known, rms_residual_m=judged.rms_residual_m)
+    weak = weak_directions(covariance, config.max_rotation_std_rad, config.max_shift_std_m)
+    if len(weak):
+        reason = _tell(weak[0], covariance)
+        return replace(known, status=Status.ILL_CONDITIONED, reason=reason, weak=weak)
+    if not refined.converged:
+        reason = f"still moving after {refined.iterations} iterations"
+        return replace(known, status=Status.NOT_CONVERGED, reason=reason)
+    off_m = part_off_m(a.surface, b.surface, refined.rotation, refined.translation_m)
+    if off_m is not None:
+        return replace(known, status=Status.POOR_FIT, reason=_tell_part(off_m), part_off_m=off_m)
+    layer = layer_off(refined.pairs, refined.robust, b.surface)
+    if layer is not None:
+        reason = _tell_layer(layer)
+        return replace(known, status=Status.POOR_FIT, reason=reason, part_off_m=layer.off_m)
+    doubt = ""
+    if not found.expected:
+        doubt = _doubt(found, a.surface, b.surface, still, config, turned_rad, doubted)
+    if doubt:
+        return replace(known, status=Status.POOR_FIT, reason=doubt, doubted=True)
+    pose = pose_matrix(turn_b @ refined.rotation @ turn_a.T, turn_b @ refined.translation_m)
+    return replace(
+        known,
+        pose_b_from_a=pose,
+        covariance=covariance,
+        by_bias=by_bias,
+        centre_m=turn_b @ judged.centre_m,
+    )
+
+
+@dataclass(frozen=True)
+class _Margins:
+    """By how much better than the motion that was found a rival must agree with the views.
+
+    search_rad, turned_rad : what is searched for, and what the target may have turned by.  far :
+        the motion found is beyond the search.  likely_rad : turns up to this are as likely as it.
+    noise : what odd returns make scores differ by.
+    """
+
+    search_rad: float
+    turned_rad: float
+    far: bool
+    likely_rad: float
+    noise: float
+
+    def of_prism(self, turn_rad: float) -> float:
+        """Of a rival turned further as a prism is like itself: with a likely turn it may even agree
+        a little less well, and less well still if the motion found is beyond the search; beyond
+        that it has to agree better.
+        """
+        return self._less if turn_rad < self.likely_rad else _SAME_SCORE + self.noise
+
+    def of_right_angles(self, turn_rad: float) -> float:
+        """Of a rival turned further by right angles: the same, where the target may have turned by
+        more than the search, as by then a box may have turned by a side.
+
+        Else it has to agree better, and clearly so if its turn is beyond twice the search. But if
+        the motion found is itself beyond the search, a rival with a likely turn may even agree a
+        little less well, and any other one need only agree better at all.
+        """
+        if self.turned_rad > self.search_rad and turn_rad < self.likely_rad:
+            return self._less
+        likely = turn_rad < 2 * self.search_rad
+        margin = (_SAME_SCORE if likely else _OTHER_SCORE) + self.noise
+        if self.far:
+            return -margin if likely else 0.0
+        return margin
+
+    @property
+    def _less(self) -> float:
+        # Turns as likely as its own speak against it and need not be better.
+        return -(_FAR_SCORE if self.far else _OTHER_SCORE)
+
+
+def _doubt(
+    found: Found,
+    a: SurfaceView,
+    b: SurfaceView,
+    still: np.ndarray,
+    config: RegistrationConfig,
+    turned_rad: float,
+    doubted: bool,
+) -> str:
+    """Why a motion nobody expected may be another one, on a target that is nearly symmetric: "" if
+    nothing says so.
+
+    still : as of `Finder`. turned_rad, doubted : as of `register`, the former not below the search.
+    Rivals are the same motion turned further, about the target's axes, with which the views agree
+    about as well. How much better a rival must agree (`_Margins`) depends on how likely its turn
+    is: up to `_AS_LIKELY` times the turn that was found, within what the target may have turned.
+    Where views between these two were doubted a rival may be as likely whatever was found: a prism
+    that was seen to turn, and then not to, has turned by a side. Beyond `_TURNED_AWAY_RAD` no
+    motion is believed then.
+    Right angles are not asked for of a motion within the search with which the views agree beyond
+    doubt; one beyond the search with which they do not is refused without asking.
+    """
+    if doubted and turned_rad > _TURNED_AWAY_RAD:
+        return (
+            f"may have turned by up to {np.degrees(turned_rad):.0f} deg since motions that look"
+            " alike could not be told apart"
+        )
+    rotation, translation = found.refined.rotation, found.refined.translation_m
+    turn = float(np.linalg.norm(vector_from_rotation(rotation @ still.T)))
+    far = turn > config.search_rad
+    odd = odd_share(a, b)
+    clear = found.score > BEYOND_DOUBT - SCORE_LOST * odd
+    likely_rad = turned_rad if doubted else min(_AS_LIKELY * turn, turned_rad)
+    margins = _Margins(config.search_rad, turned_rad, far, likely_rad, _SCORE_NOISE * odd)
+    most_rad = max(_BEYOND_SEARCH * config.search_rad, turned_rad)
+    starts = prism_turned(b, rotation, translation, still, min(most_rad, np.pi))
+    for rival in rivals(a, b, rotation, translation, still, starts):
+        if rival.lead > margins.of_prism(rival.turn_rad):
+            return _tell_rival(rival, found)
+    if clear and not far and turned_rad <= config.search_rad:
+        return ""
+    if far and not clear:
+        return (
+            f"a turn by {np.degrees(turn):.0f} deg, beyond the search, with which the views agree"
+            f" to {found.score:.3f} only"
+        )
+    for rival in rivals(a, b, rotation, translation, still, right_turned(a, b, rotation)):
+        if rival.lead > margins.of_right_angles(rival.turn_rad):
+            return _tell_rival(rival, found)
+    return ""
+
+
+def _tell_rival(rival: Rival, found: Found) -> str:
+    """The other motion in words."""
+    return (
+        f"views agree to {found.score:.3f} over {found.overlap:.2f} of the points, and"
+        f" turned by {np.degrees(rival.apart_rad):.0f} deg to {rival.score:.3f} over"
+        f" {rival.overlap:.2f}"
+    )
+
+
+def _tell(weak: np.ndarray, covariance: np.ndarray) -> str:
+    """The worst direction in words."""
+    turn, shift = weak[:3], weak[3:]
+    if np.linalg.norm(turn) > np.linalg.norm(shift):
+        axis = turn / np.linalg.norm(turn)
+        std = f"{min(np.degrees(np.sqrt(axis @ covariance[:3, :3] @ axis)), 180.0):.2f} deg"
+        what = "a turn about"
+    else:
+        axis = shift / np.linalg.norm(shift)
+        std = f"{min(1e3 * np.sqrt(axis @ covariance[3:, 3:] @ axis), 9999.0):.1f} mm"
+        what = "a shift along"
+    return f"{what} ({axis[0]:.2f}, {axis[1]:.2f}, {axis[2]:.2f}) is not observed: std {std}"

@@ -1,0 +1,66 @@
+"""Clouds that a driver has averaged over time."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, rotation_from_vector
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target_motion.tracker import TargetFix, TargetTracker
+from horizon_sensor_ros.sim.shapes import TARGETS
+from horizon_sensor_ros.sim.tof_camera import ToFCamera
+
+CAMERA = ToFCamera()
+NOISE_M, MOST_M, NEW = 0.005, 0.03, 0.4
+BEFORE, CLOUDS = 3, 6
+
+
+def clouds(name: str, *, averaged: bool = False, pattern_m: float = 0.0) -> Iterator[np.ndarray]:
+    """Of a target that turns by 0.8 deg and moves by a pixel each, with a driver's filter that has
+    run for some clouds, or with pixels that are each off by something that stays."""
+    rng = np.random.default_rng(4)
+    target, rays = TARGETS[name](), CAMERA.rays()
+    shape = CAMERA.height, CAMERA.width
+    pattern = rng.normal(0.0, pattern_m, shape)
+    axis = np.radians(0.8) * np.array([0.6, 0.64, 0.48])
+    start = rotation_from_vector(np.array([0.4, 0.5, 0.1]))
+    held = np.full(shape, np.nan)
+    for k in range(-BEFORE, CLOUDS):
+        place = np.array([0.02 * k, 0.01 * k, 5.0])
+        pose = pose_matrix(rotation_from_vector(k * axis) @ start, place)
+        ranges = CAMERA.ranges(target, pose) + pattern + rng.normal(0.0, NOISE_M, shape)
+        if averaged:
+            near = np.abs(ranges - held) < MOST_M
+            ranges = held = np.where(near, NEW * ranges + (1 - NEW) * held, ranges)
+        if k >= 0:
+            yield (rays * ranges[..., None]).astype(np.float32)
+
+
+def answers(name: str, *, averaged: bool = False, pattern_m: float = 0.0) -> list[TargetFix]:
+    tracker = TargetTracker()
+    seen = clouds(name, averaged=averaged, pattern_m=pattern_m)
+    return [tracker.process(points, k * 200_000_000) for k, points in enumerate(seen)]
+
+
+def poses(fixes: list[TargetFix]) -> int:
+    """How many are let through, after a first one."""
+    return sum(fix.status is Status.OK and not fix.new_frame for fix in fixes)
+
+
+@pytest.mark.parametrize("name", ["winged_cylinder", "l_truss"])
+def test_clouds_averaged_over_time_are_refused(name: str) -> None:
+    """Of the truss all of them were let through, off by many sigma."""
+    fixes = answers(name, averaged=True)
+    assert poses(fixes) == 0
+    assert any("temporal filter" in fix.reason for fix in fixes)
+
+
+@pytest.mark.parametrize("name", ["n1", "n5"])
+def test_independent_noise_is_not_taken_for_a_filter(name: str) -> None:
+    assert poses(answers(name)) == CLOUDS - 1
+
+
+@pytest.mark.parametrize("name", ["n1", "n5"])
+def test_a_pattern_of_the_pixels_costs_one_cloud_at_most(name: str) -> None:
+    assert poses(answers(name, pattern_m=NOISE_M)) >= CLOUDS - 2
