@@ -49,7 +49,7 @@ def _rows(title: str, stats: pstats.Stats) -> list[tuple[str, ...]]:
     ours = {
         (Path(file).stem, name): (calls, total)
         for (file, _, name), (_, calls, _, total, _) in stats.stats.items()  # type: ignore[attr-defined]
-        if Path(file).parent.name == "target" and not name.startswith("<")
+        if "target_motion" in Path(file).parts and not name.startswith("<")
     }
     whole = sum(
         total for (_, name), (_, total) in ours.items() if name in ("register", "target_view")
