@@ -7,9 +7,9 @@ from tables import Options, Table, root_mean_square, verdict
 from target_pairs import Pair, errors, scan_pair, timed
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.target_motion.direct_search import direct_search
 from horizon_sensor_ros.core.target_motion.registration import register, target_view
-from horizon_sensor_ros.core.target_motion.section_pattern import (
+from horizon_sensor_ros.core.target_motion.section_patterns.direct_search import direct_search
+from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern import (
     BatchObjective,
     Sections,
     candidate_of,

@@ -24,12 +24,12 @@ HORIZON = (
 )
 TARGET_DRIVER = ("core/target_motion/", "start at tracker.py: clouds to a track")
 TARGET = (
-    ("range_image.py", "cloud to a range image"),
-    ("surfels.py", "image to planes and edges"),
-    ("attempts.py", "from which start"),
-    ("search.py", "many motions at once"),
-    ("refinement.py", "the best one, refined"),
-    ("judgement.py", "believe it, or say why not"),
+    ("registration.py", "two clouds to a motion, by these:"),
+    ("ranges/", "cloud to a range image"),
+    ("noise/", "how exact it is"),
+    ("surfaces/", "image to planes and edges"),
+    ("alignment/", "search, pairs, refinement"),
+    ("judgement/", "believe it, or say why not"),
 )
 ROS_IN = (("ros/messages.py", "images to numpy"), ("ros/point_cloud.py", "clouds to numpy"))
 ROS_OUT = (

@@ -9,8 +9,8 @@ from matplotlib import pyplot as plt
 from matplotlib.patches import Rectangle
 
 from figures.drawing import ORANGE, SKY, save
-from horizon_sensor_ros.core.target_motion.direct_search import direct_search
-from horizon_sensor_ros.core.target_motion.section_pattern import (
+from horizon_sensor_ros.core.target_motion.section_patterns.direct_search import direct_search
+from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern import (
     BatchObjective,
     cut,
     objective,

@@ -1,5 +1,5 @@
 """Rotations, and statistics and matrices of few numbers.
 
-``attitude`` (quaternions, roll and pitch, the level frame), ``rigid`` (motions), ``robust`` (order
-statistics), ``symmetric3`` (matrices).
+``attitude`` (quaternions, roll and pitch, the level frame), ``rigid`` (motions), ``columns``
+(products of many vectors), ``robust`` (order statistics), ``symmetric3`` (matrices).
 """

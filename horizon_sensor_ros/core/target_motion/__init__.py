@@ -1,13 +1,9 @@
-"""Pose of a target of unknown shape from point clouds.
+"""Motion of a target of unknown shape from point clouds.
 
-The default: ``range_image`` (any cloud as an image of inverse depth; with ``regular``,
-``pixel_values`` and ``holes``), ``range_noise``, ``smoothed_noise``, ``repeated_returns``,
-``common_noise`` and ``mixed_differences`` (how exact it is), ``planes``, those of thin ``parts``,
-``edges`` and ``surfels`` (what is in it), ``search``, ``pairs``, ``refinement`` and ``attempts``
-(motion between two views), ``consistency``, ``one_body``, ``layers``, ``alternatives`` and
-``judgement`` (whether to believe it), ``registration`` (all of it), ``tracker`` (clouds in order of
-time), ``temporal_filter`` (whether they hold parts of each other); ``config`` (their parameters),
-``columns`` (products of many vectors).
+Start at ``tracker`` (clouds in order of time to a track), then ``registration`` (two clouds to a
+motion). That takes these folders, in the order of the data: ``ranges`` (cloud to an image of
+inverse depth), ``noise`` (how exact that is), ``surfaces`` (what is in it), ``alignment`` (the
+motion between two views), ``judgement`` (whether to believe it). ``config``: their parameters.
 
-Paper D: ``inertia_frame``, ``section_pattern``, ``direct_search``.
+Beside these ``section_patterns``, paper D's method.
 """

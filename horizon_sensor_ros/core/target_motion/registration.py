@@ -8,26 +8,26 @@ import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, skew, vector_from_rotation
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target_motion.alternatives import (
-    Rival,
-    prism_turned,
-    right_turned,
-    rivals,
-)
-from horizon_sensor_ros.core.target_motion.attempts import (
+from horizon_sensor_ros.core.target_motion.alignment.attempts import (
     BEYOND_DOUBT,
     SCORE_LOST,
     Finder,
     Found,
     odd_share,
 )
+from horizon_sensor_ros.core.target_motion.alignment.consistency import view_consistency
+from horizon_sensor_ros.core.target_motion.alignment.uncertainty import weak_directions
 from horizon_sensor_ros.core.target_motion.config import LEAST_POINTS, RegistrationConfig
-from horizon_sensor_ros.core.target_motion.consistency import view_consistency
-from horizon_sensor_ros.core.target_motion.judgement import weak_directions
-from horizon_sensor_ros.core.target_motion.layers import Layer, layer_off
-from horizon_sensor_ros.core.target_motion.one_body import part_off_m
-from horizon_sensor_ros.core.target_motion.range_image import RangeImage, range_image
-from horizon_sensor_ros.core.target_motion.surfels import SurfaceView, surface_view
+from horizon_sensor_ros.core.target_motion.judgement.alternatives import (
+    Rival,
+    prism_turned,
+    right_turned,
+    rivals,
+)
+from horizon_sensor_ros.core.target_motion.judgement.layers import Layer, layer_off
+from horizon_sensor_ros.core.target_motion.judgement.one_body import part_off_m
+from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage, range_image
+from horizon_sensor_ros.core.target_motion.surfaces.surfels import SurfaceView, surface_view
 
 # Scores of two motions so near tell nothing, and so far apart much.
 _SAME_SCORE, _OTHER_SCORE = 0.012, 0.03

@@ -16,7 +16,8 @@ from horizon_sensor_ros.core.mathematics.rigid import (
 )
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.config import TrackerConfig
-from horizon_sensor_ros.core.target_motion.range_image import RangeImage, cloud_of
+from horizon_sensor_ros.core.target_motion.noise.temporal_filter import TemporalFilter
+from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage, cloud_of
 from horizon_sensor_ros.core.target_motion.registration import (
     Registration,
     TargetView,
@@ -24,7 +25,6 @@ from horizon_sensor_ros.core.target_motion.registration import (
     register,
     target_view,
 )
-from horizon_sensor_ros.core.target_motion.temporal_filter import TemporalFilter
 
 # The first cloud defines the target frame; its pose has this variance (rad^2, m^2) rather than
 # none.

@@ -14,7 +14,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
 from horizon_sensor_ros.core.mathematics.rigid import inverse_pose, vector_from_rotation
-from horizon_sensor_ros.core.target_motion.section_pattern import (
+from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern import (
     SectionPattern,
     candidate_of,
     cut,

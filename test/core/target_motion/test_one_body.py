@@ -11,10 +11,10 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     vector_from_rotation,
 )
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target_motion.layers import layer_off
-from horizon_sensor_ros.core.target_motion.one_body import part_off_m
-from horizon_sensor_ros.core.target_motion.pairs import Matcher
-from horizon_sensor_ros.core.target_motion.refinement import robust_weights
+from horizon_sensor_ros.core.target_motion.alignment.pairs import Matcher
+from horizon_sensor_ros.core.target_motion.alignment.refinement import robust_weights
+from horizon_sensor_ros.core.target_motion.judgement.layers import layer_off
+from horizon_sensor_ros.core.target_motion.judgement.one_body import part_off_m
 from horizon_sensor_ros.core.target_motion.registration import Registration, register, target_view
 from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 from horizon_sensor_ros.sim.shapes import TARGETS, TriangleMesh, assembly, beam, box, revolved

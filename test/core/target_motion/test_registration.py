@@ -13,21 +13,21 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     vector_from_rotation,
 )
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target_motion.alternatives import (
+from horizon_sensor_ros.core.target_motion.alignment.consistency import view_consistency
+from horizon_sensor_ros.core.target_motion.alignment.search import rotation_starts
+from horizon_sensor_ros.core.target_motion.config import RegistrationConfig
+from horizon_sensor_ros.core.target_motion.judgement.alternatives import (
     alike_prism_turns,
     face_axes,
     right_turns,
 )
-from horizon_sensor_ros.core.target_motion.config import RegistrationConfig
-from horizon_sensor_ros.core.target_motion.consistency import view_consistency
-from horizon_sensor_ros.core.target_motion.parts import Parts
 from horizon_sensor_ros.core.target_motion.registration import (
     Registration,
     TargetView,
     register,
     target_view,
 )
-from horizon_sensor_ros.core.target_motion.search import rotation_starts
+from horizon_sensor_ros.core.target_motion.surfaces.parts import Parts
 from horizon_sensor_ros.sim.shapes import TARGETS, assembly, box, cylinder, revolved
 from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFDisturbances
 

@@ -6,13 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from horizon_sensor_ros.core.target_motion.direct_search import (
+from horizon_sensor_ros.core.target_motion.section_patterns.direct_search import (
     compass_search,
     direct_search,
     plateau_mean,
 )
-from horizon_sensor_ros.core.target_motion.inertia_frame import inertia_frame, inertia_matrix
-from horizon_sensor_ros.core.target_motion.section_pattern import (
+from horizon_sensor_ros.core.target_motion.section_patterns.inertia_frame import (
+    inertia_frame,
+    inertia_matrix,
+)
+from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern import (
     BatchObjective,
     SectionPattern,
     candidate_of,

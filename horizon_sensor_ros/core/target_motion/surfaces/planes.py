@@ -12,9 +12,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.target_motion.holes import without_holes
-from horizon_sensor_ros.core.target_motion.range_image import RangeImage
-from horizon_sensor_ros.core.target_motion.range_noise import (
+from horizon_sensor_ros.core.target_motion.noise.range_noise import (
     NO_PLANE,
     ReturnNoise,
     least_gain,
@@ -22,7 +20,12 @@ from horizon_sensor_ros.core.target_motion.range_noise import (
     noise_of_returns,
     slant_growth,
 )
-from horizon_sensor_ros.core.target_motion.smoothed_noise import within_surfaces, without_outline
+from horizon_sensor_ros.core.target_motion.noise.smoothed_noise import (
+    within_surfaces,
+    without_outline,
+)
+from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
+from horizon_sensor_ros.core.target_motion.surfaces.holes import without_holes
 
 # A plane is trusted down to this cosine between ray and normal; a borrowed one down to the second.
 _MIN_COSINE = 0.03

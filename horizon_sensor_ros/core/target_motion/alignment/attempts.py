@@ -9,13 +9,22 @@ from functools import cached_property
 import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector, vector_from_rotation
+from horizon_sensor_ros.core.target_motion.alignment.consistency import view_consistency
+from horizon_sensor_ros.core.target_motion.alignment.pairs import Matcher, Pairs
+from horizon_sensor_ros.core.target_motion.alignment.refinement import (
+    COARSE_STEP,
+    Refined,
+    mean_loss,
+    refine,
+)
+from horizon_sensor_ros.core.target_motion.alignment.search import align_batch, rotation_starts
+from horizon_sensor_ros.core.target_motion.alignment.uncertainty import (
+    Uncertainty,
+    uncertainty,
+    worst_known,
+)
 from horizon_sensor_ros.core.target_motion.config import RegistrationConfig
-from horizon_sensor_ros.core.target_motion.consistency import view_consistency
-from horizon_sensor_ros.core.target_motion.judgement import Uncertainty, uncertainty, worst_known
-from horizon_sensor_ros.core.target_motion.pairs import Matcher, Pairs
-from horizon_sensor_ros.core.target_motion.refinement import COARSE_STEP, Refined, mean_loss, refine
-from horizon_sensor_ros.core.target_motion.search import align_batch, rotation_starts
-from horizon_sensor_ros.core.target_motion.surfels import SurfaceView
+from horizon_sensor_ros.core.target_motion.surfaces.surfels import SurfaceView
 
 # Scores of view consistency, 0 to 1, of clouds without odd returns.
 _SURE = 0.95  # a motion with this or more is taken without a search

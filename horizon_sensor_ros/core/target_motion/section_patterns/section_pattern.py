@@ -12,7 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import pose_matrix
-from horizon_sensor_ros.core.target_motion.inertia_frame import InertiaFrame, inertia_frame
+from horizon_sensor_ros.core.target_motion.section_patterns.inertia_frame import (
+    InertiaFrame,
+    inertia_frame,
+)
 
 # The two coordinates in plane j, whose normal is axis j.
 _IN_PLANE = ((1, 2), (0, 2), (0, 1))

@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import vector_from_rotation
-from horizon_sensor_ros.core.target_motion.judgement import block_sums
-from horizon_sensor_ros.core.target_motion.pairs import FACE, Pairs
-from horizon_sensor_ros.core.target_motion.refinement import comparable, jacobian
-from horizon_sensor_ros.core.target_motion.surfels import SurfaceView
+from horizon_sensor_ros.core.target_motion.alignment.pairs import FACE, Pairs
+from horizon_sensor_ros.core.target_motion.alignment.refinement import comparable, jacobian
+from horizon_sensor_ros.core.target_motion.alignment.uncertainty import block_sums
+from horizon_sensor_ros.core.target_motion.surfaces.surfels import SurfaceView
 
 # The cloud is cut at so many depths less one, into what is nearer and what is farther.
 _LAYERS = 8

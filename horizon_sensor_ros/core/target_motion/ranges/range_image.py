@@ -9,8 +9,8 @@ import numpy as np
 
 from horizon_sensor_ros.core.mathematics.robust import quantile
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target_motion.pixel_values import depth_in_middles
-from horizon_sensor_ros.core.target_motion.regular import MOST_OFF, ON_GRID, grid_of
+from horizon_sensor_ros.core.target_motion.ranges.pixel_values import depth_in_middles
+from horizon_sensor_ros.core.target_motion.ranges.regular import MOST_OFF, ON_GRID, grid_of
 
 _MARGIN_PX = 8
 _MAX_COORDINATE_M = 1e4

@@ -8,11 +8,11 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.target_motion.common_noise import LineMeans, line_means
-from horizon_sensor_ros.core.target_motion.edges import Edges, find_edges
-from horizon_sensor_ros.core.target_motion.parts import Parts, find_parts
-from horizon_sensor_ros.core.target_motion.planes import Planes, local_planes, normal_noise
-from horizon_sensor_ros.core.target_motion.range_image import RangeImage
+from horizon_sensor_ros.core.target_motion.noise.common_noise import LineMeans, line_means
+from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
+from horizon_sensor_ros.core.target_motion.surfaces.edges import Edges, find_edges
+from horizon_sensor_ros.core.target_motion.surfaces.parts import Parts, find_parts
+from horizon_sensor_ros.core.target_motion.surfaces.planes import Planes, local_planes, normal_noise
 
 # What a plane borrowed from the next window may lean by on a curved surface, alike in both views.
 _BORROWED_TILT_RAD = 0.08

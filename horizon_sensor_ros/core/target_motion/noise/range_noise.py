@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.target_motion.mixed_differences import mixed_differences
-from horizon_sensor_ros.core.target_motion.range_image import RangeImage
-from horizon_sensor_ros.core.target_motion.repeated_returns import are_repeated
-from horizon_sensor_ros.core.target_motion.smoothed_noise import (
+from horizon_sensor_ros.core.target_motion.noise.mixed_differences import mixed_differences
+from horizon_sensor_ros.core.target_motion.noise.repeated_returns import are_repeated
+from horizon_sensor_ros.core.target_motion.noise.smoothed_noise import (
     are_smoothed,
     noise_before_smoothing,
 )
+from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
 
 # Ranges come in steps that matter where these are above such a share of the noise.
 _COARSE_STEP = 0.2

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import inverse_pose
-from horizon_sensor_ros.core.target_motion.mixed_differences import mixed_differences
-from horizon_sensor_ros.core.target_motion.range_image import RangeImage
+from horizon_sensor_ros.core.target_motion.noise.mixed_differences import mixed_differences
+from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
 
 # Mixed differences count up to so many standard deviations, by the median of what is normal,
 # regardless of its sign.

@@ -10,9 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.target_motion.columns import column_dots
-from horizon_sensor_ros.core.target_motion.planes import MIN_BORROWED_COSINE, Planes, normal_noise
-from horizon_sensor_ros.core.target_motion.range_image import RangeImage
+from horizon_sensor_ros.core.mathematics.columns import column_dots
+from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
+from horizon_sensor_ros.core.target_motion.surfaces.planes import (
+    MIN_BORROWED_COSINE,
+    Planes,
+    normal_noise,
+)
 
 # What the normals of parts may lean by, alike in both views.
 PART_TILT_RAD = 0.04

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from horizon_sensor_ros.core.target_motion.columns import column_crosses, column_dots
-from horizon_sensor_ros.core.target_motion.planes import LIMB_BEND, Planes, limb_reach_px
-from horizon_sensor_ros.core.target_motion.range_image import RangeImage
+from horizon_sensor_ros.core.mathematics.columns import column_crosses, column_dots
+from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
+from horizon_sensor_ros.core.target_motion.surfaces.planes import LIMB_BEND, Planes, limb_reach_px
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.mathematics.robust import quantile
-from horizon_sensor_ros.core.target_motion.mixed_differences import mixed_differences
+from horizon_sensor_ros.core.target_motion.noise.mixed_differences import mixed_differences
 
 # Lags, in pixels, at which returns are held against each other; and returns that have others all
 # about them so far, at least, for a lag to count.

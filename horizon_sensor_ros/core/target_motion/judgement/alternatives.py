@@ -9,9 +9,9 @@ from itertools import combinations, permutations, product
 import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector, vector_from_rotation
-from horizon_sensor_ros.core.target_motion.consistency import view_consistency
-from horizon_sensor_ros.core.target_motion.search import align_batch
-from horizon_sensor_ros.core.target_motion.surfels import SurfaceView
+from horizon_sensor_ros.core.target_motion.alignment.consistency import view_consistency
+from horizon_sensor_ros.core.target_motion.alignment.search import align_batch
+from horizon_sensor_ros.core.target_motion.surfaces.surfels import SurfaceView
 
 # Normals so near belong to one face.
 _SAME_FACE = np.cos(np.radians(15.0))

@@ -1,0 +1,5 @@
+"""Paper D's method, for comparison: patterns of a cloud's sections, searched for the likest.
+
+``inertia_frame`` (in which the planes lie), ``section_pattern`` (patterns, and how alike they are),
+``direct_search`` (the maximum).
+"""
