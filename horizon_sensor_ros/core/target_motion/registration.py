@@ -27,7 +27,7 @@ from horizon_sensor_ros.core.target_motion.judgement.alternatives import (
 from horizon_sensor_ros.core.target_motion.judgement.layers import Layer, layer_off
 from horizon_sensor_ros.core.target_motion.judgement.one_body import part_off_m
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage, range_image
-from horizon_sensor_ros.core.target_motion.surfaces.surfels import SurfaceView, surface_view
+from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView, surface_view
 
 # Scores of two motions so near tell nothing, and so far apart much.
 _SAME_SCORE, _OTHER_SCORE = 0.012, 0.03

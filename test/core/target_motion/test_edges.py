@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from horizon_sensor_ros.core.target_motion.ranges.range_image import range_image
-from horizon_sensor_ros.core.target_motion.surfaces.edges import Edges, find_edges
+from horizon_sensor_ros.core.target_motion.surfaces.edges.detection import find_edges
+from horizon_sensor_ros.core.target_motion.surfaces.edges.edges import Edges
 from horizon_sensor_ros.core.target_motion.surfaces.planes import local_planes
 
 FOCAL_PX, SIDE_PX, DEPTH_M = 320.0, 160, 4.0

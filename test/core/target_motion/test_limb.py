@@ -7,7 +7,7 @@ from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, rotation_from
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.ranges.range_image import range_image
 from horizon_sensor_ros.core.target_motion.registration import register, target_view
-from horizon_sensor_ros.core.target_motion.surfaces.edges import find_edges
+from horizon_sensor_ros.core.target_motion.surfaces.edges.detection import find_edges
 from horizon_sensor_ros.core.target_motion.surfaces.planes import local_planes
 
 FOCAL_PX, SIDE_PX = 320.0, 204

@@ -7,7 +7,7 @@ from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, rotation_from
 from horizon_sensor_ros.core.target_motion.ranges.range_image import range_image
 from horizon_sensor_ros.core.target_motion.surfaces.parts import find_parts
 from horizon_sensor_ros.core.target_motion.surfaces.planes import local_planes
-from horizon_sensor_ros.core.target_motion.surfaces.surfels import surface_view
+from horizon_sensor_ros.core.target_motion.surfaces.surface_view import surface_view
 from horizon_sensor_ros.sim.shapes import assembly, box, sich_n1
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 

@@ -17,7 +17,7 @@ from horizon_sensor_ros.core.mathematics.rigid import (
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.ranges.range_image import range_image
 from horizon_sensor_ros.core.target_motion.surfaces.planes import local_planes
-from horizon_sensor_ros.core.target_motion.surfaces.surfels import surface_view
+from horizon_sensor_ros.core.target_motion.surfaces.surface_view import surface_view
 from horizon_sensor_ros.sim.shapes import TARGETS, box, revolved, sich_n1
 from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFScan
 

@@ -24,7 +24,7 @@ from horizon_sensor_ros.core.target_motion.alignment.uncertainty import (
     worst_known,
 )
 from horizon_sensor_ros.core.target_motion.config import RegistrationConfig
-from horizon_sensor_ros.core.target_motion.surfaces.surfels import SurfaceView
+from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 
 # Scores of view consistency, 0 to 1, of clouds without odd returns.
 _SURE = 0.95  # a motion with this or more is taken without a search

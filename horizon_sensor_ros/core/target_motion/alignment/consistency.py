@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.target_motion.surfaces.surfels import SurfaceView
+from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 
 _EDGE_TOLERANCE_PX = 1.6
 

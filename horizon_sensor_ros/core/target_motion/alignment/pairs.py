@@ -10,10 +10,10 @@ import numpy as np
 
 from horizon_sensor_ros.core.mathematics.columns import column_dots
 from horizon_sensor_ros.core.target_motion.alignment.consistency import project
-from horizon_sensor_ros.core.target_motion.surfaces.edges import Edges
+from horizon_sensor_ros.core.target_motion.surfaces.edges.edges import Edges
 from horizon_sensor_ros.core.target_motion.surfaces.parts import PART_TILT_RAD
 from horizon_sensor_ros.core.target_motion.surfaces.planes import normal_noise
-from horizon_sensor_ros.core.target_motion.surfaces.surfels import SurfaceView
+from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 
 # Cosines between side normals, and between directions, of edges that may be one.
 _SAME_SIDE, _SAME_LINE = 0.6, 0.93

@@ -6,7 +6,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector
 from horizon_sensor_ros.core.target_motion.alignment.consistency import project
-from horizon_sensor_ros.core.target_motion.surfaces.surfels import SurfaceView
+from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 
 _UPPER = [(i, j) for i in range(6) for j in range(i, 6)]
 

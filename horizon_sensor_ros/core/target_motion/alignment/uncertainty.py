@@ -13,8 +13,8 @@ from horizon_sensor_ros.core.mathematics.rigid import skew
 from horizon_sensor_ros.core.target_motion.alignment.pairs import THIN, Pairs
 from horizon_sensor_ros.core.target_motion.alignment.refinement import comparable, jacobian
 from horizon_sensor_ros.core.target_motion.noise.common_noise import common_variance
-from horizon_sensor_ros.core.target_motion.surfaces.edges import Edges
-from horizon_sensor_ros.core.target_motion.surfaces.surfels import SurfaceView
+from horizon_sensor_ros.core.target_motion.surfaces.edges.edges import Edges
+from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 
 # Surfaces err alike over some such distance (windows overlap, edges are made of pixels).
 _BLOCK_PX = 12.0

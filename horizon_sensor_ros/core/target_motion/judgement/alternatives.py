@@ -11,7 +11,7 @@ import numpy as np
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.core.target_motion.alignment.consistency import view_consistency
 from horizon_sensor_ros.core.target_motion.alignment.search import align_batch
-from horizon_sensor_ros.core.target_motion.surfaces.surfels import SurfaceView
+from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 
 # Normals so near belong to one face.
 _SAME_FACE = np.cos(np.radians(15.0))

@@ -12,7 +12,7 @@ from horizon_sensor_ros.core.mathematics.rigid import vector_from_rotation
 from horizon_sensor_ros.core.target_motion.alignment.pairs import FACE, Pairs
 from horizon_sensor_ros.core.target_motion.alignment.refinement import comparable, jacobian
 from horizon_sensor_ros.core.target_motion.alignment.uncertainty import block_sums
-from horizon_sensor_ros.core.target_motion.surfaces.surfels import SurfaceView
+from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 
 # The cloud is cut at so many depths less one, into what is nearer and what is farther.
 _LAYERS = 8

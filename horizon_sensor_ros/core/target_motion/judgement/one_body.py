@@ -10,7 +10,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.mathematics.robust import median
 from horizon_sensor_ros.core.target_motion.alignment.consistency import against
-from horizon_sensor_ros.core.target_motion.surfaces.surfels import SurfaceView
+from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 
 # Every other column and row is looked at; planes of neighbours share most of their windows.
 _STEP = 2
