@@ -93,6 +93,12 @@ def quantile(values: np.ndarray, share: float) -> float:
     return below + (rank - low) * (above - below)
 
 
+def least_share(values: np.ndarray, share: float) -> float:
+    """The value with that share of the others below it; several times as fast as NumPy's."""
+    place = int(share * (len(values) - 1))
+    return float(np.partition(values, place)[place])
+
+
 def robust_sigma(values: np.ndarray) -> float:
     """Scale of residuals (N,) about zero from their median size; NaN of none."""
     return MAD_TO_SIGMA * median(np.abs(values))

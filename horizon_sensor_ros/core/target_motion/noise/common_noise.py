@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.target_motion.noise.range_noise import least_share
+from horizon_sensor_ros.core.mathematics.robust import least_share
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
 
 # Fourth differences from row to row, in standard deviations of one return if these are independent:

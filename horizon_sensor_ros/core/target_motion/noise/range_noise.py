@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from horizon_sensor_ros.core.mathematics.robust import least_share
 from horizon_sensor_ros.core.target_motion.noise.mixed_differences import mixed_differences
 from horizon_sensor_ros.core.target_motion.noise.repeated_returns import are_repeated
 from horizon_sensor_ros.core.target_motion.noise.smoothed_noise import (
@@ -145,12 +146,6 @@ def _range_noise(inverse: np.ndarray, seen: np.ndarray) -> float:
     # The lower quarter, as edges and thin parts bend as well: 0.319 standard deviations of a
     # normal distribution.
     return least_share(bend / inverse[:, 1:-1][three] ** 2, 0.25) / (0.3186 * np.sqrt(6))
-
-
-def least_share(values: np.ndarray, share: float) -> float:
-    """The value with that share of the others below it; several times as fast as NumPy's."""
-    place = int(share * (len(values) - 1))
-    return float(np.partition(values, place)[place])
 
 
 def _stepped_noise(inverse: np.ndarray, seen: np.ndarray, step_m: float) -> float:

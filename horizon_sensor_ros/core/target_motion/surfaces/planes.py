@@ -7,11 +7,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.target_motion.noise.range_noise import (
-    ReturnNoise,
-    least_share,
-    noise_of_returns,
-)
+from horizon_sensor_ros.core.mathematics.robust import least_share
+from horizon_sensor_ros.core.target_motion.noise.range_noise import ReturnNoise, noise_of_returns
 from horizon_sensor_ros.core.target_motion.noise.smoothed_noise import (
     within_surfaces,
     without_outline,

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from horizon_sensor_ros.core.mathematics.robust import least_share
 from horizon_sensor_ros.core.target_motion.noise.range_noise import (
     NO_PLANE,
     least_gain,
-    least_share,
     slant_growth,
 )
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
