@@ -7,7 +7,7 @@ from tables import Options, Table, root_mean_square, verdict
 from target_pairs import Pair, errors, scan_pair, timed
 from tqdm import tqdm
 
-from horizon_sensor_ros.core.target_motion.registration import register, target_view
+from horizon_sensor_ros.core.target_motion.registration import register
 from horizon_sensor_ros.core.target_motion.section_patterns.direct_search import direct_search
 from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern import (
     BatchObjective,
@@ -18,6 +18,7 @@ from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern impo
     objective,
     patterns_of,
 )
+from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.sim.paper_d import (
     CURRENT_DEG,
     PREVIOUS_DEG,

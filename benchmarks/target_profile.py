@@ -11,7 +11,8 @@ import numpy as np
 from tables import Options, Table
 from target_pairs import prior_near, random_pair
 
-from horizon_sensor_ros.core.target_motion.registration import register, target_view
+from horizon_sensor_ros.core.target_motion.registration import register
+from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 
 PAIRS = 30

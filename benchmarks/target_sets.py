@@ -14,11 +14,8 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.config import RegistrationConfig
-from horizon_sensor_ros.core.target_motion.registration import (
-    Registration,
-    register,
-    target_view,
-)
+from horizon_sensor_ros.core.target_motion.registration import Registration, register
+from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFDisturbances
 
 WRONG_DEG, WRONG_CM = 1.0, 2.0

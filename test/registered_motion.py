@@ -13,7 +13,8 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     vector_from_rotation,
 )
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target_motion.registration import Registration, TargetView, register
+from horizon_sensor_ros.core.target_motion.registration import Registration, register
+from horizon_sensor_ros.core.target_motion.target_view import TargetView
 
 
 def motion_nees(found: Registration, poses: Sequence[np.ndarray]) -> float:

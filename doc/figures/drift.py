@@ -9,7 +9,8 @@ from matplotlib import pyplot as plt
 
 from figures.drawing import BLUE, ORANGE, save
 from horizon_sensor_ros.core.mathematics.rigid import inverse_pose, vector_from_rotation
-from horizon_sensor_ros.core.target_motion.registration import register, target_view
+from horizon_sensor_ros.core.target_motion.registration import register
+from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 from horizon_sensor_ros.sim.shapes import TriangleMesh, plate_with_dish, sich_n5
 from horizon_sensor_ros.sim.tumbling import TumblingTarget

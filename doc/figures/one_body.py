@@ -14,7 +14,7 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     rotation_from_vector,
 )
 from horizon_sensor_ros.core.target_motion.judgement.one_body import most_off_m, patches_of
-from horizon_sensor_ros.core.target_motion.registration import target_view
+from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.sim.shapes import TARGETS, assembly, box
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 

@@ -7,7 +7,8 @@ from pathlib import Path
 from matplotlib import pyplot as plt
 
 from figures.drawing import save
-from horizon_sensor_ros.core.target_motion.registration import register, target_view
+from horizon_sensor_ros.core.target_motion.registration import register
+from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
 from horizon_sensor_ros.tools.report.clouds import draw_clouds
 

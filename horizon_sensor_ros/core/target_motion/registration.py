@@ -1,4 +1,4 @@
-"""Motion of a target of unknown shape between two point clouds: search, refinement, judgement."""
+"""Motion of the target between two clouds, or why none is to be believed."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, skew, vector_from_rotation
+from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, skew
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.alignment.attempts import (
-    BEYOND_DOUBT,
     SCORE_LOST,
     Finder,
     Found,
@@ -17,45 +16,14 @@ from horizon_sensor_ros.core.target_motion.alignment.attempts import (
 )
 from horizon_sensor_ros.core.target_motion.alignment.consistency import view_consistency
 from horizon_sensor_ros.core.target_motion.alignment.uncertainty import weak_directions
-from horizon_sensor_ros.core.target_motion.config import LEAST_POINTS, RegistrationConfig
-from horizon_sensor_ros.core.target_motion.judgement.alternatives import (
-    Rival,
-    prism_turned,
-    right_turned,
-    rivals,
-)
+from horizon_sensor_ros.core.target_motion.config import RegistrationConfig
+from horizon_sensor_ros.core.target_motion.judgement.ambiguity import ambiguity
 from horizon_sensor_ros.core.target_motion.judgement.layers import Layer, layer_off
 from horizon_sensor_ros.core.target_motion.judgement.one_body import part_off_m
-from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage, range_image
-from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView, surface_view
+from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
+from horizon_sensor_ros.core.target_motion.target_view import TargetView
 
-# Scores of two motions so near tell nothing, and so far apart much.
-_SAME_SCORE, _OTHER_SCORE = 0.012, 0.03
-# Rivals are aligned coarsely. Beyond the search, where a turn within it is the likelier one, those
-# that are right score up to 0.056 less than a wrong motion, and wrong ones at least 0.1 less than a
-# right one.
-_FAR_SCORE = 0.08
-# Times its own turn, up to which that of a prism by another number of sides is as likely: a target
-# that hardly turned may be a prism of however many.
-_AS_LIKELY = 6.0
-# Where it may have turned by more, on a body whose motion was doubted, what it was like before need
-# not show any more, and the right motion be no rival of the one that looks alike.
-_TURNED_AWAY_RAD = np.radians(90.0)
-# Turns of a prism that are asked for, over the search: it may have turned a little beyond that.
-_BEYOND_SEARCH = 2.0
-# Odd returns in both clouds make two scores differ by so much of their share.
-_SCORE_NOISE = 0.6
 _SAMPLES = 600  # points of each view that a score is of
-
-
-@dataclass(frozen=True, eq=False)
-class TargetView:
-    """A cloud made ready for registration; ``surface`` is None where ``status`` is not OK."""
-
-    status: Status
-    reason: str
-    image: RangeImage
-    surface: SurfaceView | None
 
 
 def _nan(*shape: int) -> np.ndarray:
@@ -114,21 +82,6 @@ class Registration:
         move = np.eye(6)
         move[3:, :3] = -skew(np.asarray(point_m, float) - self.centre_m)
         return move
-
-
-def target_view(points: np.ndarray, config: RegistrationConfig | None = None) -> TargetView:
-    """Prepare a cloud, (H, W, 3) organised or (N, 3) plain, metres; bad data comes back as a
-    status."""
-    config = RegistrationConfig() if config is None else config
-    image = range_image(points, config.focal_px, config.min_points)
-    if image.status is not Status.OK:
-        return TargetView(image.status, image.reason, image, None)
-    surface = surface_view(image, config.range_noise_m)
-    needed = max(config.min_points // 4, LEAST_POINTS)
-    if len(surface.surfels.points) < needed:
-        reason = f"{len(surface.surfels.points)} surface elements, {needed} needed"
-        return TargetView(Status.TOO_FEW_POINTS, reason, image, None)
-    return TargetView(Status.OK, "", image, surface)
 
 
 def register(
@@ -259,7 +212,7 @@ def _judge(
         return replace(known, status=Status.POOR_FIT, reason=reason, part_off_m=layer.off_m)
     doubt = ""
     if not found.expected:
-        doubt = _doubt(found, a.surface, b.surface, still, config, turned_rad, doubted)
+        doubt = ambiguity(found, a.surface, b.surface, still, config, turned_rad, doubted)
     if doubt:
         return replace(known, status=Status.POOR_FIT, reason=doubt, doubted=True)
     pose = pose_matrix(turn_b @ refined.rotation @ turn_a.T, turn_b @ refined.translation_m)
@@ -269,111 +222,6 @@ def _judge(
         covariance=covariance,
         by_bias=by_bias,
         centre_m=turn_b @ judged.centre_m,
-    )
-
-
-@dataclass(frozen=True)
-class _Margins:
-    """By how much better than the motion that was found a rival must agree with the views.
-
-    search_rad, turned_rad : what is searched for, and what the target may have turned by.  far :
-        the motion found is beyond the search.  likely_rad : turns up to this are as likely as it.
-    noise : what odd returns make scores differ by.
-    """
-
-    search_rad: float
-    turned_rad: float
-    far: bool
-    likely_rad: float
-    noise: float
-
-    def of_prism(self, turn_rad: float) -> float:
-        """Of a rival turned further as a prism is like itself: with a likely turn it may even agree
-        a little less well, and less well still if the motion found is beyond the search; beyond
-        that it has to agree better.
-        """
-        return self._less if turn_rad < self.likely_rad else _SAME_SCORE + self.noise
-
-    def of_right_angles(self, turn_rad: float) -> float:
-        """Of a rival turned further by right angles: the same, where the target may have turned by
-        more than the search, as by then a box may have turned by a side.
-
-        Else it has to agree better, and clearly so if its turn is beyond twice the search. But if
-        the motion found is itself beyond the search, a rival with a likely turn may even agree a
-        little less well, and any other one need only agree better at all.
-        """
-        if self.turned_rad > self.search_rad and turn_rad < self.likely_rad:
-            return self._less
-        likely = turn_rad < 2 * self.search_rad
-        margin = (_SAME_SCORE if likely else _OTHER_SCORE) + self.noise
-        if self.far:
-            return -margin if likely else 0.0
-        return margin
-
-    @property
-    def _less(self) -> float:
-        # Turns as likely as its own speak against it and need not be better.
-        return -(_FAR_SCORE if self.far else _OTHER_SCORE)
-
-
-def _doubt(
-    found: Found,
-    a: SurfaceView,
-    b: SurfaceView,
-    still: np.ndarray,
-    config: RegistrationConfig,
-    turned_rad: float,
-    doubted: bool,
-) -> str:
-    """Why a motion nobody expected may be another one, on a target that is nearly symmetric: "" if
-    nothing says so.
-
-    still : as of `Finder`. turned_rad, doubted : as of `register`, the former not below the search.
-    Rivals are the same motion turned further, about the target's axes, with which the views agree
-    about as well. How much better a rival must agree (`_Margins`) depends on how likely its turn
-    is: up to `_AS_LIKELY` times the turn that was found, within what the target may have turned.
-    Where views between these two were doubted a rival may be as likely whatever was found: a prism
-    that was seen to turn, and then not to, has turned by a side. Beyond `_TURNED_AWAY_RAD` no
-    motion is believed then.
-    Right angles are not asked for of a motion within the search with which the views agree beyond
-    doubt; one beyond the search with which they do not is refused without asking.
-    """
-    if doubted and turned_rad > _TURNED_AWAY_RAD:
-        return (
-            f"may have turned by up to {np.degrees(turned_rad):.0f} deg since motions that look"
-            " alike could not be told apart"
-        )
-    rotation, translation = found.refined.rotation, found.refined.translation_m
-    turn = float(np.linalg.norm(vector_from_rotation(rotation @ still.T)))
-    far = turn > config.search_rad
-    odd = odd_share(a, b)
-    clear = found.score > BEYOND_DOUBT - SCORE_LOST * odd
-    likely_rad = turned_rad if doubted else min(_AS_LIKELY * turn, turned_rad)
-    margins = _Margins(config.search_rad, turned_rad, far, likely_rad, _SCORE_NOISE * odd)
-    most_rad = max(_BEYOND_SEARCH * config.search_rad, turned_rad)
-    starts = prism_turned(b, rotation, translation, still, min(most_rad, np.pi))
-    for rival in rivals(a, b, rotation, translation, still, starts):
-        if rival.lead > margins.of_prism(rival.turn_rad):
-            return _tell_rival(rival, found)
-    if clear and not far and turned_rad <= config.search_rad:
-        return ""
-    if far and not clear:
-        return (
-            f"a turn by {np.degrees(turn):.0f} deg, beyond the search, with which the views agree"
-            f" to {found.score:.3f} only"
-        )
-    for rival in rivals(a, b, rotation, translation, still, right_turned(a, b, rotation)):
-        if rival.lead > margins.of_right_angles(rival.turn_rad):
-            return _tell_rival(rival, found)
-    return ""
-
-
-def _tell_rival(rival: Rival, found: Found) -> str:
-    """The other motion in words."""
-    return (
-        f"views agree to {found.score:.3f} over {found.overlap:.2f} of the points, and"
-        f" turned by {np.degrees(rival.apart_rad):.0f} deg to {rival.score:.3f} over"
-        f" {rival.overlap:.2f}"
     )
 
 

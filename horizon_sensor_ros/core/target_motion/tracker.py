@@ -18,13 +18,8 @@ from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.config import TrackerConfig
 from horizon_sensor_ros.core.target_motion.noise.temporal_filter import TemporalFilter
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage, cloud_of
-from horizon_sensor_ros.core.target_motion.registration import (
-    Registration,
-    TargetView,
-    gainsaid,
-    register,
-    target_view,
-)
+from horizon_sensor_ros.core.target_motion.registration import Registration, gainsaid, register
+from horizon_sensor_ros.core.target_motion.target_view import TargetView, target_view
 
 # The first cloud defines the target frame; its pose has this variance (rad^2, m^2) rather than
 # none.

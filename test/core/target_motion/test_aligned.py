@@ -10,7 +10,8 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     rotation_from_vector,
 )
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target_motion.registration import register, target_view
+from horizon_sensor_ros.core.target_motion.registration import register
+from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.sim.shapes import TriangleMesh, assembly, beam, box, cylinder
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 

@@ -10,7 +10,7 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     vector_from_rotation,
 )
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target_motion.registration import target_view
+from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 from horizon_sensor_ros.sim.shapes import TriangleMesh, assembly, beam, box
 from horizon_sensor_ros.sim.tof_camera import ToFCamera

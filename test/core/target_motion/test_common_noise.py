@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from horizon_sensor_ros.core.mathematics.rigid import pose_matrix
 from horizon_sensor_ros.core.target_motion.noise.common_noise import common_variance
-from horizon_sensor_ros.core.target_motion.registration import TargetView, target_view
+from horizon_sensor_ros.core.target_motion.target_view import TargetView, target_view
 from horizon_sensor_ros.sim.shapes import TARGETS
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 

@@ -13,7 +13,8 @@ from horizon_sensor_ros.core.mathematics.rigid import (
 )
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.ranges.range_image import range_image
-from horizon_sensor_ros.core.target_motion.registration import register, target_view
+from horizon_sensor_ros.core.target_motion.registration import register
+from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.sim.shapes import assembly, beam, box, revolved
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 

@@ -8,8 +8,9 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     rotation_from_vector,
     vector_from_rotation,
 )
-from horizon_sensor_ros.core.target_motion.registration import register, target_view
+from horizon_sensor_ros.core.target_motion.registration import register
 from horizon_sensor_ros.core.target_motion.surfaces.holes import without_holes
+from horizon_sensor_ros.core.target_motion.target_view import target_view
 
 FOCAL_PX, SIDE_PX = 220.0, 120
 _U, _V = np.meshgrid(*2 * [np.arange(SIDE_PX) - (SIDE_PX - 1) / 2])

@@ -6,9 +6,10 @@ import pytest
 from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, rotation_from_vector
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.ranges.range_image import range_image
-from horizon_sensor_ros.core.target_motion.registration import register, target_view
+from horizon_sensor_ros.core.target_motion.registration import register
 from horizon_sensor_ros.core.target_motion.surfaces.edges.detection import find_edges
 from horizon_sensor_ros.core.target_motion.surfaces.planes import local_planes
+from horizon_sensor_ros.core.target_motion.target_view import target_view
 
 FOCAL_PX, SIDE_PX = 320.0, 204
 RADIUS_M, HALF_M = 0.3, 0.6

@@ -7,8 +7,9 @@ from registered_motion import motion_nees
 from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, rotation_from_vector
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.ranges.range_image import range_image
-from horizon_sensor_ros.core.target_motion.registration import register, target_view
+from horizon_sensor_ros.core.target_motion.registration import register
 from horizon_sensor_ros.core.target_motion.surfaces.planes import local_planes
+from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.sim.shapes import TriangleMesh, assembly, box, cylinder
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 

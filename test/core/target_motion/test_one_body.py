@@ -11,11 +11,12 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     vector_from_rotation,
 )
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target_motion.alignment.pairs import Matcher
+from horizon_sensor_ros.core.target_motion.alignment.matcher import Matcher
 from horizon_sensor_ros.core.target_motion.alignment.refinement import robust_weights
 from horizon_sensor_ros.core.target_motion.judgement.layers import layer_off
 from horizon_sensor_ros.core.target_motion.judgement.one_body import part_off_m
-from horizon_sensor_ros.core.target_motion.registration import Registration, register, target_view
+from horizon_sensor_ros.core.target_motion.registration import Registration, register
+from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 from horizon_sensor_ros.sim.shapes import TARGETS, TriangleMesh, assembly, beam, box, revolved
 from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFDisturbances

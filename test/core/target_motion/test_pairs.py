@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, rotation_from_vector
-from horizon_sensor_ros.core.target_motion.alignment.pairs import THIN, Matcher
+from horizon_sensor_ros.core.target_motion.alignment.matcher import Matcher
+from horizon_sensor_ros.core.target_motion.alignment.pairs import THIN
 from horizon_sensor_ros.core.target_motion.ranges.range_image import range_image
 from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView, surface_view
 from horizon_sensor_ros.sim.shapes import assembly, beam

@@ -21,13 +21,9 @@ from horizon_sensor_ros.core.target_motion.judgement.alternatives import (
     face_axes,
     right_turns,
 )
-from horizon_sensor_ros.core.target_motion.registration import (
-    Registration,
-    TargetView,
-    register,
-    target_view,
-)
+from horizon_sensor_ros.core.target_motion.registration import Registration, register
 from horizon_sensor_ros.core.target_motion.surfaces.parts import Parts
+from horizon_sensor_ros.core.target_motion.target_view import TargetView, target_view
 from horizon_sensor_ros.sim.shapes import TARGETS, assembly, box, cylinder, revolved
 from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFDisturbances
 

@@ -9,8 +9,8 @@ from scipy.stats import chi2
 
 from horizon_sensor_ros.core.target_motion.noise.repeated_returns import are_repeated
 from horizon_sensor_ros.core.target_motion.ranges.range_image import range_image
-from horizon_sensor_ros.core.target_motion.registration import TargetView, target_view
 from horizon_sensor_ros.core.target_motion.surfaces.planes import local_planes
+from horizon_sensor_ros.core.target_motion.target_view import TargetView, target_view
 from horizon_sensor_ros.sim.shapes import TARGETS
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 

@@ -8,8 +8,8 @@ from registered_motion import nees_of_steps, pose_of
 from scipy.stats import chi2
 
 from horizon_sensor_ros.core.target_motion.ranges.range_image import range_image
-from horizon_sensor_ros.core.target_motion.registration import TargetView, target_view
 from horizon_sensor_ros.core.target_motion.surfaces.planes import Planes, local_planes
+from horizon_sensor_ros.core.target_motion.target_view import TargetView, target_view
 from horizon_sensor_ros.sim.shapes import TARGETS, TriangleMesh
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 

@@ -17,7 +17,7 @@ from horizon_sensor_ros.core.mathematics.rigid import (
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion import tracker as tracker_module
 from horizon_sensor_ros.core.target_motion.config import RegistrationConfig, TrackerConfig
-from horizon_sensor_ros.core.target_motion.registration import TargetView, target_view
+from horizon_sensor_ros.core.target_motion.target_view import TargetView, target_view
 from horizon_sensor_ros.core.target_motion.tracker import TargetTracker, _delta_covariance, _Known
 from horizon_sensor_ros.sim.shapes import TARGETS, assembly, box, cylinder
 from horizon_sensor_ros.sim.tof_camera import ToFCamera

@@ -10,7 +10,8 @@ import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.core.target_motion.alignment.consistency import view_consistency
-from horizon_sensor_ros.core.target_motion.alignment.pairs import Matcher, Pairs
+from horizon_sensor_ros.core.target_motion.alignment.matcher import Matcher
+from horizon_sensor_ros.core.target_motion.alignment.pairs import Pairs
 from horizon_sensor_ros.core.target_motion.alignment.refinement import (
     COARSE_STEP,
     Refined,

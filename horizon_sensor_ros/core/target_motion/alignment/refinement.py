@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import orthonormal
-from horizon_sensor_ros.core.target_motion.alignment.pairs import Matcher, Pairs
+from horizon_sensor_ros.core.target_motion.alignment.matcher import Matcher
+from horizon_sensor_ros.core.target_motion.alignment.pairs import Pairs
 
 # Before the last gate a part of the planes does.
 COARSE_STEP = 3
