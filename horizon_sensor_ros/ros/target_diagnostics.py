@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target_motion.tracker import TargetFix
+from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
 from horizon_sensor_ros.ros.diagnostics import (
     ERROR,
     OK,

@@ -15,7 +15,8 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStam
 
 from horizon_sensor_ros.core.mathematics.rigid import skew, vector_from_rotation
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target_motion.tracker import TargetFix, TargetTracker
+from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
+from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 from horizon_sensor_ros.ros.messages import (
     NANOSECONDS,
     Refusal,

@@ -1,10 +1,11 @@
 """Motion of a target of unknown shape from point clouds.
 
-Start at ``tracker`` (clouds in order of time to a track), then ``registration`` (two clouds, each
-made a ``target_view``, to a motion). That takes these folders, in the order of the data: ``ranges``
-(cloud to an image of inverse depth), ``noise`` (how exact that is), ``surfaces`` (what is in it),
-``alignment`` (the motion between two views), ``judgement`` (whether to believe it). ``config``:
-their parameters.
+Start at ``tracker`` (clouds in order of time to a track, each a ``target_fix``), then at
+``registration`` (two clouds, each made a ``target_view``, to a motion). That takes these folders,
+in the order of the data: ``ranges`` (cloud to an image of inverse depth), ``noise`` (how exact that
+is), ``surfaces`` (what is in it), ``alignment`` (the motion between two views), ``judgement``
+(whether to believe it).
 
-Beside these ``section_patterns``, paper D's method.
+The tracker keeps each ``known_view``, and holds new ones against ``constant_velocity``. ``config``:
+parameters. Beside these ``section_patterns``, paper D's method.
 """

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import (
     inverse_pose,
     pose_matrix,
-    rotation_from_vector,
-    skew,
-    vector_from_rotation,
 )
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.config import TrackerConfig
+from horizon_sensor_ros.core.target_motion.constant_velocity import (
+    moved_off,
+    predict,
+    turn_between,
+    turned_off,
+)
+from horizon_sensor_ros.core.target_motion.known_view import KnownView, delta_covariance
 from horizon_sensor_ros.core.target_motion.noise.temporal_filter import TemporalFilter
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage, cloud_of
 from horizon_sensor_ros.core.target_motion.registration import Registration, gainsaid, register
+from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
 from horizon_sensor_ros.core.target_motion.target_view import TargetView, target_view
 
 # The first cloud defines the target frame; its pose has this variance (rad^2, m^2) rather than
@@ -32,73 +36,8 @@ _OTHER_SCALE = 2.0
 _LEAST_NOISE = 0.01
 # So many refused clouds in a row that agree outvote a first one that nothing agrees with.
 _OUTVOTE = 3
-# A turn may be off what constant velocity predicts by half a side of a prism of eight: farther off
-# a turn by a side less or more, which looks the same, is the likelier one. After one that was
-# refused for that, by no more than a prior may be off: what looks the same may come to lie nearer
-# as the prediction goes on.
-_UNSTEADY_RAD, _STRAYED_RAD = np.radians([22.0, 10.0])
-# And by no more than some times the turn that is predicted, where that is more than a few degrees:
-# what little holds the roll of a slow target may leave the view.
-_STEADY_RAD, _STEADY = np.radians(5.0), 3.0
-# It may be moved so far from what is predicted, rms radii of what is seen and shares of the range
-# (as if the sensor had turned): farther off it is another bay of a truss, or rung, or panel.
-_ASIDE, _ASIDE_RAD = 0.3, np.radians(3.0)
-# A velocity is carried on for so many times what it was taken over, where enough fixes are kept,
-# and never for more than the second: of stamps as clouds arrive two may lie close together.
-_CARRIED_ON, _MOST_CARRIED_ON, _PATH = 4, 20, 8
-
-
-@dataclass(frozen=True, eq=False)
-class TargetFix:
-    """What one cloud tells.
-
-    status, reason : OK, or why there is nothing to publish.
-    pose_sensor_from_target : (4, 4) the target frame in the sensor frame.  covariance : (6, 6) of
-        (rotation vector about the sensor's fixed axes, position of the frame's origin), rad and m;
-        since the target frame was set.
-    delta_previous_from_now : (4, 4) the target frame now in the target frame at the previous fix:
-        inv(pose_previous) pose_now; None for the first cloud of a target frame.  delta_covariance
-        : (6, 6) of that step, (rotation vector about the previous target frame's axes, position).
-        delta_s : stamps' difference.
-    new_frame : this cloud set the target frame, because of ``reason`` (first cloud, gap, lost
-        track, odd first cloud, time jumped back).
-    registration : the last one tried; None where there was none.  num_keyframes : kept views of
-        the target.
-    num_points : returns in the cloud, see `range_image`.
-    Poses and covariances are NaN unless the status is OK.
-    """
-
-    status: Status
-    reason: str
-    stamp_ns: int
-    pose_sensor_from_target: np.ndarray = field(default_factory=lambda: np.full((4, 4), np.nan))
-    covariance: np.ndarray = field(default_factory=lambda: np.full((6, 6), np.nan))
-    delta_previous_from_now: np.ndarray | None = None
-    delta_covariance: np.ndarray | None = None
-    delta_s: float = float("nan")
-    new_frame: bool = False
-    registration: Registration | None = None
-    num_keyframes: int = 0
-    num_points: int = 0
-
-
-@dataclass(frozen=True, eq=False)
-class _Known:
-    """A view whose pose is known: how it was found, and its covariance in parts.
-
-    covariance : of its pose, by noise; by_bias : (6,) its error by what is wrong with all ranges,
-        one sigma, which is the same in all poses.
-    keyframe_ns : stamp of the view it was registered to; None for the first one. No more than the
-        stamp, as a reference would keep every view since the first one alive.
-    """
-
-    view: TargetView
-    stamp_ns: int
-    pose: np.ndarray
-    covariance: np.ndarray
-    by_bias: np.ndarray
-    keyframe_ns: int | None
-    step_covariance: np.ndarray
+# Fixes before the last one that are kept for the velocity.
+_PATH = 8
 
 
 class TargetTracker:
@@ -111,8 +50,8 @@ class TargetTracker:
 
     def reset(self, why: str = "first cloud") -> None:
         """Forget everything; the next good cloud sets a new target frame, and says why."""
-        self._keyframes: list[_Known] = []
-        self._last: _Known | None = None
+        self._keyframes: list[KnownView] = []
+        self._last: KnownView | None = None
         # Whether there ever was another cloud than the last fix's.
         self._changing = False
         # Stamps and poses of the fixes before the last one, the latest first.
@@ -240,7 +179,9 @@ class TargetTracker:
         pose = pose_matrix(np.eye(3), centroid)
         self._filter.start(view.image, view.surface.sigma_m, pose)
         covariance = np.eye(6) * _DEFINITION_VARIANCE
-        self._last = _Known(view, stamp_ns, pose, covariance, np.zeros(6), None, np.zeros((6, 6)))
+        self._last = KnownView(
+            view, stamp_ns, pose, covariance, np.zeros(6), None, np.zeros((6, 6))
+        )
         self._keyframes = [self._last]
         return TargetFix(
             Status.OK, why, stamp_ns, pose, covariance, new_frame=True,
@@ -250,9 +191,9 @@ class TargetTracker:
     def _track(self, view: TargetView, stamp_ns: int) -> tuple[TargetFix | None, Registration]:
         last = self._last
         assert last is not None
-        predicted = self._predict(stamp_ns)
+        predicted = predict(last, self._path, stamp_ns)
         tried = Registration(Status.POOR_FIT, "")
-        refused_by: list[_Known] = []
+        refused_by: list[KnownView] = []
         # Nothing tells by how much a target has turned since the last fix that may be like itself.
         turned_rad = (1 + self._missed) * self.config.registration.search_rad
         doubted = False
@@ -281,9 +222,9 @@ class TargetTracker:
     def _believed(
         self,
         found: Registration,
-        keyframe: _Known,
+        keyframe: KnownView,
         predicted: np.ndarray | None,
-        refused_by: list[_Known],
+        refused_by: list[KnownView],
         view: TargetView,
     ) -> Registration:
         """The motion found from a keyframe; refused where it is not to be expected, or where a view
@@ -304,7 +245,7 @@ class TargetTracker:
                 return against
         return found
 
-    def _of_now(self, found: Registration, keyframe: _Known, view: TargetView) -> Registration:
+    def _of_now(self, found: Registration, keyframe: KnownView, view: TargetView) -> Registration:
         """The motion found from a keyframe; refused where the driver averages over clouds: faces
         then are where they were, and outlines where they are."""
         assert view.surface is not None
@@ -317,23 +258,8 @@ class TargetTracker:
         )
         return found.refused(Status.POOR_FIT, reason)
 
-    def _predict(self, stamp_ns: int) -> np.ndarray | None:
-        """Pose from the last one and constant velocity; None before there is a velocity."""
-        last = self._last
-        if last is None or not self._path:
-            return None
-        gap_ns = stamp_ns - last.stamp_ns
-        far = (each for each in self._path if _CARRIED_ON * (last.stamp_ns - each[0]) >= gap_ns)
-        before_ns, before = next(far, self._path[-1])
-        ratio = gap_ns / (last.stamp_ns - before_ns)
-        if ratio > _MOST_CARRIED_ON:
-            return None
-        delta = inverse_pose(before) @ last.pose
-        turn = rotation_from_vector(vector_from_rotation(delta[:3, :3]) * ratio)
-        return last.pose @ pose_matrix(turn, delta[:3, 3] * ratio)
-
     def _expected(
-        self, found: Registration, keyframe: _Known, predicted: np.ndarray
+        self, found: Registration, keyframe: KnownView, predicted: np.ndarray
     ) -> Registration:
         """The motion found from a keyframe; refused where the target would have turned or moved
         otherwise than constant velocity lets expect.
@@ -342,28 +268,17 @@ class TargetTracker:
         target a turn by a side less, or by a right angle, agrees as well; on a truss a shift by a
         bay.
         """
+        last = self._last
+        assert last is not None
         now = found.pose_b_from_a @ keyframe.pose
-        reason = self._turned_off(now, predicted) or _moved_off(found, keyframe, now, predicted)
+        turned = turned_off(last.pose, now, predicted, self._strayed)
+        reason = turned or moved_off(found, keyframe, now, predicted)
         if not reason:
             return found
         self._strayed = True
         return found.refused(Status.POOR_FIT, reason)
 
-    def _turned_off(self, pose: np.ndarray, predicted: np.ndarray) -> str:
-        """Why a pose (4, 4) is turned too far from the one predicted; empty where it is not."""
-        last = self._last
-        assert last is not None
-        off, turn = _angle(pose, predicted), _angle(last.pose, predicted)
-        most = _STRAYED_RAD if self._strayed else _UNSTEADY_RAD
-        most = min(most, max(_STEADY_RAD, _STEADY * turn))
-        if off <= most:
-            return ""
-        return (
-            f"turned {np.degrees(off):.0f} deg away from the {np.degrees(turn):.0f} deg that"
-            f" constant velocity predicts, {np.degrees(most):.0f} allowed"
-        )
-
-    def _candidates(self, pose: np.ndarray, view: TargetView) -> list[_Known]:
+    def _candidates(self, pose: np.ndarray, view: TargetView) -> list[KnownView]:
         """Keyframes to try: the oldest that the target has not turned too far from, seen from
         about as near; else, and then, the last view."""
         last = self._last
@@ -371,14 +286,14 @@ class TargetTracker:
         near = [
             k
             for k in self._keyframes
-            if _angle(k.pose, pose) < self.config.keyframe_turn_rad and _as_fine(k.view, view)
+            if turn_between(k.pose, pose) < self.config.keyframe_turn_rad and _as_fine(k.view, view)
         ]
         if not near:
             return [last]
         return [near[0]] if near[0] is last else [near[0], last]
 
     def _accept(
-        self, keyframe: _Known, found: Registration, view: TargetView, stamp_ns: int
+        self, keyframe: KnownView, found: Registration, view: TargetView, stamp_ns: int
     ) -> TargetFix:
         last = self._last
         assert last is not None
@@ -390,9 +305,9 @@ class TargetTracker:
         turn = np.kron(np.eye(2), found.pose_b_from_a[:3, :3])
         covariance = step + turn @ keyframe.covariance @ turn.T
         by_bias = by_bias + turn @ keyframe.by_bias
-        now = _Known(view, stamp_ns, pose, covariance, by_bias, keyframe.stamp_ns, step)
+        now = KnownView(view, stamp_ns, pose, covariance, by_bias, keyframe.stamp_ns, step)
         delta = inverse_pose(last.pose) @ pose
-        delta_covariance = _delta_covariance(last, now)
+        of_delta = delta_covariance(last, now)
         # The next cloud is not likely to overlap this keyframe any better.
         if found.overlap < self.config.keyframe_overlap:
             self._keep(now)
@@ -402,12 +317,12 @@ class TargetTracker:
         self._doubted = self._strayed = False
         return TargetFix(
             Status.OK, "", stamp_ns, pose, covariance + np.outer(by_bias, by_bias), delta,
-            delta_covariance,
+            of_delta,
             (stamp_ns - last.stamp_ns) * 1e-9, False, found,
             len(self._keyframes), view.image.num_points,
         )  # fmt: skip
 
-    def _keep(self, known: _Known) -> None:
+    def _keep(self, known: KnownView) -> None:
         self._keyframes.append(known)
         if len(self._keyframes) > _MAX_KEYFRAMES:
             # The first one defines the target frame; of the others the oldest goes.
@@ -436,55 +351,3 @@ def _same(image: RangeImage, other: RangeImage) -> bool:
         and np.array_equal(image.centroid_m, other.centroid_m)
         and np.array_equal(image.inverse_depth, other.inverse_depth)
     )
-
-
-def _moved_off(
-    found: Registration, keyframe: _Known, pose: np.ndarray, predicted: np.ndarray
-) -> str:
-    """Why what a keyframe shows is, by a pose (4, 4), too far from where it is predicted; empty
-    where it is not.
-    """
-    assert keyframe.view.surface is not None
-    centre = np.append(found.centre_m, 1.0)
-    before = predicted @ inverse_pose(pose) @ centre
-    off_m = float(np.linalg.norm(centre - before))
-    range_m = float(np.linalg.norm(found.centre_m))
-    most_m = _ASIDE * keyframe.view.surface.size_m + _ASIDE_RAD * range_m
-    if off_m <= most_m:
-        return ""
-    return f"{off_m:.2f} m away from where constant velocity predicts it, {most_m:.2f} allowed"
-
-
-def _angle(pose_a: np.ndarray, pose_b: np.ndarray) -> float:
-    return float(np.linalg.norm(vector_from_rotation(pose_a[:3, :3].T @ pose_b[:3, :3])))
-
-
-def _delta_covariance(last: _Known, now: _Known) -> np.ndarray:
-    """(6, 6) covariance of inv(pose_last) pose_now about the axes of the last target frame.
-
-    Both poses' errors enter as far as they are not the same: against one keyframe its noise, half
-    of each registration's variance, is shared; against the last view itself there is but one
-    registration; otherwise both count in full. What is the same, the error of the target frame that
-    has grown since it was set, turns the axes in which the step is told. What is wrong with all
-    ranges is in both poses, each in its own way.
-    """
-    apart = now.pose[:3, 3] - last.pose[:3, 3]
-    move = np.eye(6)
-    move[3:, :3] = -skew(apart)
-    if now.keyframe_ns == last.stamp_ns:
-        total = now.step_covariance
-    elif now.keyframe_ns == last.keyframe_ns:
-        total = (now.step_covariance + move @ last.step_covariance @ move.T) / 2
-    else:
-        total = now.covariance + move @ last.covariance @ move.T
-    back = np.kron(np.eye(2), last.pose[:3, :3].T)
-    covariance = back @ total @ back.T
-    if now.keyframe_ns in (last.stamp_ns, last.keyframe_ns):
-        delta = inverse_pose(last.pose) @ now.pose
-        turned = np.kron(np.eye(2), delta[:3, :3] - np.eye(3))
-        turned[3:, :3] = skew(delta[:3, 3])
-        turned = turned @ back
-        covariance += turned @ last.covariance @ turned.T
-    by_bias = back @ (now.by_bias - move @ last.by_bias)
-    covariance += np.outer(by_bias, by_bias)
-    return (covariance + covariance.T) / 2

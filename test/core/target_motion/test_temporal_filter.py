@@ -7,7 +7,8 @@ import pytest
 
 from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, rotation_from_vector
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target_motion.tracker import TargetFix, TargetTracker
+from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
+from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 from horizon_sensor_ros.sim.shapes import TARGETS
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 

@@ -17,8 +17,9 @@ from horizon_sensor_ros.core.mathematics.rigid import (
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion import tracker as tracker_module
 from horizon_sensor_ros.core.target_motion.config import RegistrationConfig, TrackerConfig
+from horizon_sensor_ros.core.target_motion.known_view import KnownView, delta_covariance
 from horizon_sensor_ros.core.target_motion.target_view import TargetView, target_view
-from horizon_sensor_ros.core.target_motion.tracker import TargetTracker, _delta_covariance, _Known
+from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 from horizon_sensor_ros.sim.shapes import TARGETS, assembly, box, cylinder
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 
@@ -609,11 +610,9 @@ def small_motion(error: np.ndarray, place_m: np.ndarray) -> np.ndarray:
     return pose_matrix(turn, place_m + error[3:] - turn @ place_m)
 
 
-def _known(
-    stamp_ns: int, pose: np.ndarray, covariance: np.ndarray, step: np.ndarray
-) -> tracker_module._Known:
+def _known(stamp_ns: int, pose: np.ndarray, covariance: np.ndarray, step: np.ndarray) -> KnownView:
     """A pose that was found from the view of the stamp before."""
-    return tracker_module._Known(
+    return KnownView(
         None,  # type: ignore[arg-type]
         stamp_ns,
         pose,
@@ -696,7 +695,7 @@ def test_an_error_of_the_target_frame_turns_the_axes_of_a_step() -> None:
         last = small_motion(rng.multivariate_normal(np.zeros(6), drift), before[:3, 3]) @ before
         later = found @ last
         later = small_motion(rng.multivariate_normal(np.zeros(6), noise), later[:3, 3]) @ later
-        covariance = tracker_module._delta_covariance(
+        covariance = delta_covariance(
             _known(1, last, drift, noise), _known(2, later, drift + noise, noise)
         )
         values.append(_square(step, inverse_pose(last) @ later, covariance))
@@ -724,10 +723,10 @@ def test_a_steps_covariance_is_that_of_two_poses_that_err_each_by_itself() -> No
     biases = 1e-3 * rng.normal(size=(2, 6))
     view = target_view(np.zeros((4, 3)), RegistrationConfig())
     last, now = (
-        _Known(view, k, poses[k], covariances[k], biases[k], -1 - k, covariances[k])
+        KnownView(view, k, poses[k], covariances[k], biases[k], -1 - k, covariances[k])
         for k in range(2)
     )
-    said = _delta_covariance(last, now)
+    said = delta_covariance(last, now)
     true = inverse_pose(poses[0]) @ poses[1]
     errors = []
     for _ in range(4000):
@@ -757,9 +756,9 @@ def test_what_two_poses_have_from_one_kept_view_is_not_in_their_step() -> None:
     own = [turn @ of_view @ turn.T for turn in seen]
     view = target_view(np.zeros((4, 3)), RegistrationConfig())
     last, now = (
-        _Known(view, 1 + k, poses[k], 2 * own[k], np.zeros(6), 0, 2 * own[k]) for k in range(2)
+        KnownView(view, 1 + k, poses[k], 2 * own[k], np.zeros(6), 0, 2 * own[k]) for k in range(2)
     )
-    said = _delta_covariance(last, now)
+    said = delta_covariance(last, now)
     true = inverse_pose(poses[0]) @ poses[1]
     errors = []
     for _ in range(4000):
