@@ -8,16 +8,14 @@ from target_pairs import Pair, errors, scan_pair, timed
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.target_motion.registration import register
+from horizon_sensor_ros.core.target_motion.section_patterns.candidate import candidate_of, motion
 from horizon_sensor_ros.core.target_motion.section_patterns.direct_search import direct_search
-from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern import (
+from horizon_sensor_ros.core.target_motion.section_patterns.objective import (
     BatchObjective,
-    Sections,
-    candidate_of,
-    cut,
-    motion,
     objective,
     patterns_of,
 )
+from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern import Sections, cut
 from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.sim.paper_d import (
     CURRENT_DEG,

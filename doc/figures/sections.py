@@ -10,12 +10,12 @@ from matplotlib.patches import Rectangle
 
 from figures.drawing import ORANGE, SKY, save
 from horizon_sensor_ros.core.target_motion.section_patterns.direct_search import direct_search
-from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern import (
+from horizon_sensor_ros.core.target_motion.section_patterns.objective import (
     BatchObjective,
-    cut,
     objective,
     patterns_of,
 )
+from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern import cut
 from horizon_sensor_ros.sim.paper_d import CURRENT_DEG, PREVIOUS_DEG, SECTION_PITCH_M, paper_pose
 from horizon_sensor_ros.sim.shapes import sich_n5
 from horizon_sensor_ros.sim.tof_camera import ToFCamera

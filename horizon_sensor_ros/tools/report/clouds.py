@@ -14,12 +14,12 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
 from horizon_sensor_ros.core.mathematics.rigid import inverse_pose, vector_from_rotation
+from horizon_sensor_ros.core.target_motion.section_patterns.candidate import candidate_of
+from horizon_sensor_ros.core.target_motion.section_patterns.objective import patterns_of
 from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern import (
     SectionPattern,
-    candidate_of,
     cut,
     likeness,
-    patterns_of,
 )
 from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
 from horizon_sensor_ros.ros.point_cloud import points_from_cloud

@@ -6,6 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from horizon_sensor_ros.core.target_motion.section_patterns.candidate import (
+    candidate_of,
+    motion,
+    rotation_n_from_v,
+)
 from horizon_sensor_ros.core.target_motion.section_patterns.direct_search import (
     compass_search,
     direct_search,
@@ -15,16 +20,15 @@ from horizon_sensor_ros.core.target_motion.section_patterns.inertia_frame import
     inertia_frame,
     inertia_matrix,
 )
-from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern import (
+from horizon_sensor_ros.core.target_motion.section_patterns.objective import (
     BatchObjective,
+    objective,
+)
+from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern import (
     SectionPattern,
-    candidate_of,
     cut,
     likeness,
-    motion,
-    objective,
     one_way_likeness,
-    rotation_n_from_v,
     section_points,
 )
 from horizon_sensor_ros.sim.shapes import sich_n5
