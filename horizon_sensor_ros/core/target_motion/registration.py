@@ -8,13 +8,12 @@ import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, skew
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target_motion.alignment.attempts import (
+from horizon_sensor_ros.core.target_motion.alignment.attempts import Finder, Found
+from horizon_sensor_ros.core.target_motion.alignment.consistency import (
     SCORE_LOST,
-    Finder,
-    Found,
     odd_share,
+    view_consistency,
 )
-from horizon_sensor_ros.core.target_motion.alignment.consistency import view_consistency
 from horizon_sensor_ros.core.target_motion.alignment.uncertainty import weak_directions
 from horizon_sensor_ros.core.target_motion.config import RegistrationConfig
 from horizon_sensor_ros.core.target_motion.judgement.ambiguity import ambiguity
@@ -117,11 +116,8 @@ def register(
             return Registration(view.status, view.reason)
     assert a.surface is not None
     assert b.surface is not None
-    turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
-    prior = None
-    if prior_b_from_a is not None:
-        prior = (turn_b.T @ prior_b_from_a[:3, :3] @ turn_a, turn_b.T @ prior_b_from_a[:3, 3])
-    still = turn_b.T @ turn_a
+    prior = None if prior_b_from_a is None else _in_views(prior_b_from_a, a, b)
+    still = b.image.rot_sensor_from_view.T @ a.image.rot_sensor_from_view
     found = Finder(a.surface, b.surface, config, still).find(prior)
     return _judge(found, a, b, still, config, max(turned_rad, config.search_rad), doubted)
 
@@ -133,9 +129,7 @@ def gainsaid(
     contradict each other or a part of them is off, else None."""
     assert a.surface is not None
     assert b.surface is not None
-    turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
-    rotation = turn_b.T @ pose_b_from_a[:3, :3] @ turn_a
-    shift = turn_b.T @ pose_b_from_a[:3, 3]
+    rotation, shift = _in_views(pose_b_from_a, a, b)
     seen = view_consistency(a.surface, b.surface, rotation[None], shift[None], _SAMPLES)
     known = Registration(
         Status.POOR_FIT, "", score=float(seen.score[0]), overlap=float(seen.overlap[0])
@@ -148,6 +142,14 @@ def gainsaid(
         reason = f"{_tell_part(off_m)} (by a view kept from before)"
         return replace(known, reason=reason, part_off_m=off_m)
     return None
+
+
+def _in_views(
+    pose_b_from_a: np.ndarray, a: TargetView, b: TargetView
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation and shift between the frames of two views, of a motion in the sensor's."""
+    turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
+    return turn_b.T @ pose_b_from_a[:3, :3] @ turn_a, turn_b.T @ pose_b_from_a[:3, 3]
 
 
 def _least_score(a: SurfaceView, b: SurfaceView, config: RegistrationConfig) -> float:

@@ -9,7 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector, vector_from_rotation
-from horizon_sensor_ros.core.target_motion.alignment.consistency import view_consistency
+from horizon_sensor_ros.core.target_motion.alignment.consistency import (
+    SCORE_LOST,
+    odd_share,
+    view_consistency,
+)
 from horizon_sensor_ros.core.target_motion.alignment.matcher import Matcher
 from horizon_sensor_ros.core.target_motion.alignment.pairs import Pairs
 from horizon_sensor_ros.core.target_motion.alignment.refinement import (
@@ -31,9 +35,6 @@ from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceV
 _SURE = 0.95  # a motion with this or more is taken without a search
 _LIKELY = 0.9  # with this or more the search goes no further
 BEYOND_DOUBT = 0.98  # above this nothing else can be better
-# By how much these are less with odd returns, which share their surface with no other point: times
-# the mean share of them in both clouds.
-SCORE_LOST = 0.6
 # Where the direction that is known worst has a sigma of more than this, over the sigma that is
 # allowed, motions along it are tried.
 _FIRM = 0.2
@@ -242,11 +243,6 @@ def _lost(
     values, vectors = np.linalg.eigh(covariance * np.outer(scale, scale))
     shift = np.linalg.norm(vectors[3:, -1]) > np.linalg.norm(vectors[:3, -1])
     return bool(shift and values[-1] > (by * config.max_shift_std_m) ** 2)
-
-
-def odd_share(a: SurfaceView, b: SurfaceView) -> float:
-    """Share of both clouds' points that share their surface with no other."""
-    return 1 - (a.image.num_used / a.image.num_points + b.image.num_used / b.image.num_points) / 2
 
 
 def _slides_px(view: SurfaceView) -> np.ndarray:

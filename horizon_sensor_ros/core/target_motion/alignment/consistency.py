@@ -9,6 +9,9 @@ import numpy as np
 from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 
 _EDGE_TOLERANCE_PX = 1.6
+# By how much scores are less with odd returns, which share their surface with no other point: times
+# the mean share of them in both clouds.
+SCORE_LOST = 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +26,11 @@ class Consistency:
 
     score: np.ndarray
     overlap: np.ndarray
+
+
+def odd_share(a: SurfaceView, b: SurfaceView) -> float:
+    """Share of both clouds' points that share their surface with no other."""
+    return 1 - (a.image.num_used / a.image.num_points + b.image.num_used / b.image.num_points) / 2
 
 
 def project(view: SurfaceView, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:

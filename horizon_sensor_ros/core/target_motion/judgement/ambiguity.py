@@ -7,12 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import vector_from_rotation
-from horizon_sensor_ros.core.target_motion.alignment.attempts import (
-    BEYOND_DOUBT,
-    SCORE_LOST,
-    Found,
-    odd_share,
-)
+from horizon_sensor_ros.core.target_motion.alignment.attempts import BEYOND_DOUBT, Found
+from horizon_sensor_ros.core.target_motion.alignment.consistency import SCORE_LOST, odd_share
 from horizon_sensor_ros.core.target_motion.config import RegistrationConfig
 from horizon_sensor_ros.core.target_motion.judgement.alternatives import (
     Rival,
