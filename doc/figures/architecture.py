@@ -22,14 +22,14 @@ HORIZON = (
     ("core/covariance/", "errors that points share, and all else"),
     ("core/horizon/judgement.py", "believe it, or say why not"),
 )
-TARGET_DRIVER = ("core/target_motion/", "start at tracker.py: clouds to a track")
+TARGET_DRIVER = ("core/target_motion/tracker.py", "start here: clouds to a track")
 TARGET = (
-    ("registration.py", "two clouds to a motion, by these:"),
-    ("ranges/", "cloud to a range image"),
-    ("noise/", "how exact it is"),
-    ("surfaces/", "image to planes and edges"),
-    ("alignment/", "search, pairs, refinement"),
-    ("judgement/", "believe it, or say why not"),
+    ("core/target_motion/registration.py", "two clouds to a motion, by these:"),
+    ("core/target_motion/ranges/", "cloud to a range image"),
+    ("core/target_motion/noise/", "how exact it is"),
+    ("core/target_motion/surfaces/", "image to planes and edges"),
+    ("core/target_motion/alignment/", "search, pairs, refinement"),
+    ("core/target_motion/judgement/", "believe it, or say why not"),
 )
 ROS_IN = (("ros/messages.py", "images to numpy"), ("ros/point_cloud.py", "clouds to numpy"))
 ROS_OUT = (

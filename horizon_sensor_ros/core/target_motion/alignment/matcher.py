@@ -25,7 +25,7 @@ _SAME_SIDE, _SAME_LINE = 0.6, 0.93
 _EDGE_ON_COSINE = 0.1
 # Thickness of plates, in pixel widths.
 _PLATE_PX = 1.0
-# What differs from place to place of that, in pixel widths, by kind.
+# What differs from place to place of how far a plate lies behind its face, pixel widths, by kind.
 _ROUGH_PX = np.array([0, 0, _PLATE_PX / 6, _PLATE_PX / 2], np.float32)
 # Bars show other sides as they turn about themselves, which lie off by half of their width for each
 # radian, in pixel widths: at least this, as other parts of them fall into the pixels, and at most.

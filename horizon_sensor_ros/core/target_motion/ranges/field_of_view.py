@@ -30,13 +30,12 @@ def likely_frame(inverse: np.ndarray, margin_px: int) -> np.ndarray:
     left, right, top, bottom = (
         _cut_off(side) for side in (inner.T, inner.T[::-1], inner, inner[::-1])
     )
-    edge = margin_px
     return np.array(
         [
-            edge if left else 0,
-            edge if top else 0,
-            width - 1 - edge if right else width - 1,
-            height - 1 - edge if bottom else height - 1,
+            margin_px if left else 0,
+            margin_px if top else 0,
+            width - 1 - margin_px if right else width - 1,
+            height - 1 - margin_px if bottom else height - 1,
         ]
     )
 
