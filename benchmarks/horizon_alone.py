@@ -10,7 +10,8 @@ from tqdm import tqdm
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
-from horizon_sensor_ros.sim.hard_scenes import ALL_KINDS, hard_scenes
+from horizon_sensor_ros.sim.hard_kinds import ALL_KINDS
+from horizon_sensor_ros.sim.hard_scenes import hard_scenes
 
 _COLUMNS = (
     "kind",

@@ -14,7 +14,8 @@ from tqdm import tqdm
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
-from horizon_sensor_ros.sim.hard_scenes import ALL_KINDS, HardScene, hard_scenes
+from horizon_sensor_ros.sim.hard_kinds import ALL_KINDS
+from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scenes
 
 WRONG_DEG, WRONG_SIGMAS = 1.0, 3.0
 FIXED_BAR = 0.98  # of the solvable

@@ -1,19 +1,26 @@
-"""What is exactly true about a simulated frame: the pose, the verticals, the limb's curve."""
+"""What is exactly true about a simulated frame: the pose, the verticals, the limb's curve and how
+much of it shows.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.sim.scene_light import SceneLight
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+Image = NDArray[np.float32]
 
 _CURVE_SAMPLES = 8192
+_CLEAR_AIR = 0.1  # optical depth of air that hides nothing
+_STEP_INSIDE_PX, _STEP_OUTSIDE_PX = 2.5, 4.0  # where the brightness step at the limb is measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,3 +95,79 @@ def limb_curve(
     order = np.roll(np.arange(_CURVE_SAMPLES), -start)
     order = order[keep[order]]
     return px[order], normal[order]
+
+
+def limb_truth(
+    world: SceneLight, camera: Camera, rot: FloatArray, signal: Image, hidden: Image
+) -> LimbTruth:
+    """The limb as a frame of that scene shows it.
+
+    rot : (3, 3), optical frame to the world. signal (H, W) : the frame in gray levels before noise.
+    hidden (H, W) : share of each pixel that parts of the craft cover.
+    """
+    px, normal = limb_curve(camera, world.scene.planet, rot, world.position)
+
+    def at(image: Image, offset_px: float) -> FloatArray:
+        if len(px) == 0:
+            return np.empty(0)
+        x, y = (px + offset_px * normal).astype(np.float32).T
+        sampled = cv2.remap(
+            image, x[None], y[None], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        return np.asarray(sampled[0], float)
+
+    in_the_open = np.ones(len(px), bool)
+    for offset in (-_STEP_OUTSIDE_PX, 0.0, _STEP_OUTSIDE_PX):
+        in_the_open &= at(hidden, offset) < 0.01
+    clipped = np.clip(signal, 0.0, 255.0)
+    outside_px = _STEP_OUTSIDE_PX + _hidden_px(world, camera)
+    step = at(clipped, -_STEP_INSIDE_PX) - at(clipped, outside_px)
+    return LimbTruth(px, normal, step, in_the_open)
+
+
+def _hidden_px(world: SceneLight, camera: Camera) -> float:
+    """How far above the limb air begins that hides nothing."""
+    scene = world.scene
+    if scene.air_dn <= 0.0 or scene.air_depth <= _CLEAR_AIR:
+        return 0.0
+    height = scene.air_scale_height_m * np.log(scene.air_depth / _CLEAR_AIR) / world.radius_m
+    return float(height / (np.sqrt(world.distance**2 - 1.0) * camera.pixel_rad))
+
+
+def frame_truth(
+    world: SceneLight,
+    camera: Camera,
+    rot: FloatArray,
+    limb: LimbTruth,
+    base_from_cam: FloatArray | None,
+) -> FrameTruth:
+    """Truth of a frame from its pose.
+
+    rot : (3, 3), optical frame to the world; base_from_cam : (3, 3), None: the identity.
+    """
+    planet, position = world.scene.planet, world.position
+    base_from_cam = np.eye(3) if base_from_cam is None else np.asarray(base_from_cam, float)
+    geocentric = planet.nadir_ecef(position, "geocentric")
+    geodetic = planet.nadir_ecef(position, "geodetic")
+    return FrameTruth(
+        camera=camera,
+        planet=planet,
+        nadir_cam=geocentric @ rot,
+        nadir_base=base_from_cam @ (geocentric @ rot),
+        geodetic_nadir_base=base_from_cam @ (geodetic @ rot),
+        altitude_m=planet.geodetic_from_ecef(position)[2],
+        rho_rad=_mean_rho(planet, position),
+        position_ecef_m=position,
+        rot_world_from_cam=rot,
+        rot_world_from_base=rot @ base_from_cam.T,
+        limb=limb,
+    )
+
+
+def _mean_rho(planet: Planet, position: FloatArray) -> float:
+    """Angle from nadir to the limb, averaged over azimuth where the planet is an ellipsoid."""
+    azimuth = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
+    rays = planet.limb_rays_ecef(position, azimuth)
+    nadir = -position / np.linalg.norm(position)
+    across = np.linalg.norm(np.cross(rays, nadir), axis=1)
+    return float(np.mean(np.arctan2(across, rays @ nadir)))

@@ -3,7 +3,8 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from horizon_sensor_ros.sim.hard_scenes import KINDS, HardScene, hard_scene, hard_scenes
+from horizon_sensor_ros.sim.hard_kinds import KINDS
+from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scene, hard_scenes
 from horizon_sensor_ros.sim.scene_sets import (
     SceneCase,
     set_a,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from horizon_sensor_ros.sim.earth_camera import _World
 from horizon_sensor_ros.sim.earth_scene import EarthScene
+from horizon_sensor_ros.sim.scene_light import SceneLight
 from horizon_sensor_ros.sim.smooth_texture import smooth_field
 
 UNEVEN_M = 2000.0
@@ -28,6 +28,6 @@ def test_rays_pass_the_limb_where_the_field_raises_it() -> None:
         lowest / np.linalg.norm(lowest, axis=1)[:, None], 3, (0.03, 1.0)
     )
     clear = np.abs(height_m - raised) > 1.0
-    hits = _World(scene, position).hits(rays)
+    hits = SceneLight(scene, position).hits(rays)
     np.testing.assert_array_equal(hits[clear], (height_m < raised)[clear])
     assert np.std(raised) > 0.5 * UNEVEN_M

@@ -29,7 +29,7 @@ from horizon_sensor_ros.core.limb.search.stars import NIGHT_STARS, count_stars, 
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.sim import hard_scenes as hard_scenes_module
+from horizon_sensor_ros.sim import hard_kinds
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.flight import Flight, Swing
 from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scene, hard_scenes
@@ -60,7 +60,7 @@ def seen_through(
     seed: int,
 ) -> HardScene:
     """A hard scene through lenses as wide as from one angle to another."""
-    monkeypatch.setattr(hard_scenes_module, "_FOVS_RAD", tuple(np.radians(fov_deg)))
+    monkeypatch.setattr(hard_kinds, "_FOVS_RAD", tuple(np.radians(fov_deg)))
     return hard_scene(kind, index, seed)
 
 
