@@ -39,7 +39,7 @@ from horizon_sensor_ros.tools.demo.processes import NodeFailedError, running_nod
 from horizon_sensor_ros.tools.demo.recording import DemoBag
 from horizon_sensor_ros.tools.private_domain import private_domain
 from horizon_sensor_ros.tools.report.attitude import attitudes
-from horizon_sensor_ros.tools.report.bags import Recorded
+from horizon_sensor_ros.tools.report.recorded import Recorded
 from horizon_sensor_ros.tools.truth.horizon_errors import (
     Truth,
     error_table,

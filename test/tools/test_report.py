@@ -44,7 +44,8 @@ from horizon_sensor_ros.tools.bags.output_bag import OutputBag
 from horizon_sensor_ros.tools.bags.replay import main as replay
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.report import clouds
-from horizon_sensor_ros.tools.report.bags import ImuSample, read_bags
+from horizon_sensor_ros.tools.report.bags import read_bags
+from horizon_sensor_ros.tools.report.recorded import ImuSample
 from horizon_sensor_ros.tools.report.report import main, write_report
 from horizon_sensor_ros.tools.truth.topics import (
     true_attitude_message,

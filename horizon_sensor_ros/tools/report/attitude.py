@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.mathematics.attitude import roll_pitch_from_nadir
-from horizon_sensor_ros.tools.report.bags import Recorded
 from horizon_sensor_ros.tools.report.blocks import (
     BLUE,
     COLOURS,
@@ -24,6 +23,7 @@ from horizon_sensor_ros.tools.report.blocks import (
     legend,
     with_gaps,
 )
+from horizon_sensor_ros.tools.report.recorded import Recorded
 from horizon_sensor_ros.tools.truth.horizon_errors import attitude_sigmas, nadir_and_altitude
 
 # A scale that spans less than this is linear.

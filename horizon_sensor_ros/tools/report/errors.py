@@ -12,7 +12,6 @@ from horizon_sensor_ros.core.mathematics.attitude import nadir_sign, rotation_fr
 from horizon_sensor_ros.core.mathematics.rigid import pose_matrix
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
 from horizon_sensor_ros.tools.report.attitude import attitudes
-from horizon_sensor_ros.tools.report.bags import Recorded
 from horizon_sensor_ros.tools.report.blocks import (
     BLUE,
     GREEN,
@@ -25,6 +24,7 @@ from horizon_sensor_ros.tools.report.blocks import (
     error_band,
     figures,
 )
+from horizon_sensor_ros.tools.report.recorded import Recorded
 from horizon_sensor_ros.tools.truth.horizon_errors import FlightErrors, Truth, flight_errors
 from horizon_sensor_ros.tools.truth.nees import within_95
 from horizon_sensor_ros.tools.truth.target_errors import MotionErrors, target_errors

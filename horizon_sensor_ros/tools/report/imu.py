@@ -13,7 +13,6 @@ from horizon_sensor_ros.core.mathematics.attitude import roll_pitch_from_nadir
 from horizon_sensor_ros.ros.parameters.horizon import BASE_FRAME
 from horizon_sensor_ros.tools.reference_topics import Series
 from horizon_sensor_ros.tools.report.attitude import Attitudes, attitudes
-from horizon_sensor_ros.tools.report.bags import Recorded
 from horizon_sensor_ros.tools.report.blocks import (
     BLUE,
     GREEN,
@@ -26,6 +25,7 @@ from horizon_sensor_ros.tools.report.blocks import (
     legend,
     with_gaps,
 )
+from horizon_sensor_ros.tools.report.recorded import Recorded
 
 # At rest: what is felt differs from its median by less than this share, and nothing turns faster.
 _REST_SHARE = 0.02

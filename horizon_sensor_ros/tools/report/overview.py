@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from horizon_sensor_ros.tools.report.bags import ANSWER_TOPICS, Diagnosis, Recorded
+from horizon_sensor_ros.tools.report.bags import ANSWER_TOPICS
 from horizon_sensor_ros.tools.report.blocks import (
     BLUE,
     COLOURS,
@@ -20,6 +20,7 @@ from horizon_sensor_ros.tools.report.blocks import (
     from_zero,
     legend,
 )
+from horizon_sensor_ros.tools.report.recorded import Diagnosis, Recorded
 
 # A longer pause than so many periods is a gap.
 _GAP_PERIODS = 2.5

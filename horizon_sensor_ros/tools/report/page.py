@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import jinja2
 import numpy as np
 
+from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
+from horizon_sensor_ros.ros.parameters.parameter import ParameterError
+from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
-from horizon_sensor_ros.tools.horizon_parameters import base_frame_in
+from horizon_sensor_ros.tools.horizon_parameters import (
+    base_frame_in,
+    horizon_values,
+    settings_of_a_node,
+)
 from horizon_sensor_ros.tools.output_files import written_whole
 from horizon_sensor_ros.tools.report.attitude import attitude_section, attitudes
-from horizon_sensor_ros.tools.report.bags import Recorded, read_bags
+from horizon_sensor_ros.tools.report.bags import read_bags
 from horizon_sensor_ros.tools.report.blocks import Section
 from horizon_sensor_ros.tools.report.errors import horizon_errors_section, target_errors_section
-from horizon_sensor_ros.tools.report.frames import look_again, parameter_values, pipeline_settings
+from horizon_sensor_ros.tools.report.frames import look_again
 from horizon_sensor_ros.tools.report.imu import imu_section
 from horizon_sensor_ros.tools.report.overview import availability, contents, latency
+from horizon_sensor_ros.tools.report.recorded import Recorded
 from horizon_sensor_ros.tools.report.residuals import refusal_blocks, residuals_section
 from horizon_sensor_ros.tools.report.target import target_section
 
@@ -40,10 +49,10 @@ def write_page(
 ) -> None:
     """Write the report of what is in one or more bags; see `report.write_report`."""
     names = TopicNames(namespace, remappings)
-    values = parameter_values(params, namespace)
+    values = _parameter_values(params, namespace)
     recorded = read_bags(bags, names, imu_topic, stopped)
     # Who looks at a target has no cameras to tell of.
-    settings = pipeline_settings(values) if recorded.frames else None
+    settings = _pipeline_settings(values) if recorded.frames else None
     again = look_again(recorded, settings, names, stopped)
     blocks = (*refusal_blocks(recorded), *again.refused)
     refused = Section("refused", "Why there was no answer", blocks)
@@ -73,6 +82,28 @@ def write_page(
     )
     with written_whole(path) as (fresh,):
         fresh.write_text(page, encoding="utf-8")
+
+
+def _parameter_values(params: Path | None, namespace: str) -> list[dict[str, Any]] | None:
+    """What a parameter file has for each of the horizon's nodes; None without one. BagError says
+    what is wrong with it.
+    """
+    if params is None:
+        return None
+    try:
+        return horizon_values(params, namespace)
+    except ParameterError as error:
+        raise BagError(str(error)) from None
+
+
+def _pipeline_settings(values: Sequence[Mapping[str, Any]] | None) -> HorizonSettings | None:
+    """Settings of such values; None without any. BagError says what is wrong with them."""
+    if values is None:
+        return None
+    try:
+        return settings_of_a_node(values)
+    except ParameterError as error:
+        raise BagError(str(error)) from None
 
 
 def _lead(recorded: Recorded) -> str:

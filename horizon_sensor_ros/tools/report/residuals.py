@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 
+from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.tools.reasons import general
-from horizon_sensor_ros.tools.report.bags import Diagnosis, Recorded
 from horizon_sensor_ros.tools.report.blocks import (
     COLOURS,
     Block,
@@ -21,6 +21,7 @@ from horizon_sensor_ros.tools.report.blocks import (
     from_zero,
     legend,
 )
+from horizon_sensor_ros.tools.report.recorded import Diagnosis, Recorded
 
 _REJECTED = "rejected_"
 _MARKERS = "ox+^v"
@@ -52,6 +53,23 @@ def residuals_section(recorded: Recorded, seen_again: Sequence[Block]) -> Sectio
             )
         )
     return Section("residuals", "Residuals", tuple(blocks)) if blocks else None
+
+
+def fit_blocks(stamped: Sequence[tuple[int, HorizonFit]], start_ns: int) -> tuple[Block, ...]:
+    """Residuals and points of fits by their stamps (ns); nothing without any."""
+    if not stamped:
+        return ()
+    times = np.array([stamp - start_ns for stamp, _ in stamped]) * 1e-9
+    fits = [fit for _, fit in stamped]
+    return (
+        chart(
+            "Residuals and numbers of points of the horizon's fits over time.",
+            f"{len(fits)} frame sets, evenly chosen and processed once more: root mean square "
+            "distance of the limb's points from the fit, and how many points that were.",
+            lambda axes: _draw_fits(axes, times, fits),
+            panels=2,
+        ),
+    )
 
 
 def _series(found: Sequence[Diagnosis]) -> dict[str, list[tuple[int, float]]]:
@@ -113,3 +131,12 @@ def refusal_blocks(recorded: Recorded) -> list[Block]:
     if not blocks:
         blocks.append(Text("Nothing was refused, as far as /diagnostics tells."))
     return blocks
+
+
+def _draw_fits(axes: Sequence[Axes], times_s: np.ndarray, fits: Sequence[HorizonFit]) -> None:
+    axes[0].plot(times_s, [fit.rms_residual_px for fit in fits], ".", color=COLOURS[0])
+    axes[0].set(ylabel="residual (px)")
+    axes[1].plot(times_s, [fit.num_inliers for fit in fits], ".", color="0.3")
+    axes[1].set(ylabel="points", xlabel="time (s)")
+    for panel in axes:
+        from_zero(panel)

@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.mathematics.rigid import vector_from_rotation
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
-from horizon_sensor_ros.tools.report.bags import Recorded
 from horizon_sensor_ros.tools.report.blocks import (
     COLOURS,
     Block,
@@ -22,6 +21,7 @@ from horizon_sensor_ros.tools.report.blocks import (
     with_gaps,
 )
 from horizon_sensor_ros.tools.report.clouds import cloud_blocks
+from horizon_sensor_ros.tools.report.recorded import Recorded
 from horizon_sensor_ros.tools.truth.target_errors import (
     DELTA_TOPIC,
     POSE_TOPIC,
