@@ -20,7 +20,7 @@ from horizon_sensor_ros.core.mathematics.attitude import quaternion_from_rotatio
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector
 from horizon_sensor_ros.core.self_calibration.adjustment import calibrate
 from horizon_sensor_ros.core.self_calibration.result import Calibration, CalibrationConfig
-from horizon_sensor_ros.ros.sensor_messages import camera_info_message, encoded_image
+from horizon_sensor_ros.ros.messages.sensors import camera_info_message, encoded_image
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.flight import Flight, Swing
 from horizon_sensor_ros.sim.poses import random_direction

@@ -29,14 +29,15 @@ from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, rotation_from
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
-from horizon_sensor_ros.ros.messages import (
-    attitude_message,
-    local_vertical_message,
-    time_from_ns,
+from horizon_sensor_ros.ros.messages.estimates import attitude_message, local_vertical_message
+from horizon_sensor_ros.ros.messages.sensors import (
+    camera_info_message,
+    cloud_message,
+    encoded_image,
 )
+from horizon_sensor_ros.ros.messages.stamps import time_from_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
 from horizon_sensor_ros.ros.parameters.target_settings import target_settings
-from horizon_sensor_ros.ros.sensor_messages import camera_info_message, cloud_message, encoded_image
 from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
 from horizon_sensor_ros.ros.target_pipeline import TargetPipeline
 from horizon_sensor_ros.sim.shapes import sich_n5

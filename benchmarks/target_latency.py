@@ -24,8 +24,8 @@ from sensor_msgs.msg import PointCloud2
 from tables import Options, Table, number, percentile, verdict
 from tqdm import tqdm
 
-from horizon_sensor_ros.ros.messages import NANOSECONDS, time_from_ns
-from horizon_sensor_ros.ros.sensor_messages import cloud_message
+from horizon_sensor_ros.ros.messages.sensors import cloud_message
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, time_from_ns
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 from horizon_sensor_ros.sim.tumbling import TumblingTarget

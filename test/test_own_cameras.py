@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.mathematics.attitude import nadir_from_roll_pitch
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.messages import attitude_message
+from horizon_sensor_ros.ros.messages.estimates import attitude_message
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "doc" / "own_cameras.md").read_text(encoding="utf-8")

@@ -31,7 +31,10 @@ TARGET = (
     ("core/target_motion/alignment/", "search, pairs, refinement"),
     ("core/target_motion/judgement/", "believe it, or say why not"),
 )
-ROS_IN = (("ros/messages.py", "images to numpy"), ("ros/point_cloud.py", "clouds to numpy"))
+ROS_IN = (
+    ("ros/messages/images.py", "images to numpy"),
+    ("ros/messages/point_cloud.py", "clouds to numpy"),
+)
 ROS_OUT = (
     ("ros/horizon_pipeline.py", "pairs frames, counts causes"),
     ("ros/target_pipeline.py", "the same for clouds"),

@@ -13,14 +13,9 @@ from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement, CoarsePo
 from horizon_sensor_ros.core.motion.gyro import RateHistory
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.coarse_poses import CoarsePoses
-from horizon_sensor_ros.ros.messages import (
-    NANOSECONDS,
-    Refusal,
-    coarse_pose_from_message,
-    rate_from_imu,
-    repeated_stamp,
-    stamp_ns,
-)
+from horizon_sensor_ros.ros.messages.aiding import coarse_pose_from_message, rate_from_imu
+from horizon_sensor_ros.ros.messages.refusal import Refusal
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, repeated_stamp, stamp_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import AidingSettings
 
 COARSE_POSE_TOPIC = "coarse_pose"

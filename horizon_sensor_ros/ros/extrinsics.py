@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
-from horizon_sensor_ros.ros.messages import Refusal, quoted
+from horizon_sensor_ros.ros.messages.refusal import Refusal, quoted
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 
 

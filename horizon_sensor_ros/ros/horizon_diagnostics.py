@@ -23,7 +23,8 @@ from horizon_sensor_ros.ros.diagnostics import (
     rejected_values,
 )
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
-from horizon_sensor_ros.ros.messages import NANOSECONDS, Refusal
+from horizon_sensor_ros.ros.messages.refusal import Refusal
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
 from horizon_sensor_ros.ros.own_counts import OwnCounts
 
 _SILENT = "no usable frames for longer than camera_timeout"

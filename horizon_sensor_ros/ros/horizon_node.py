@@ -17,11 +17,11 @@ from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
 from horizon_sensor_ros.ros.image_feed import ImageFeed, ImageFeeds
+from horizon_sensor_ros.ros.messages.sensors import encoded_image
 from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings, horizon_settings
 from horizon_sensor_ros.ros.parameters.parameter import Parameter
 from horizon_sensor_ros.ros.reporting_node import ReportingNode
-from horizon_sensor_ros.ros.sensor_messages import encoded_image
 
 
 class HorizonNode(ReportingNode[HorizonSettings]):

@@ -15,7 +15,8 @@ from horizon_sensor_ros.ros.diagnostics import (
     Monitor,
     rejected_values,
 )
-from horizon_sensor_ros.ros.messages import NANOSECONDS, Refusal
+from horizon_sensor_ros.ros.messages.refusal import Refusal
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
 from horizon_sensor_ros.ros.target_pipeline import TargetPipeline, TargetStep
 
 

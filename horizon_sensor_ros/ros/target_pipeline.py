@@ -17,17 +17,11 @@ from horizon_sensor_ros.core.mathematics.rigid import skew, vector_from_rotation
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
 from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
-from horizon_sensor_ros.ros.messages import (
-    NANOSECONDS,
-    Refusal,
-    pose_message,
-    quoted,
-    repeated_stamp,
-    stamp_ns,
-    twist_message,
-)
+from horizon_sensor_ros.ros.messages.estimates import pose_message, twist_message
+from horizon_sensor_ros.ros.messages.point_cloud import points_from_cloud
+from horizon_sensor_ros.ros.messages.refusal import Refusal, quoted
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, repeated_stamp, stamp_ns
 from horizon_sensor_ros.ros.parameters.target_settings import TargetPipelineSettings
-from horizon_sensor_ros.ros.point_cloud import points_from_cloud
 
 CLOUD_TOPIC = "target/points"
 # Topics in the order of their messages.

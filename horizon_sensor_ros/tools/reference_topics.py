@@ -9,7 +9,8 @@ import numpy as np
 
 from horizon_sensor_ros.core.mathematics.attitude import nadir_sign, rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.ros.messages import EARTH_FRAME, LEVEL_FRAME
+from horizon_sensor_ros.ros.messages.aiding import EARTH_FRAME
+from horizon_sensor_ros.ros.messages.estimates import LEVEL_FRAME
 from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.message_types import IMU, POSE, POSE_WITH_COVARIANCE, VECTOR
 

@@ -29,7 +29,7 @@ from horizon_sensor_ros.core.planet_figure import Disc, MeanSphere
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
-from horizon_sensor_ros.ros.messages import Refusal
+from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
 
 S = 1_000_000_000

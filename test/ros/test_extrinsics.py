@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile
 
 from horizon_sensor_ros.ros.extrinsics import TfExtrinsics
 from horizon_sensor_ros.ros.horizon_node import AttitudeNode
-from horizon_sensor_ros.ros.messages import Refusal
+from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 
 

@@ -31,7 +31,7 @@ from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros import horizon_pipeline
 from horizon_sensor_ros.ros.debug_image import draw_fix
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
-from horizon_sensor_ros.ros.messages import Refusal
+from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
 
 FLAT = np.full((HEIGHT, WIDTH), 90, np.uint8)

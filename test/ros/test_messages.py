@@ -27,22 +27,18 @@ from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.mathematics.attitude import level_from_base, nadir_from_roll_pitch
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.messages import (
-    ENCODINGS,
-    Refusal,
+from horizon_sensor_ros.ros.messages.aiding import rate_from_imu
+from horizon_sensor_ros.ros.messages.camera_info import camera_from_info, camera_info_key
+from horizon_sensor_ros.ros.messages.estimates import (
     attitude_message,
-    camera_from_info,
-    camera_info_key,
-    gray_from_image,
     local_vertical_message,
     pose_message,
-    rate_from_imu,
-    repeated_stamp,
-    stamp_ns,
-    time_from_ns,
     twist_message,
 )
-from horizon_sensor_ros.ros.sensor_messages import camera_info_message, encoded_image
+from horizon_sensor_ros.ros.messages.images import ENCODINGS, gray_from_image
+from horizon_sensor_ros.ros.messages.refusal import Refusal
+from horizon_sensor_ros.ros.messages.sensors import camera_info_message, encoded_image
+from horizon_sensor_ros.ros.messages.stamps import repeated_stamp, stamp_ns, time_from_ns
 
 RGB_WEIGHTS = (0.299, 0.587, 0.114)
 

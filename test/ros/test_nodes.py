@@ -48,7 +48,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, Imu
 from target_messages import good_cloud
 
-from horizon_sensor_ros.ros.messages import time_from_ns
+from horizon_sensor_ros.ros.messages.stamps import time_from_ns
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
 
 NODES = ("local_vertical_node", "attitude_node")

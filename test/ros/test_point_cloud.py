@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from sensor_msgs.msg import PointCloud2, PointField
 from target_messages import BAD_MESSAGES, cloud_of, good_cloud, scan
 
-from horizon_sensor_ros.ros.messages import Refusal
-from horizon_sensor_ros.ros.point_cloud import points_from_cloud
+from horizon_sensor_ros.ros.messages.point_cloud import points_from_cloud
+from horizon_sensor_ros.ros.messages.refusal import Refusal
 
 # PointField datatypes, and the struct module's letter.
 KINDS = {1: "b", 2: "B", 3: "h", 4: "H", 5: "i", 6: "I", 7: "f", 8: "d"}

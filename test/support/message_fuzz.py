@@ -18,7 +18,7 @@ from rosidl_parser.definition import (
     UnboundedSequence,
 )
 
-from horizon_sensor_ros.ros.messages import ENCODINGS
+from horizon_sensor_ros.ros.messages.images import ENCODINGS
 
 _SEQUENCES = (Array, BoundedSequence, UnboundedSequence)
 _FLOATS = [

@@ -30,8 +30,8 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 from target_messages import scan
 
-from horizon_sensor_ros.ros.messages import gray_from_image
-from horizon_sensor_ros.ros.point_cloud import points_from_cloud
+from horizon_sensor_ros.ros.messages.images import gray_from_image
+from horizon_sensor_ros.ros.messages.point_cloud import points_from_cloud
 from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags import bag_from_images, bag_to_csv, replay
 from horizon_sensor_ros.tools.bags.frame_files import stamp_text

@@ -30,7 +30,7 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     rotation_from_vector,
     vector_from_rotation,
 )
-from horizon_sensor_ros.ros.messages import pose_message, twist_message
+from horizon_sensor_ros.ros.messages.estimates import pose_message, twist_message
 from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.replay import main as replay
 from horizon_sensor_ros.tools.demo import processes as demo_processes

@@ -16,13 +16,13 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.mathematics.attitude import quaternion_from_rotation
-from horizon_sensor_ros.ros.parameters.horizon_settings import cameras_of
-from horizon_sensor_ros.ros.parameters.parameter import ParameterError
-from horizon_sensor_ros.ros.sensor_messages import (
+from horizon_sensor_ros.ros.messages.sensors import (
     camera_info_message,
     cloud_message,
     encoded_image,
 )
+from horizon_sensor_ros.ros.parameters.horizon_settings import cameras_of
+from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.cloud_files import CLOUD_SUFFIXES, read_cloud

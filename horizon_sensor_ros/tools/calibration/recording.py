@@ -29,7 +29,8 @@ from horizon_sensor_ros.core.self_calibration.measurement import (
 )
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
-from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
+from horizon_sensor_ros.ros.messages.refusal import Refusal
+from horizon_sensor_ros.ros.messages.stamps import stamp_ns
 from horizon_sensor_ros.ros.pairing import Pairing
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings, PipelineSettings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError

@@ -16,7 +16,7 @@ from types import FrameType
 
 import numpy as np
 
-from horizon_sensor_ros.ros.messages import NANOSECONDS
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
 from horizon_sensor_ros.ros.node_names import HORIZON_NODES, NODES
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.sim.flight import Flight

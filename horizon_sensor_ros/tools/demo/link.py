@@ -20,13 +20,13 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
-from horizon_sensor_ros.ros.messages import NANOSECONDS
-from horizon_sensor_ros.ros.participant_end import on_one_core
-from horizon_sensor_ros.ros.sensor_messages import (
+from horizon_sensor_ros.ros.messages.sensors import (
     camera_info_message,
     cloud_message,
     encoded_image,
 )
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
+from horizon_sensor_ros.ros.participant_end import on_one_core
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
 
 VERTICAL_TOPIC, ATTITUDE_TOPIC = "local_vertical", "attitude"

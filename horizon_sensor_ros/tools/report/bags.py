@@ -13,7 +13,8 @@ from rosbags.serde import SerdeError
 
 from horizon_sensor_ros.ros.aiding_sources import IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
-from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
+from horizon_sensor_ros.ros.messages.refusal import Refusal
+from horizon_sensor_ros.ros.messages.stamps import stamp_ns
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
 from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.input_bag import InputBag, open_bag, progress

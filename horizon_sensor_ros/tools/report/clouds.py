@@ -21,8 +21,9 @@ from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern impo
     cut,
     likeness,
 )
-from horizon_sensor_ros.ros.messages import Refusal, stamp_ns
-from horizon_sensor_ros.ros.point_cloud import points_from_cloud
+from horizon_sensor_ros.ros.messages.point_cloud import points_from_cloud
+from horizon_sensor_ros.ros.messages.refusal import Refusal
+from horizon_sensor_ros.ros.messages.stamps import stamp_ns
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
 from horizon_sensor_ros.tools.bags.message_types import POINT_CLOUD

@@ -12,7 +12,8 @@ from typing import Any
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
-from horizon_sensor_ros.ros.messages import NANOSECONDS, Refusal, stamp_ns
+from horizon_sensor_ros.ros.messages.refusal import Refusal
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, stamp_ns
 from horizon_sensor_ros.ros.pairing import Pairing
 from horizon_sensor_ros.ros.parameters.horizon import CAMERA_TIMEOUT, SLOP
 from horizon_sensor_ros.ros.parameters.horizon_settings import PipelineSettings

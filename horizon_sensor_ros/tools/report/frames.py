@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.ros.messages import NANOSECONDS
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
 from horizon_sensor_ros.tools.bags.bag_listening import listen
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames

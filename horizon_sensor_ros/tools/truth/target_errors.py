@@ -14,7 +14,7 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     pose_matrix,
     vector_from_rotation,
 )
-from horizon_sensor_ros.ros.messages import NANOSECONDS
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
 from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
 from horizon_sensor_ros.tools.truth.horizon_errors import error_lines
 from horizon_sensor_ros.tools.truth.nees import nees, within_95

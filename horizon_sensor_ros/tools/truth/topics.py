@@ -19,7 +19,8 @@ from geometry_msgs.msg import PoseStamped, Vector3Stamped
 
 from horizon_sensor_ros.core.mathematics.attitude import level_from_base, nadir_sign
 from horizon_sensor_ros.core.mathematics.rigid import inverse_pose, pose_matrix
-from horizon_sensor_ros.ros.messages import LEVEL_FRAME, pose_message, time_from_ns
+from horizon_sensor_ros.ros.messages.estimates import LEVEL_FRAME, pose_message
+from horizon_sensor_ros.ros.messages.stamps import time_from_ns
 
 TRUE_LOCAL_VERTICAL = "truth/local_vertical"
 TRUE_ATTITUDE = "truth/attitude"

@@ -1,7 +1,4 @@
-"""PointCloud2 messages to arrays of points.
-
-Like `messages`, duck-typed and without exceptions: what cannot be used comes back as a `Refusal`.
-"""
+"""PointCloud2 messages to arrays of points."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.ros.messages import Refusal
+from horizon_sensor_ros.ros.messages.refusal import Refusal
 
 _AXES = ("x", "y", "z")
 # sensor_msgs/PointField: FLOAT32 and FLOAT64.

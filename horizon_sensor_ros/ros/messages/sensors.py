@@ -8,7 +8,7 @@ import numpy as np
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 
 from horizon_sensor_ros.core.cameras.camera import Camera
-from horizon_sensor_ros.ros.messages import time_from_ns
+from horizon_sensor_ros.ros.messages.stamps import time_from_ns
 
 # Channels and type of an array to the name that sensor_msgs has for it.
 _ENCODINGS = {

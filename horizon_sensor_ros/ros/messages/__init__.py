@@ -1,0 +1,8 @@
+"""Messages to numpy, and numpy to messages.
+
+Read: ``stamps``, ``images``, ``camera_info``, ``point_cloud``, ``aiding`` (coarse poses, rates).
+Written: ``estimates``, and what ``sensors`` send, for whoever plays one.
+
+Reading is duck-typed: it takes rclpy's messages and those that `rosbags` reads alike. What cannot
+be used comes back as a ``refusal``, never as an exception: a message is data.
+"""
