@@ -2,8 +2,9 @@
 
 ``messages``: to numpy, and of it. An image: ``image_feed`` (subscriptions), ``horizon_node``
 (decode, core, encode), ``horizon_pipeline`` (``pairing``, ``aiding_sources`` with
-``coarse_poses``, ``extrinsics``, the core), ``horizon_outputs``; and ``debug_image``. A cloud:
-``target_node``, ``target_pipeline``. The pipelines know no node: replays run them too.
+``coarse_poses``, ``extrinsics``, the core), ``horizon_outputs``; and ``debug_image`` on a
+``canvas``. A cloud: ``target_node``, ``target_pipeline``. The pipelines know no node: replays run
+them too.
 
 Every node: ``managed_node`` (lifecycle, ``parameters``), ``parameter_requests``, ``sim_time``,
 ``reporting_node``, ``state_log``, ``diagnostics`` (with ``horizon_diagnostics``, ``own_counts`` and

@@ -1,11 +1,10 @@
 """The picture behind an estimate: limb points, fitted limb, nadir and its uncertainty over frames.
 
-Colours are Okabe and Ito's, which colour-blind people tell apart; shapes differ as well.
+Colours and shapes differ, so that colour-blind people tell them apart as well.
 """
 
 from __future__ import annotations
 
-import textwrap
 from dataclasses import replace
 
 import cv2
@@ -17,21 +16,25 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet_figure import Disc, disc_of
+from horizon_sensor_ros.ros.canvas import (
+    BLACK,
+    BLUISH_GREEN,
+    GRAY,
+    LIGHT_GREEN,
+    LINE_PX,
+    PURPLE,
+    SKY_BLUE,
+    VERMILLION,
+    WHITE,
+    YELLOW,
+    Canvas,
+    dashes,
+    text_width,
+    wrapped,
+)
 
-# Blue, green, red.
-SKY_BLUE, YELLOW, VERMILLION = (233, 180, 86), (66, 228, 240), (0, 94, 213)
-BLUISH_GREEN, PURPLE = (115, 158, 0), (167, 121, 204)
-# Lighter than theirs, which beside purple looks too much like it to some.
-LIGHT_GREEN = (120, 200, 0)
-_WHITE, _BLACK, _GRAY = (255, 255, 255), (0, 0, 0), (180, 180, 180)
-
-# Smaller frames are drawn larger, and larger ones smaller: lines and letters stay readable.
-_LEAST_WIDTH, _MOST_WIDTH = 640, 800
-_LEAST_HEIGHT, _MOST_HEIGHT = 240, 1600
-_FONT, _LETTERS, _LINE = cv2.FONT_HERSHEY_SIMPLEX, 0.5, 20
 _LIMB_SAMPLES = 1441
 _MOST_DOTS = 60
-_DASH_PX = 9.0
 _NEAR_POINTS = 3.0  # spacings of the limb's points: nearer than this the limb was seen
 _INSET = 92  # side of the square that shows the uncertainty
 
@@ -61,10 +64,8 @@ class _Tile:
     def __init__(self, frame: Frame, limb: LimbPoints, fix: HorizonFix) -> None:
         self._view, self._limb, self._fix = frame.view, limb, fix
         self._used = fix.ok and frame.view.name in fix.cameras_used
-        height, width = frame.gray.shape
-        self._scale = min(max(width, _LEAST_WIDTH), _MOST_WIDTH) / width
-        self._scale = min(self._scale, _MOST_HEIGHT / height)
-        self._picture = _in_colour(frame.gray, self._scale)
+        self._canvas = Canvas(frame.gray)
+        self._picture, self._scale = self._canvas.picture, self._canvas.scale
 
     def draw(self) -> np.ndarray:
         """Draw everything over the frame."""
@@ -88,10 +89,10 @@ class _Tile:
         """Where the limb was looked for: small dots, which the fitted limb is drawn over."""
         px = disc.limb_px(self._view, _LIMB_SAMPLES)
         for run in _runs(self._view.camera.in_frame(px), self._near(px)):
-            dots = [dash[0] for dash in _dashes(px[run] * self._scale)]
-            for x, y in self._places(np.array(dots).reshape(-1, 2) / self._scale):
-                cv2.circle(self._picture, (x, y), 2, _BLACK, -1, cv2.LINE_AA)
-                cv2.circle(self._picture, (x, y), 1, _WHITE, -1, cv2.LINE_AA)
+            dots = [dash[0] for dash in dashes(px[run] * self._scale)]
+            for x, y in self._canvas.places(np.array(dots).reshape(-1, 2) / self._scale):
+                cv2.circle(self._picture, (x, y), 2, BLACK, -1, cv2.LINE_AA)
+                cv2.circle(self._picture, (x, y), 1, WHITE, -1, cv2.LINE_AA)
 
     def _draw_limb(self, fit: HorizonFit) -> None:
         """The fitted limb: a line where points support it, dashes where they do not."""
@@ -100,23 +101,19 @@ class _Tile:
         seen = inside & self._supported(px)
         near = self._near(px)
         for run in _runs(inside, near):
-            for colour, width in ((_BLACK, 3), (SKY_BLUE, 1)):
+            for colour, width in ((BLACK, 3), (SKY_BLUE, 1)):
                 for piece in _runs(seen[run], near[run]):
-                    self._line(px[run][piece], colour, width)
+                    self._canvas.line(px[run][piece], colour, width)
                 for piece in _runs(~seen[run], near[run]):
-                    self._dash(px[run][piece], colour, width)
+                    self._canvas.dash(px[run][piece], colour, width)
 
     def _draw_airglow(self, disc: Disc, airglow: HorizonFit) -> None:
         """The airglow's upper edge, by which nadir is too: dashes."""
         edge = replace(disc, nadir=airglow.nadir_base, rho_rad=airglow.rho_rad)
         px = edge.limb_px(self._view, _LIMB_SAMPLES)
         for run in _runs(self._view.camera.in_frame(px), self._near(px)):
-            for colour, width in ((_BLACK, 3), (LIGHT_GREEN, 1)):
-                self._dash(px[run], colour, width)
-
-    def _dash(self, px: np.ndarray, colour: tuple[int, int, int], width: int) -> None:
-        for dash in _dashes(px * self._scale):
-            self._line(dash / self._scale, colour, width)
+            for colour, width in ((BLACK, 3), (LIGHT_GREEN, 1)):
+                self._canvas.dash(px[run], colour, width)
 
     def _near(self, px: np.ndarray) -> np.ndarray:
         """Whether places (M, 2) are in the frame or near; far beyond a lens sends them anywhere."""
@@ -143,11 +140,11 @@ class _Tile:
         kept = self._kept()
         # A share of the points, so that the curve under them can be seen.
         good, bad = px[kept], px[~kept]
-        for x, y in self._places(good[:: 1 + len(good) // _MOST_DOTS]):
-            cv2.circle(self._picture, (x, y), 3, _BLACK, -1, cv2.LINE_AA)
+        for x, y in self._canvas.places(good[:: 1 + len(good) // _MOST_DOTS]):
+            cv2.circle(self._picture, (x, y), 3, BLACK, -1, cv2.LINE_AA)
             cv2.circle(self._picture, (x, y), 2, YELLOW, -1, cv2.LINE_AA)
-        for x, y in self._places(bad[:: 1 + len(bad) // _MOST_DOTS]):
-            for colour, width in ((_BLACK, 4), (VERMILLION, 2)):
+        for x, y in self._canvas.places(bad[:: 1 + len(bad) // _MOST_DOTS]):
+            for colour, width in ((BLACK, 4), (VERMILLION, 2)):
                 cv2.drawMarker(
                     self._picture, (x, y), colour, cv2.MARKER_TILTED_CROSS, 9, width, cv2.LINE_AA
                 )
@@ -168,12 +165,12 @@ class _Tile:
         nadir_cam = fit.nadir_base @ self._view.rot_base_from_cam
         px = self._view.camera.pixels(nadir_cam[None])
         if self._view.camera.in_frame(px)[0]:
-            ((x, y),) = self._places(px)
-            for colour, width in ((_BLACK, 4), (_WHITE, 2)):
+            ((x, y),) = self._canvas.places(px)
+            for colour, width in ((BLACK, 4), (WHITE, 2)):
                 cv2.drawMarker(
                     self._picture, (x, y), colour, cv2.MARKER_CROSS, 21, width, cv2.LINE_AA
                 )
-            self._label("nadir", np.array([x + 40, y]))
+            self._canvas.label("nadir", np.array([x + 40, y]))
             return
         length = float(np.hypot(*nadir_cam[:2]))
         if length == 0:
@@ -183,15 +180,15 @@ class _Tile:
         ahead = nadir_cam[:2] / length
         tip = centre + ahead * min(height, width) / 4
         ends = [tuple(int(v) for v in np.round(point)) for point in (centre, tip)]
-        for colour, thickness in ((_BLACK, 5), (_WHITE, 2)):
+        for colour, thickness in ((BLACK, 5), (WHITE, 2)):
             cv2.arrowedLine(
                 self._picture, ends[0], ends[1], colour, thickness, cv2.LINE_AA, tipLength=0.15
             )
         away_deg = np.degrees(np.arctan2(length, nadir_cam[2]))
         text = f"nadir, {away_deg:.0f} deg off axis"
         # Beyond the arrow's tip, as far as its half width reaches that way.
-        beyond = 14 + abs(ahead[0]) * _width(text) / 2
-        self._label(text, tip + beyond * ahead)
+        beyond = 14 + abs(ahead[0]) * text_width(text) / 2
+        self._canvas.label(text, tip + beyond * ahead)
 
     def _draw_sigma(self, fit: HorizonFit) -> None:
         """Nadir's one-sigma ellipse, right and down as in the frame, with its two half axes."""
@@ -202,18 +199,18 @@ class _Tile:
             return
         height, width = self._picture.shape[:2]
         corner = np.array([width - _INSET - 8, height - _INSET - 8])
-        _darken(self._picture, corner, corner + _INSET, 0.35)
+        self._canvas.darken(corner, corner + _INSET)
         centre = corner + np.array([_INSET / 2, _INSET / 2 - 8])
         half = 0.36 * _INSET * sigma_deg / sigma_deg[1]
         angle = np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))
         x, y = (int(v) for v in np.round(centre))
-        cv2.line(self._picture, (x - 38, y), (x + 38, y), _GRAY, 1)
-        cv2.line(self._picture, (x, y - 34), (x, y + 34), _GRAY, 1)
+        cv2.line(self._picture, (x - 38, y), (x + 38, y), GRAY, 1)
+        cv2.line(self._picture, (x, y - 34), (x, y + 34), GRAY, 1)
         axes = (max(round(half[1]), 1), max(round(half[0]), 1))
         cv2.ellipse(self._picture, (x, y), axes, angle, 0, 360, PURPLE, 2, cv2.LINE_AA)
         text = f"{sigma_deg[1]:.2g} deg"
-        left = corner[0] + (_INSET - _width(text)) / 2
-        self._text(text, (int(left), int(corner[1]) + _INSET - 6))
+        left = corner[0] + (_INSET - text_width(text)) / 2
+        self._canvas.text(text, (int(left), int(corner[1]) + _INSET - 6))
 
     # ------------------------------------------------------------------ words
 
@@ -237,36 +234,14 @@ class _Tile:
             )
         elif (whole := f"{fix.reason or fix.status}") not in found:
             lines.append(whole)
-        box = _width(verdict) + 16
-        first = _wrapped(lines[0], width - box - 22)
-        rows = [*first, *(row for line in lines[1:] for row in _wrapped(line, width - 16))]
-        _darken(self._picture, (0, 0), (width, _LINE * len(rows) + 10), 0.35)
+        box = text_width(verdict) + 16
+        first = wrapped(lines[0], width - box - 22)
+        rows = [*first, *(row for line in lines[1:] for row in wrapped(line, width - 16))]
+        self._canvas.darken((0, 0), (width, LINE_PX * len(rows) + 10))
         cv2.rectangle(self._picture, (6, 5), (6 + box, 24), colour, -1)
-        self._text(verdict, (14, 20))
+        self._canvas.text(verdict, (14, 20))
         for i, row in enumerate(rows):
-            self._text(row, (box + 14 if i < len(first) else 8, 20 + _LINE * i))
-
-    def _text(self, text: str, where: tuple[int, int]) -> None:
-        """White on the dark, from the left end of its base line."""
-        cv2.putText(self._picture, text, where, _FONT, _LETTERS, _WHITE, 1, cv2.LINE_AA)
-
-    def _label(self, text: str, middle: np.ndarray) -> None:
-        """White on a dark box around its middle, within the picture."""
-        height, width = self._picture.shape[:2]
-        size = np.array([_width(text) + 10, _LINE])
-        corner = np.clip(np.round(middle - size / 2), 0, np.array([width, height]) - size)
-        _darken(self._picture, corner, corner + size, 0.35)
-        self._text(text, (int(corner[0]) + 5, int(corner[1]) + 15))
-
-    def _places(self, px: np.ndarray) -> list[tuple[int, int]]:
-        """Pixels of the frame in the picture."""
-        places = np.round((px + 0.5) * self._scale - 0.5).astype(int)
-        return [(int(x), int(y)) for x, y in places]
-
-    def _line(self, px: np.ndarray, colour: tuple[int, int, int], width: int) -> None:
-        if len(px) > 1:
-            points = np.array(self._places(px), np.int32)
-            cv2.polylines(self._picture, [points], False, colour, width, cv2.LINE_AA)
+            self._canvas.text(row, (box + 14 if i < len(first) else 8, 20 + LINE_PX * i))
 
 
 def sigma_in_frame(view: CameraView, fit: HorizonFit) -> np.ndarray:
@@ -287,57 +262,8 @@ def sigma_in_frame(view: CameraView, fit: HorizonFit) -> np.ndarray:
     return plane.T @ fit.cov_nadir_altitude[:3, :3] @ plane
 
 
-def _width(text: str) -> int:
-    """Width of a text as it is written, pixels."""
-    (width, _), _ = cv2.getTextSize(text, _FONT, _LETTERS, 1)
-    return int(width)
-
-
-def _wrapped(text: str, width: int) -> list[str]:
-    """Lines of a text, in letters that can be drawn, no wider than this many pixels."""
-    printable = text.encode("ascii", "replace").decode()
-    letters = max(int(len(printable) * width / max(_width(printable), 1)), 8)
-    while letters > 8 and any(_width(line) > width for line in textwrap.wrap(printable, letters)):
-        letters -= 1
-    return textwrap.wrap(printable, letters) or [""]
-
-
-def _in_colour(gray: np.ndarray, scale: float) -> np.ndarray:
-    if scale != 1.0:
-        how = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
-        height, width = (max(round(scale * size), 1) for size in gray.shape)
-        gray = cv2.resize(gray, (width, height), interpolation=how)
-    if gray.dtype != np.uint8:
-        gray = cv2.convertScaleAbs(gray, alpha=255.0 / max(int(gray.max()), 1))
-    below, beside = (
-        max(least - size, 0)
-        for least, size in zip((_LEAST_HEIGHT, _LEAST_WIDTH), gray.shape, strict=True)
-    )
-    picture = cv2.copyMakeBorder(gray, 0, below, 0, beside, cv2.BORDER_CONSTANT)
-    return cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
-
-
-def _darken(
-    picture: np.ndarray, corner: np.ndarray | tuple[int, int], end: np.ndarray | tuple[int, int],
-    share: float,
-) -> None:  # fmt: skip
-    (left, top), (right, low) = (int(v) for v in corner), (int(v) for v in end)
-    part = picture[top:low, left:right]
-    part[:] = (part * share).astype(np.uint8)
-
-
 def _runs(mask: np.ndarray, near: np.ndarray) -> list[slice]:
     """Stretches of a mask (N,) that are true; each takes the next point too where that is near."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     ahead = np.append(near, False).astype(int)
     return [slice(start, end + ahead[end]) for start, end in edges.reshape(-1, 2)]
-
-
-def _dashes(px: np.ndarray) -> list[np.ndarray]:
-    """Every other stretch of a polyline (N, 2), each of a length of `_DASH_PX`."""
-    if len(px) < 2:
-        return []
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(px, axis=0), axis=1))])
-    starts = np.arange(0.0, along[-1], 2 * _DASH_PX)
-    places = [np.linspace(start, min(start + _DASH_PX, along[-1]), 4) for start in starts]
-    return [np.column_stack([np.interp(p, along, column) for column in px.T]) for p in places]
