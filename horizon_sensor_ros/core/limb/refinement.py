@@ -18,15 +18,12 @@ from horizon_sensor_ros.core.limb.edge.looks import (
 )
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.terminator import beside_over_deep
+from horizon_sensor_ros.core.limb.edge_by_edge.edges import LimbEdges, believable
+from horizon_sensor_ros.core.limb.edge_by_edge.followed import expected_limb
+from horizon_sensor_ros.core.limb.edge_by_edge.limb import limb_of_edges
+from horizon_sensor_ros.core.limb.edge_by_edge.modelled import modelled_edges
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb, fit_glow, usual_length_px
 from horizon_sensor_ros.core.limb.glow.points import points_alone
-from horizon_sensor_ros.core.limb.limb_of_edges import (
-    LimbEdges,
-    believable,
-    expected_limb,
-    limb_of_edges,
-    modelled_edges,
-)
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, LimbSample, RefinePass, sample_limb
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status

@@ -25,7 +25,7 @@ from horizon_sensor_ros.core.limb.edge.model import (
 )
 from horizon_sensor_ros.core.limb.edge.places import place_edges
 from horizon_sensor_ros.core.limb.edge.steepest import steepest_fall
-from horizon_sensor_ros.core.limb.limb_of_edges import _drift_px
+from horizon_sensor_ros.core.limb.edge_by_edge.modelled import _drift_px
 from horizon_sensor_ros.core.limb.profiles import (
     Bundles,
     EdgePlaces,

@@ -22,9 +22,9 @@ import numpy as np
 from horizon_sensor_ros.core.limb.edge.looks import USUAL_PSF_PX, rate_looks
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.places import place_edges
+from horizon_sensor_ros.core.limb.edge_by_edge.edges import believable
 from horizon_sensor_ros.core.limb.glow.white_air import of_white_air
 from horizon_sensor_ros.core.limb.haze.sample import HazySample
-from horizon_sensor_ros.core.limb.limb_of_edges import believable
 from horizon_sensor_ros.core.limb.profiles import scatter_px
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES
 from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError

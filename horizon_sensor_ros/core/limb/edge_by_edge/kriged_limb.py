@@ -10,11 +10,15 @@ from typing import NamedTuple
 import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.profiles import EdgePlaces
+from horizon_sensor_ros.core.limb.profiles import EdgePlaces, scatter_px
 from horizon_sensor_ros.core.limb.sample import LimbSample
 from horizon_sensor_ros.core.limb.texture.kriging import KrigedEdges, Stretches, krige_edges
 from horizon_sensor_ros.core.limb_points import CornerBlur, SharedError
+from horizon_sensor_ros.core.mathematics.robust import median
 
+# So sharp an edge shows itself otherwise wherever it falls in the pixels, which kriging takes for
+# texture; beside ground as even as this there is none to take out.
+_FINE_PSF_PX, _EVEN = 0.6, 0.006
 # Off the predicted place: edges are placed one by one, and kriged about the limb that fits those.
 # Kriging about what it found itself would follow the texture further and further; but once, and for
 # a limb that was followed and is not far off, it is as good.
@@ -23,6 +27,16 @@ _OFF_PX, _NEARBY_PX = 0.1, 0.35
 # further from here on, as measured beside truth.
 _SHORT = 0.3
 _FAR_PX = 1.0  # from the limb about which it is done: no place of its edge
+
+
+def to_be_kriged(look: EdgeLook, step: np.ndarray) -> bool:
+    """Whether kriging is for a sharp edge with such steps (N,) along it."""
+    return look.psf_px >= _FINE_PSF_PX or _unevenness(step) > _EVEN
+
+
+def _unevenness(step: np.ndarray) -> float:
+    """One robust sigma of steps (N,) from one profile to the next, over the step."""
+    return scatter_px(step) / median(step)
 
 
 class KrigedPlaces(NamedTuple):
