@@ -87,7 +87,7 @@ class LimbPoints:
     predicted : the limb all along which these were looked for; None where it was not drawn.
     offset_px : (N,) how far outside it these lie, in order along it; empty where that was not
     measured.
-    cone_errors : (4, K) where limb and glow were separated by a joint fit (`glow.limb`), else None.
+    cone_errors : (4, K) where limb and glow were separated by a joint fit (`glow.fit`), else None.
     Errors of (nadir_base, rho_rad) of the cone that the points lie on: each column is one sigma,
     independent of the other columns; column k is the same error in the limbs of all cameras. Such
     points lie on the ground's limb; edges found one by one lie in its glow, a pixel or two higher.

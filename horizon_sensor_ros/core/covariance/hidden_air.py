@@ -7,9 +7,8 @@ from collections.abc import Sequence
 
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.limb.air import USUAL_HEIGHT
+from horizon_sensor_ros.core.limb.air import USUAL_HEIGHT, usual_length_px
 from horizon_sensor_ros.core.limb.edge.looks import MOST_IN_FOCUS_PX
-from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.haze.column import seen_from_within
 from horizon_sensor_ros.core.limb.haze.limb import ABOVE_M, THINNEST_PX
 from horizon_sensor_ros.core.limb_points import LimbPoints

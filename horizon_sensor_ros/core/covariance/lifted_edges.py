@@ -17,8 +17,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.core.limb.edge.looks import MOST_IN_FOCUS_PX
-from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status

@@ -1,6 +1,6 @@
 """The air that glows above a limb: its unknowns, and what is known of them beforehand.
 
-All stretches of a limb are seen through the same air. `glow.limb` has the model that the symbols
+All stretches of a limb are seen through the same air. `glow.fit` has the model that the symbols
 are of. A fit's P unknowns, 13 by day, are a vector, of which these are the places:
 
 - 0 to 2, `LIMB`: nadir's two tangent components, and rho;
@@ -22,6 +22,8 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 
 LIMB, BACKGROUND, BLUR, LOG_GLOW, LOG_HEIGHT, SHARE, FADING = slice(3), 3, 4, slice(5, 8), 8, 9, 10
 STRAY = slice(11, 13)
@@ -55,6 +57,11 @@ _MOST_LOG_GLOW = 30.0  # no camera shows a glow of more gray levels than 1e13
 # Largest changes of the last step.
 _NEAR = 0.15  # of logarithms and shares
 _NEAR_BLUR_PX = 0.02
+
+
+def usual_length_px(view: CameraView, rho_rad: float, factor: int = 1) -> float:
+    """Length over which the Earth's air usually fades above a limb of this radius."""
+    return USUAL_HEIGHT * math.tan(rho_rad) / (factor * view.camera.pixel_rad)
 
 
 def usual_bend(log_glow: np.ndarray) -> float:

@@ -11,10 +11,9 @@ import numpy as np
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.limb.air import USUAL_HEIGHT
+from horizon_sensor_ros.core.limb.air import USUAL_HEIGHT, usual_length_px
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.width import Smear
-from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.search.air_layer import layer_heights_m
 from horizon_sensor_ros.core.limb.search.selection import MIN_INLIERS, Consensus, RayCandidates
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage

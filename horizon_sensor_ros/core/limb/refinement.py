@@ -9,6 +9,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
+from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.core.limb.edge.looks import (
     CLEAR_SHARE,
     MOST_IN_FOCUS_PX,
@@ -22,7 +23,8 @@ from horizon_sensor_ros.core.limb.edge_by_edge.edges import LimbEdges, believabl
 from horizon_sensor_ros.core.limb.edge_by_edge.followed import expected_limb
 from horizon_sensor_ros.core.limb.edge_by_edge.limb import limb_of_edges
 from horizon_sensor_ros.core.limb.edge_by_edge.modelled import modelled_edges
-from horizon_sensor_ros.core.limb.glow.limb import GlowLimb, fit_glow, usual_length_px
+from horizon_sensor_ros.core.limb.glow.fit import fit_glow
+from horizon_sensor_ros.core.limb.glow.limb import GlowLimb
 from horizon_sensor_ros.core.limb.glow.points import points_alone
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, LimbSample, RefinePass, sample_limb
 from horizon_sensor_ros.core.limb_points import LimbPoints

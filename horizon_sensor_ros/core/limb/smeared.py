@@ -10,11 +10,11 @@ import numpy as np
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.observation import LimbObservation
+from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.told_smear import told_smear
 from horizon_sensor_ros.core.limb.edge.width import Smear, smear_of, widened_one_way
-from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.passes import FRESH, look_for
 from horizon_sensor_ros.core.limb.sized_frame import SizedFrame
 from horizon_sensor_ros.core.limb_points import LimbPoints

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
-from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
+from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 
 # The largest disc that was taken for a planet where there was only the Sun: from 9000 km.

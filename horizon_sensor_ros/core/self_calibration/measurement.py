@@ -13,8 +13,8 @@ from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likeliho
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon.fix import HorizonFix
+from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.core.limb.edge.smear import STILL_PX
-from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb_points import CornerBlur, LimbPoints
 from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 from horizon_sensor_ros.core.planet import Planet

@@ -13,7 +13,7 @@ from horizon_sensor_ros.core.covariance.hidden_air import hidden_air_sigma_m
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.horizon.fix import HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
-from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
+from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.poses import camera_from_fov
 

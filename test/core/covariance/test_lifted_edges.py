@@ -12,7 +12,7 @@ from limb_frames import PLANET, as_frames, clouds, distance_px, draw, limb_views
 from horizon_sensor_ros.core.covariance.lifted_edges import with_lifted_edges
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
-from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
+from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.core.limb.refinement import refine_limb
 from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb_points import LimbPoints

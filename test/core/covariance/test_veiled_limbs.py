@@ -22,7 +22,7 @@ from horizon_sensor_ros.core.covariance.lifted_edges import with_lifted_edges
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.horizon.fix import HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
-from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
+from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import SimFrame

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from limb_frames import draw, limb_views
 
+from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.core.limb.glow.glare import glare_lines, in_glare, reach_px
-from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight, look_along
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging

@@ -16,16 +16,12 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.limb import passes, refinement
-from horizon_sensor_ros.core.limb.air import LIMB, USUAL_HEIGHT, USUAL_SHARE, Air
+from horizon_sensor_ros.core.limb.air import LIMB, USUAL_HEIGHT, USUAL_SHARE, Air, usual_length_px
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook, normal_cdf
 from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outside
+from horizon_sensor_ros.core.limb.glow.fit import UnevenGlow, fit_glow
 from horizon_sensor_ros.core.limb.glow.ground import Ground
-from horizon_sensor_ros.core.limb.glow.limb import (
-    GlowLimb,
-    UnevenGlow,
-    fit_glow,
-    usual_length_px,
-)
+from horizon_sensor_ros.core.limb.glow.limb import GlowLimb
 from horizon_sensor_ros.core.limb.glow.model import step_towards
 from horizon_sensor_ros.core.limb.glow.points import GlowPoints, points_alone, told_together
 from horizon_sensor_ros.core.limb.glow.sight import look_along

@@ -14,8 +14,10 @@ from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.limb_rays import rays_of
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
+from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.glow.limb import GlowLimb, fit_glow, usual_length_px
+from horizon_sensor_ros.core.limb.glow.fit import fit_glow
+from horizon_sensor_ros.core.limb.glow.limb import GlowLimb
 from horizon_sensor_ros.core.limb.glow.one_sky import under_one_sky
 from horizon_sensor_ros.core.limb.glow.points import points_alone, told_together
 from horizon_sensor_ros.core.limb_points import LimbPoints

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.core.limb.edge.looks import guess_looks
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge_by_edge.edges import STRETCHES, LimbEdges, believable
@@ -18,7 +19,6 @@ from horizon_sensor_ros.core.limb.edge_by_edge.points import (
     points_without_glow,
 )
 from horizon_sensor_ros.core.limb.glow.contour import ContourLimb, contour_limb
-from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, pixel_rad_across, scatter_px
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, LimbSample, RefinePass
 from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError

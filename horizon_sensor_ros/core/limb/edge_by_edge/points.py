@@ -8,12 +8,12 @@ from functools import cached_property
 import numpy as np
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.core.limb.edge.darkening import darkening_error
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.terminator import beside_over_deep
 from horizon_sensor_ros.core.limb.edge_by_edge.edges import STRETCHES
 from horizon_sensor_ros.core.limb.glow.contour import ContourLimb
-from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
 from horizon_sensor_ros.core.limb.glow.white_air import of_white_air
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid
 from horizon_sensor_ros.core.limb.sample import LimbSample

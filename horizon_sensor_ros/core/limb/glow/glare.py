@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb.air import USUAL_HEIGHT
-from horizon_sensor_ros.core.limb.glow.sight import GlowSight
+from horizon_sensor_ros.core.limb.glow.sight import LEAST_STRETCHES, GlowSight, look_along
 from horizon_sensor_ros.core.mathematics.robust import median, robust_sigma
 
 _UNEVEN = 4.0  # scatter of the backgrounds over what noise makes of it
@@ -17,6 +18,50 @@ _LENGTHS, _SKY_PX = 5.0, 14.0  # of glow, from where on the sky is black, and ho
 _FARTHEST_PX = 60.0  # from the limb to that sky: beyond, glare is no line any more
 # Misfit of lines, over the noise. Beside the Sun it was at most 1.5, below airglow at least 1.7.
 _CURVED = 1.6
+
+
+def look_without_glare(
+    gray: np.ndarray,
+    view: CameraView,
+    cone: tuple[np.ndarray, float],
+    outer_px: float,
+    factor: int,
+    glaring: bool,
+    part: tuple[float, float] | None,
+) -> GlowSight | None:
+    """What is seen along a limb up to outer_px above it, without the Sun's glare; None if little.
+
+    glaring : it is known to be there. part : of the limb, from 0 to 1 along it; None: all of it.
+    """
+    sight = _without_glare(gray, view, cone, outer_px, factor, glaring)
+    if sight is not None and part is not None:
+        sight = sight.part(*part)
+    return None if sight is None or len(sight) < LEAST_STRETCHES else sight
+
+
+def _without_glare(
+    gray: np.ndarray,
+    view: CameraView,
+    cone: tuple[np.ndarray, float],
+    outer_px: float,
+    factor: int,
+    glaring: bool,
+) -> GlowSight | None:
+    """`look_without_glare` at all of the limb."""
+    sight = look_along(gray, view, *cone, outer_px, factor)
+    if sight is None or len(sight) < LEAST_STRETCHES:
+        return None
+    if not (glaring or in_glare(sight)):
+        return sight
+    reach = reach_px(sight)
+    if reach is None:
+        return None
+    from_px, to_px = reach
+    beyond = look_along(gray, view, *cone, to_px, factor)
+    if beyond is None or len(beyond) < LEAST_STRETCHES:
+        return None
+    lines = glare_lines(beyond, from_px)
+    return sight if lines is None else beyond.without_glare(lines, from_px, outer_px)
 
 
 def in_glare(sight: GlowSight) -> bool:

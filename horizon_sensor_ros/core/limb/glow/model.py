@@ -1,6 +1,6 @@
 """What a limb under glowing air shows, its unknowns, and one step towards them.
 
-See `glow.limb` for the model. The unknowns are the limb's three, as `GlowSight.rows` has them, and
+See `glow.fit` for the model. The unknowns are the limb's three, as `GlowSight.rows` has them, and
 those of `glow.air`.
 """
 

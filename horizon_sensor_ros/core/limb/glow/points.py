@@ -10,12 +10,7 @@ from typing import Any
 import numpy as np
 
 from horizon_sensor_ros.core.fits.observation import LimbObservation
-from horizon_sensor_ros.core.limb.air import (
-    BLUR_SIGMA_PX,
-    LIMB,
-    SHARE_SIGMA,
-    USUAL_SHARE,
-)
+from horizon_sensor_ros.core.limb.air import BLUR_SIGMA_PX, LIMB, SHARE_SIGMA, USUAL_SHARE
 from horizon_sensor_ros.core.limb.glow.brightness import powers
 from horizon_sensor_ros.core.limb.glow.limb import GlowLimb
 from horizon_sensor_ros.core.limb.glow.one_sky import Together, under_one_sky

@@ -20,6 +20,7 @@ from horizon_sensor_ros.core.status import Status
 
 INNER_PX = 4.0  # how far profiles reach into the planet
 _STRETCH_PX, _MOST_STRETCHES = 24.0, 27
+LEAST_STRETCHES = 10  # of limb, that a fit takes
 _BENT = 0.1  # change of glare that is no line's, over the line's
 # What `GlowSight` has of each stretch.
 _BY_STRETCH = (

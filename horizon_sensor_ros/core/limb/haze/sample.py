@@ -12,7 +12,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.cameras.white_level import NEAR_WHITE, saturation_level
-from horizon_sensor_ros.core.limb.glow.limb import usual_length_px
+from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.core.limb.haze.column import AirColumn, seen_from_within
 from horizon_sensor_ros.core.limb.profiles import (
     Bundles,
