@@ -26,7 +26,7 @@ from horizon_sensor_ros.core.limb.profiles import (
 )
 from horizon_sensor_ros.core.limb.texture.grazing import FallingLight, falling_light
 from horizon_sensor_ros.core.limb.texture.ground_texture import ground_across_px
-from horizon_sensor_ros.core.limb.texture.kriging import INNER_PX, OUTER_PX, Stretches
+from horizon_sensor_ros.core.limb.texture.stretches import INNER_PX, OUTER_PX, Stretches
 from horizon_sensor_ros.core.limb_curve import LimbCurve, limb_curve
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status

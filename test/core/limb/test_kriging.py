@@ -15,7 +15,8 @@ from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.places import place_edges
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, pixel_phase, sample_profiles
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
-from horizon_sensor_ros.core.limb.texture.kriging import Stretches, krige_edges
+from horizon_sensor_ros.core.limb.texture.kriging import krige_edges
+from horizon_sensor_ros.core.limb.texture.stretches import Stretches
 from horizon_sensor_ros.core.limb_curve import LimbCurve
 
 GRID = ProfileGrid(-7.0, 15, 1.0, 0.25)

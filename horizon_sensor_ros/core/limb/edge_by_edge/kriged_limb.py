@@ -12,7 +12,8 @@ import numpy as np
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, scatter_px
 from horizon_sensor_ros.core.limb.sample import LimbSample
-from horizon_sensor_ros.core.limb.texture.kriging import KrigedEdges, Stretches, krige_edges
+from horizon_sensor_ros.core.limb.texture.kriging import KrigedEdges, krige_edges
+from horizon_sensor_ros.core.limb.texture.stretches import Stretches
 from horizon_sensor_ros.core.limb_points import CornerBlur, SharedError
 from horizon_sensor_ros.core.mathematics.robust import median
 
