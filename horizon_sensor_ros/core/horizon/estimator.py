@@ -4,24 +4,17 @@ them, or the reason why there is no fix.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 
 from horizon_sensor_ros.core.aiding import Aiding
 from horizon_sensor_ros.core.airglow.alone import by_airglow_alone
 from horizon_sensor_ros.core.airglow.nadir import fit_airglow, under_stars, with_airglow
-from horizon_sensor_ros.core.cameras.camera_view import CameraView
-from horizon_sensor_ros.core.cameras.white_level import full_scale
 from horizon_sensor_ros.core.covariance.bare_ground import with_bare_ground
-from horizon_sensor_ros.core.covariance.calibration_error import with_calibration_error
-from horizon_sensor_ros.core.covariance.common_cone import nearest_to_cones
-from horizon_sensor_ros.core.covariance.hidden_air import hidden_air_sigma_m
 from horizon_sensor_ros.core.covariance.lifted_edges import with_lifted_edges
-from horizon_sensor_ros.core.covariance.shared_error import covariance_with_shared
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.known_altitude import with_altitude
 from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD as MAXIMUM_LIKELIHOOD
@@ -30,20 +23,19 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon.agreement import each_alone, with_contradiction
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
-from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix, told_by
+from horizon_sensor_ros.core.horizon.fit_errors import common_covariance, with_errors
+from horizon_sensor_ros.core.horizon.fix import HorizonFix, told_by
+from horizon_sensor_ros.core.horizon.frame_doubts import doubtful_frames
 from horizon_sensor_ros.core.horizon.judgement import (
     bends_by_itself,
     disagreement_rad,
-    doubt,
     nadir_sigma_rad,
     refusal,
 )
+from horizon_sensor_ros.core.horizon.sighting import Sighting
 from horizon_sensor_ros.core.limb.canny_limbs import canny_limbs
 from horizon_sensor_ros.core.limb.detection import Detection
-from horizon_sensor_ros.core.limb.edge.terminator import terminator
-from horizon_sensor_ros.core.limb.evidence import sky_evidence
 from horizon_sensor_ros.core.limb.night import by_night
-from horizon_sensor_ros.core.limb.sun_artefact import sun_artefact
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.motion.turn_rate import TurnRate, rate_by_gyro
 from horizon_sensor_ros.core.planet_figure import (
@@ -69,28 +61,6 @@ _NOT_LESS_SURE = 1.5
 # Airglow knows nadir to 0.15 deg at best: it is not used where the limb alone has a smaller sigma.
 _SURE_RAD = np.radians(0.05)
 _BY_AIRGLOW_ALONE = "by the airglow's edge alone: no limb of the ground's shows below it"
-
-
-@dataclass(frozen=True, eq=False)
-class Sighting:
-    """Simultaneous frames, where their limb was found, the planet's figure as it then lies, and
-    what is known from elsewhere.
-    """
-
-    frames: Sequence[Frame]
-    detection: Detection
-    figure: Figure
-    aiding: Aiding
-
-    @cached_property
-    def views(self) -> list[CameraView]:
-        """Cameras as they see the figure's sphere, one per frame."""
-        return [self.figure.view(frame.view) for frame in self.frames]
-
-    @property
-    def images(self) -> list[np.ndarray]:
-        """Images (H, W), one per frame."""
-        return [frame.gray for frame in self.frames]
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,15 +130,15 @@ class HorizonEstimator:
         fit = self._fit(observations, detection)
         if not fit.ok:
             return Judged(HorizonFix(fit.status, fit.reason, fit, limbs, ()))
-        doubtful = self._doubts(sighting, limbs, fit, hidden)
+        doubtful = doubtful_frames(sighting, limbs, fit, self.config, hidden)
         if doubtful:
             return _withheld(fit, limbs, doubtful)
-        fit = self._with_errors(fit, observations, sighting.figure)
+        fit = with_errors(fit, observations, sighting.figure, self.config)
         contradiction = ""
         alone: tuple[HorizonFit, ...] = ()
         if len(fit.cameras) > 1 and self.config.limb == "subpixel":
-            with_errors = partial(self._with_errors, figure=sighting.figure)
-            alone = each_alone(fit, observations, self.sphere, with_errors)
+            as_of_all = partial(with_errors, figure=sighting.figure, config=self.config)
+            alone = each_alone(fit, observations, self.sphere, as_of_all)
             bent = bends_by_itself(fit, observations, alone)
             if bent:
                 none = {i: LimbPoints.none(Status.NO_LIMB, why) for i, why in bent.items()}
@@ -326,9 +296,7 @@ class HorizonEstimator:
         if apart_rad > 0.0:
             reason = f"the airglow above it has its nadir {np.degrees(apart_rad):.1f} deg off"
             return fit, (Status.POOR_FIT, f"not the ground's limb: {reason}")
-        exact = replace(fit, cov_nadir_altitude=np.zeros((4, 4)))
-        common = self._with_calibration_error(exact, observations).cov_nadir_altitude
-        common = common + figure.covariance(fit, observations)
+        common = common_covariance(fit, observations, figure, self.config)
         return with_airglow(fit, airglow, common, self.sphere), None
 
     def _of_the_planet(
@@ -344,36 +312,6 @@ class HorizonEstimator:
         # the update moves with nadir.
         return with_altitude(estimate, aiding.altitude, self.sphere)
 
-    def _with_errors(
-        self, fit: HorizonFit, observations: Sequence[LimbObservation], figure: Figure
-    ) -> HorizonFit:
-        """Return the fit with all that may be wrong with observations in its covariance; moved to
-        the cone that is nearest to all cameras' cones, where each has one.
-        """
-        nearest = nearest_to_cones(fit, observations, figure.sphere)
-        # What points of the cones share is in the covariance of these already.
-        if nearest is None:
-            cov = covariance_with_shared(fit, observations, figure.sphere)
-        else:
-            fit, cov = nearest, nearest.cov_nadir_altitude
-        cov = cov + figure.covariance(fit, observations)
-        return self._with_calibration_error(replace(fit, cov_nadir_altitude=cov), observations)
-
-    def _with_calibration_error(
-        self, fit: HorizonFit, observations: Sequence[LimbObservation]
-    ) -> HorizonFit:
-        """Return the fit with what may be wrong with cameras and the limb's height."""
-        hidden_m = hidden_air_sigma_m(fit, observations, self.sphere)
-        return with_calibration_error(
-            fit,
-            observations,
-            self.sphere,
-            mounting_sigma_rad=self.config.mounting_sigma_rad,
-            lens_sigma_px=self.config.lens_sigma_px,
-            limb_height_sigma_m=math.hypot(self.config.limb_height_sigma_m, hidden_m),
-            limb_unevenness_m=self.config.limb_unevenness_m,
-        )
-
     def _fit(self, observations: Sequence[LimbObservation], detection: Detection) -> HorizonFit:
         """Fit by the configured method, from the cone that the limb was measured around."""
         if self.config.method == MAXIMUM_LIKELIHOOD and np.isfinite(detection.rho_rad):
@@ -382,47 +320,6 @@ class HorizonEstimator:
             if fit.ok:
                 return fit
         return fit_horizon(observations, self.sphere, self.config.method)
-
-    def _doubts(
-        self,
-        sighting: Sighting,
-        limbs: Sequence[LimbPoints],
-        fit: HorizonFit,
-        hidden: Container[int],
-    ) -> dict[int, LimbPoints]:
-        """Frames with limb points whose sky or limb shows that these are not the limb's.
-
-        By index into the frames: a limb without points, whose `reason` says why. hidden : as of
-        `judged`.
-        """
-        detection = sighting.detection
-        doubts = {}
-        for i, (image, view, limb) in enumerate(
-            zip(sighting.images, sighting.views, limbs, strict=True)
-        ):
-            if limb.status is not Status.OK:
-                continue
-            working = detection.working[i]
-            evidence = sky_evidence(
-                working,
-                view,
-                fit.nadir_base,
-                fit.rho_rad,
-                limb.predicted,
-                detection.layer_rad,
-            )
-            found_px = len(limb.px) * limb.spacing_px if self.config.limb == "subpixel" else np.inf
-            space_share = working.space_level / full_scale(image)
-            outside = detection.left_outside(i)
-            at_limb = found_px, space_share, outside
-            reason = (
-                doubt(evidence, *at_limb, self.config, sky_hidden=i in hidden)
-                or sun_artefact(limb.px, working, view, fit.nadir_base, fit.rho_rad)
-                or terminator(limb, view, fit.nadir_base, image, working.space_level)
-            )
-            if reason:
-                doubts[i] = LimbPoints.none(Status.NO_LIMB, reason)
-        return doubts
 
 
 def _withheld(

@@ -141,3 +141,20 @@ def told_by(views: Sequence[CameraView], limbs: Sequence[LimbPoints]) -> str:
     if len({limb.reason for limb in limbs}) == 1:
         return limbs[0].reason
     return "; ".join(f"{v.name}: {limb.reason}" for v, limb in zip(views, limbs, strict=True))
+
+
+def in_place_of(
+    fix: HorizonFix, frames: Sequence[Frame], other: HorizonFix, judged: Sequence[Frame]
+) -> HorizonFix:
+    """Another fix, which has judged some of the frames; of those left out, and of the cameras that
+    contradict without being in it, what the fix says.
+    """
+    names = [frame.view.name for frame in judged]
+    limbs = dict(zip(names, other.limbs, strict=True))
+    return replace(
+        other,
+        limbs=tuple(
+            limbs.get(frame.view.name, limb) for frame, limb in zip(frames, fix.limbs, strict=True)
+        ),
+        contradicting=tuple(name for name in fix.contradicting if name not in other.cameras_used),
+    )

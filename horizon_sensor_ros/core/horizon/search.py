@@ -13,16 +13,12 @@ import numpy as np
 from horizon_sensor_ros.core.aiding import Aiding
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.horizon.estimator import HorizonEstimator, Judged, Sighting
-from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix, told_by
+from horizon_sensor_ros.core.horizon.at_layer import by_ground, is_at_layer, layer_of
+from horizon_sensor_ros.core.horizon.estimator import HorizonEstimator, Judged
+from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix, in_place_of, told_by
 from horizon_sensor_ros.core.horizon.hidden_sky import farthest_limb_px
-from horizon_sensor_ros.core.horizon.single_cameras import (
-    SingleCameras,
-    by_ground,
-    in_place_of,
-    is_at_layer,
-    layer_of,
-)
+from horizon_sensor_ros.core.horizon.sighting import Sighting
+from horizon_sensor_ros.core.horizon.single_cameras import SingleCameras
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb, limb_of_one
 from horizon_sensor_ros.core.limb.evidence import NEAREST_SKY_PX

@@ -16,7 +16,7 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.horizon.craft_fixed import CraftFixed
 from horizon_sensor_ros.core.horizon.doubts import Doubts
-from horizon_sensor_ros.core.horizon.estimator import HorizonEstimator, Sighting
+from horizon_sensor_ros.core.horizon.estimator import HorizonEstimator
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.judgement import nadir_sigma_rad
 from horizon_sensor_ros.core.horizon.leaps import Leaps
@@ -24,6 +24,7 @@ from horizon_sensor_ros.core.horizon.lost_rows import lost_rows
 from horizon_sensor_ros.core.horizon.nadir_rate import NadirRate
 from horizon_sensor_ros.core.horizon.repeated_images import RepeatedImages
 from horizon_sensor_ros.core.horizon.search import HorizonSearch
+from horizon_sensor_ros.core.horizon.sighting import Sighting
 from horizon_sensor_ros.core.horizon.track import Track
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import follow_limb

@@ -8,27 +8,26 @@ from itertools import islice
 
 import numpy as np
 
-from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
-from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.horizon.estimator import HorizonEstimator, Judged, Sighting
-from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
+from horizon_sensor_ros.core.horizon.at_layer import (
+    by_ground,
+    is_above,
+    is_at_layer,
+    layer_of,
+    shown_by_frames,
+)
+from horizon_sensor_ros.core.horizon.estimator import HorizonEstimator, Judged
+from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix, in_place_of
 from horizon_sensor_ros.core.horizon.judgement import disagreement_rad, nadir_sigma_rad
+from horizon_sensor_ros.core.horizon.sighting import Sighting
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import joined
-from horizon_sensor_ros.core.limb.search.air_layer import may_be_cut_off
-from horizon_sensor_ros.core.limb.search.bare_edge import bare_by_night
 from horizon_sensor_ros.core.limb.search.columns import LAYER_M
 from horizon_sensor_ros.core.limb.search.selection import Consensus
 from horizon_sensor_ros.core.limb_curve import limb_in_sight
-from horizon_sensor_ros.core.mathematics.robust import median
 from horizon_sensor_ros.core.planet_figure import disc_of
 from horizon_sensor_ros.core.status import Status
 
 _PERHAPS_AT_LAYER = "the limb may be the edge of a layer of airglow, and altitude 95 km too small"
-_BY_FADING = "by how light fades below it"
-_BARE = "stars above it, and no airglow"
-_CUT_OFF = "the frame ends too near to the limb"
-_SIGMAS = 4.0  # by which altitudes by the limb of the ground and of a layer are told apart
 _MUCH_LESS_SURE = 2.0  # times the sigma of nadir
 
 
@@ -246,23 +245,15 @@ class SingleCameras:
         return in_place_of(fix, self._frames, of_layer, sighting.frames)
 
     def _who_tells_of_layer(self, sighting: Sighting, fix: HorizonFix) -> str | None:
-        """What says that a limb may be a layer's: how light fades below it; the borders of all
-        frames, which hide what would tell; or one camera that by itself sees the edge of one there,
-        or its limb so much lower. Nothing under air as it is by day.
+        """What says that a limb may be a layer's: all frames together, or one camera that by itself
+        sees the edge of one there, or its limb so much lower. None under air as it is by day.
         """
         detection = sighting.detection
         if detection.under_daylit_air:
             return None
-        agreed = detection.agreed
-        if agreed is not None:
-            if detection.consensus.perhaps_layer:
-                return _BY_FADING
-            views, working = sighting.views, detection.working
-            edge = agreed, detection.consensus, self._estimator.sphere
-            if may_be_cut_off(views, working, *edge):
-                return _CUT_OFF
-            if bare_by_night(views, sighting.images, working, *edge):
-                return _BARE
+        shown = shown_by_frames(sighting, self._estimator.sphere)
+        if shown:
+            return shown
         if self._undisputed(fix, detection.consensus):
             return None
         self._look_near(sighting)
@@ -270,7 +261,7 @@ class SingleCameras:
         for seen in detection.observations:
             i = number[seen.view.name]
             at_layer = is_at_layer([seen], layer_of(self.found(i)))
-            if at_layer or _is_above(fix.fit, self.judged(i).fix):
+            if at_layer or is_above(fix.fit, self.judged(i).fix):
                 return f"{seen.view.name}, by itself"
         return None
 
@@ -330,53 +321,3 @@ class SingleCameras:
         """
         num = len(self._frames)
         return num < 2 or (consensus.unanimous and len(fix.cameras_used) == num)
-
-
-def layer_of(found: Detection) -> Consensus | None:
-    """Consensus of frames in which a layer of airglow shows; else None."""
-    consensus = found.consensus
-    return consensus if consensus.layer_rad > 0.0 else None
-
-
-def is_at_layer(limbs: Sequence[LimbObservation], layer: Consensus | None) -> bool:
-    """Whether limbs lie rather at the edge of a layer that was seen elsewhere, by all cameras or by
-    one alone, than at the limb of the ground below it; not where none was.
-    """
-    if layer is None:
-        return False
-    cosine = gather(limbs).rays_base @ layer.nadir_base
-    above_rad = np.arccos(np.clip(cosine, -1.0, 1.0)) - layer.rho_rad
-    return bool(len(above_rad) and median(above_rad) > 0.5 * layer.layer_rad)
-
-
-def by_ground(fix: HorizonFix, consensus: Consensus) -> bool:
-    """Whether there is a fix, and no layer of airglow has a part in it."""
-    return fix.ok and not fix.airglow_alone and consensus.layer_rad == 0.0
-
-
-def _is_above(fit: HorizonFit, by_itself: HorizonFix) -> bool:
-    """Whether the limb lies above the one that a camera by itself found, by about what a layer of
-    airglow does: more than errors explain.
-    """
-    if not by_itself.ok:
-        return False
-    off_m = by_itself.fit.altitude_m - fit.altitude_m
-    variance = fit.cov_nadir_altitude[3, 3] + by_itself.fit.cov_nadir_altitude[3, 3]
-    return bool(off_m > max(0.5 * LAYER_M, _SIGMAS * np.sqrt(variance)))
-
-
-def in_place_of(
-    fix: HorizonFix, frames: Sequence[Frame], other: HorizonFix, judged: Sequence[Frame]
-) -> HorizonFix:
-    """Another fix, which has judged some of the frames; of those left out, and of the cameras that
-    contradict without being in it, what the fix says.
-    """
-    names = [frame.view.name for frame in judged]
-    limbs = dict(zip(names, other.limbs, strict=True))
-    return replace(
-        other,
-        limbs=tuple(
-            limbs.get(frame.view.name, limb) for frame, limb in zip(frames, fix.limbs, strict=True)
-        ),
-        contradicting=tuple(name for name in fix.contradicting if name not in other.cameras_used),
-    )

@@ -13,9 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
-from horizon_sensor_ros.core.horizon.estimator import HorizonEstimator, Sighting
+from horizon_sensor_ros.core.horizon.estimator import HorizonEstimator
 from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.judgement import nadir_sigma_rad
+from horizon_sensor_ros.core.horizon.sighting import Sighting
 from horizon_sensor_ros.core.horizon.single_cameras import SingleCameras
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb, limb_of_one
