@@ -11,11 +11,16 @@ from horizon_sensor_ros.core.aiding import Aiding
 from horizon_sensor_ros.core.horizon.fix import HorizonFix
 from horizon_sensor_ros.core.horizon.judgement import nadir_sigma_rad
 from horizon_sensor_ros.core.mathematics.attitude import angle_rad
-from horizon_sensor_ros.core.motion.turn_rate import GYRO_SIGMA_RAD_S
+from horizon_sensor_ros.core.motion.turn_rate import (
+    GYRO_SIGMA_RAD_S,
+    NOT_TURNED,
+    SURE,
+    surely_turns,
+)
 
-# By the gyro nadir has to have moved by so much, and so many sigmas of what a gyro may be off by,
-# before its standing still means anything; in more than one glitch of it; and within a time.
-_MOVES_RAD, _SURE, _SETS, _LONGEST_S = math.radians(2.0), 3.0, 3, 60.0
+# By the gyro nadir has to have moved by so much, and `SURE` times what a gyro may be off by, before
+# its standing still means anything; in more than one glitch of it; and within a time.
+_MOVES_RAD, _SETS, _LONGEST_S = math.radians(2.0), 3, 60.0
 # What was found to stand still is forgotten after so long without having been found so again: a
 # gyro may have been wrong for a while; where several cameras agree on a horizon it was.
 _FORGOTTEN_S, _REFUTED_S = 600.0, 5.0
@@ -23,8 +28,6 @@ _FORGOTTEN_S, _REFUTED_S = 600.0, 5.0
 _SHARE = 0.1
 # A part of the craft is found in one place, to so much: farther away is something else.
 _ELSEWHERE_RAD = math.radians(1.0)
-_NOT_TURNED = np.eye(3)
-_NOT_TURNED.setflags(write=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +39,7 @@ class _Since:
 
     nadir_base: np.ndarray
     sigma_rad: float
-    rot_now_from_then: np.ndarray = field(default_factory=lambda: _NOT_TURNED)
+    rot_now_from_then: np.ndarray = field(default_factory=lambda: NOT_TURNED)
     time_s: float = 0.0
     turning: int = 0
     stood_rad: float = 0.0
@@ -54,7 +57,7 @@ class _Since:
             return None
         if turn is None or since_s is None or rate is None:
             return replace(self, time_s=self.time_s + (since_s or 0.0)) if stood else None
-        turns = float(np.linalg.norm(rate)) > _SURE * GYRO_SIGMA_RAD_S
+        turns = surely_turns(rate)
         return replace(
             self,
             rot_now_from_then=turn @ self.rot_now_from_then,
@@ -70,7 +73,7 @@ class _Since:
     @property
     def tells(self) -> bool:
         """Whether that is far enough to be seen."""
-        sure_rad = _MOVES_RAD + _SURE * (GYRO_SIGMA_RAD_S * self.time_s + self.sigma_rad)
+        sure_rad = _MOVES_RAD + SURE * (GYRO_SIGMA_RAD_S * self.time_s + self.sigma_rad)
         return self.turning >= _SETS and self.expected_rad > sure_rad
 
 

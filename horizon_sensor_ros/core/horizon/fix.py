@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.assessment import inliers, root_mean_square
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet_figure import Disc, disc_of
 from horizon_sensor_ros.core.status import Status
@@ -37,6 +39,11 @@ class Frame:
     def __post_init__(self) -> None:
         if not math.isfinite(self.after_s):
             raise ValueError(f"after_s of {self.view.name!r} must be finite, got {self.after_s}")
+
+    @cached_property
+    def working(self) -> WorkingImage:
+        """The image in the size that a search works on; made once, whoever searches it."""
+        return WorkingImage.of(self.gray, self.view.mask)
 
     @property
     def late_s(self) -> float:

@@ -10,15 +10,18 @@ import numpy as np
 
 from horizon_sensor_ros.core.aiding import Aiding
 from horizon_sensor_ros.core.horizon.fix import Frame
-from horizon_sensor_ros.core.motion.turn_rate import GYRO_SIGMA_RAD_S
+from horizon_sensor_ros.core.motion.turn_rate import (
+    GYRO_SIGMA_RAD_S,
+    NOT_TURNED,
+    SURE,
+    surely_turns,
+)
 
 # An image is frozen when another camera's has changed so often meanwhile, or the craft has turned
-# by more than a part of a pixel and what a gyro may be off by in that time, so many sigmas. A limb
+# by more than a part of a pixel and `SURE` times what a gyro may be off by in that time. A limb
 # is known to some hundredths of a pixel: a whole one would be many sigmas of its fix.
-_OTHERS_CHANGED, _SURE, _LEAST_PX = 2, 3.0, 0.1
+_OTHERS_CHANGED, _LEAST_PX = 2, 0.1
 _ROWS = 16  # that are compared one by one before all are: images that differ do so in most of them
-_NOT_TURNED = np.eye(3)
-_NOT_TURNED.setflags(write=False)
 
 
 @dataclass(eq=False)
@@ -31,7 +34,7 @@ class _Shown:
 
     gray: np.ndarray
     others: int = 0
-    rot_now_from_first: np.ndarray = field(default_factory=lambda: _NOT_TURNED)
+    rot_now_from_first: np.ndarray = field(default_factory=lambda: NOT_TURNED)
     time_s: float = 0.0
 
 
@@ -92,7 +95,7 @@ def _once_more(shown: _Shown, others: bool, aiding: Aiding) -> _Shown:
     """Return what is known of an image that is shown again."""
     turn, since_s, rate = aiding.rot_now_from_last, aiding.since_last_s, aiding.rate_base_rad_s
     # The rate is a median: one glitch of the gyro, which the turn has, is no turn of the craft.
-    turns = rate is not None and float(np.linalg.norm(rate)) > _SURE * GYRO_SIGMA_RAD_S
+    turns = rate is not None and surely_turns(rate)
     again = replace(shown, others=shown.others + others)
     if turn is None or since_s is None or not turns:
         return again
@@ -108,7 +111,7 @@ def _frozen(shown: _Shown, frame: Frame) -> str:
     cosine = 0.5 * (float(np.trace(shown.rot_now_from_first)) - 1.0)
     turn_rad = math.acos(min(max(cosine, -1.0), 1.0))
     least_rad = _LEAST_PX * frame.view.camera.pixel_rad
-    if turn_rad > least_rad + _SURE * GYRO_SIGMA_RAD_S * shown.time_s:
+    if turn_rad > least_rad + SURE * GYRO_SIGMA_RAD_S * shown.time_s:
         moved = f"the craft has turned by {math.degrees(turn_rad):.1f} deg since"
     elif shown.others >= _OTHERS_CHANGED:
         moved = f"other cameras' images have changed {shown.others} times since"

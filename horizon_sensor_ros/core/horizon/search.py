@@ -22,7 +22,7 @@ from horizon_sensor_ros.core.horizon.single_cameras import SingleCameras
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb, limb_of_one
 from horizon_sensor_ros.core.limb.evidence import NEAREST_SKY_PX
-from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
+from horizon_sensor_ros.core.limb.search.candidates import candidates_in
 from horizon_sensor_ros.core.limb.search.larger_disc import larger_disc_rad
 from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
@@ -75,7 +75,7 @@ class HorizonSearch:
         usable = [frame for frame, why in zip(frames, unusable, strict=True) if why is None]
         larger_rad = larger_disc_rad(
             [disc.figure.view(frame.view) for frame in usable],
-            [frame.gray for frame in usable],
+            [frame.working for frame in usable],
             disc.nadir,
             disc.rho_rad,
             self._rho_max,
@@ -145,7 +145,7 @@ class HorizonSearch:
         planet's; 0 where too few do.
         """
         found = rays_of_candidates(
-            [frame.view], [space_boundary_candidates(frame.gray, mask=frame.view.mask)]
+            [frame.view], [candidates_in(frame.working, mask=frame.view.mask)]
         )
         consensus = limb_consensus(found, rho_min_rad=self._rho_min, rho_max_rad=self._rho_max)
         return int(np.count_nonzero(consensus.inliers))
@@ -206,6 +206,7 @@ class HorizonSearch:
             rho_min_rad=self._rho_min,
             rho_max_rad=self._rho_max,
             near=near,
+            working=[frame.working for frame in frames],
         )
         if np.isfinite(detection.rho_rad):
             figure = figure.aligned(detection.nadir_base)

@@ -28,10 +28,7 @@ from horizon_sensor_ros.core.limb.passes import (
 )
 from horizon_sensor_ros.core.limb.sample import RefinePass
 from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow
-from horizon_sensor_ros.core.limb.search.candidates import (
-    candidates_in,
-    space_boundary_candidates,
-)
+from horizon_sensor_ros.core.limb.search.candidates import candidates_in
 from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
     RayCandidates,
@@ -71,18 +68,22 @@ def detect_limb(
     rho_min_rad: float,
     rho_max_rad: float,
     near: tuple[np.ndarray, float] | None = None,
+    working: Sequence[WorkingImage] | None = None,
 ) -> Detection:
     """Find the limb in simultaneous frames of any number of cameras.
 
     images : (H, W) uint8 or uint16, one a view. near : nadir (3,) and rho of a cone that is known
-    to be the limb's, about which it is sought in all frames; by default the consensus of all. A
-    camera that sees no limb comes back with its own status; if no consensus is found all do.
+    to be the limb's, about which it is sought in all frames; by default the consensus of all.
+    working : the images as the search sees them, where they are reduced already. A camera that sees
+    no limb comes back with its own status; if no consensus is found all do.
     """
+    if working is None:
+        pairs = zip(views, images, strict=True)
+        working = [WorkingImage.of(image, view.mask) for view, image in pairs]
+    working = tuple(working)
     candidates = [
-        space_boundary_candidates(image, mask=view.mask)
-        for view, image in zip(views, images, strict=True)
+        candidates_in(image, mask=view.mask) for view, image in zip(views, working, strict=True)
     ]
-    working = tuple(each.working for each in candidates)
     found = rays_of_candidates(views, candidates)
     if near is None:
         consensus = limb_consensus(found, rho_min_rad=rho_min_rad, rho_max_rad=rho_max_rad)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from horizon_fixes import NADIR, assert_refused, error_deg
 from limb_samples import PINHOLE, cone_rays, view_at_limb
 from scipy.special import expit
@@ -11,6 +12,7 @@ from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
+from horizon_sensor_ros.core.limb.search import working_image
 from horizon_sensor_ros.core.limb.search.larger_disc import larger_disc_rad
 from horizon_sensor_ros.core.planet import Planet
 
@@ -61,8 +63,24 @@ def test_the_larger_disc_has_the_crescents_radius() -> None:
     frame = limb_beside_a_disc(np.radians(0.6), np.radians(5.0))
 
     def found_rad(disc_rad: float) -> float:
-        return larger_disc_rad([_VIEW], [frame.gray], _BESIDE, disc_rad, np.radians(80.0))
+        return larger_disc_rad([_VIEW], [frame.working], _BESIDE, disc_rad, np.radians(80.0))
 
     assert abs(found_rad(np.radians(5.0)) - _RHO_RAD) < np.radians(3.0)
     # No limb in the frame is longer than a disc that is wider than the frame.
     assert found_rad(np.radians(40.0)) == 0.0
+
+
+def test_a_frame_is_reduced_once_however_often_it_is_searched(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    reduced = []
+    measured = working_image.reduce_image
+
+    def counted(gray: np.ndarray) -> tuple[np.ndarray, int]:
+        reduced.append(gray)
+        return measured(gray)
+
+    monkeypatch.setattr(working_image, "reduce_image", counted)
+    sensor = HorizonSensor(_SENSOR.config)
+    assert not sensor.process([limb_beside_a_disc(np.radians(0.6), np.radians(5.0))]).ok
+    assert len(reduced) == 1

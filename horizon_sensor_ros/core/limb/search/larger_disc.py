@@ -12,14 +12,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
-from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
+from horizon_sensor_ros.core.limb.search.candidates import candidates_in
 from horizon_sensor_ros.core.limb.search.selection import limb_consensus, rays_of_candidates
+from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.status import Status
 
 
 def larger_disc_rad(
     views: Sequence[CameraView],
-    images: Sequence[np.ndarray],
+    working: Sequence[WorkingImage],
     nadir_base: np.ndarray,
     rho_rad: float,
     rho_max_rad: float,
@@ -27,9 +28,9 @@ def larger_disc_rad(
     """Angular radius of a larger disc beside the one that was taken for the planet's, cone of
     nadir_base (3,) and rho_rad; 0 where none shows.
 
-    views, images : of all frames, (H, W) uint8 or uint16. rho_max_rad : of the lowest altitude. A
-    disc counts whose limb shows along more than the other one is wide, and within which that does
-    not lie: what surrounds a planet are layers of its air.
+    views, working : of all frames. rho_max_rad : of the lowest altitude. A disc counts whose limb
+    shows along more than the other one is wide, and within which that does not lie: what surrounds
+    a planet are layers of its air.
     """
     wide_rad = 2.0 * rho_rad
     if wide_rad > max(_field_rad(view) for view in views):
@@ -37,8 +38,8 @@ def larger_disc_rad(
     found = rays_of_candidates(
         views,
         [
-            space_boundary_candidates(image, mask=view.mask, thin=True)
-            for view, image in zip(views, images, strict=True)
+            candidates_in(image, mask=view.mask, thin=True)
+            for view, image in zip(views, working, strict=True)
         ],
     )
     beyond = found.take(found.outside(nadir_base, rho_rad))
