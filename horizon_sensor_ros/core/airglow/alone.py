@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from horizon_sensor_ros.core.airglow.edge import (
+    AIRGLOW_HEIGHT_M,
+    airglow_edge,
+    sphere_of_airglow,
+)
 from horizon_sensor_ros.core.airglow.nadir import cone_of_airglow, under_stars
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.covariance.calibration_error import with_calibration_error
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.limb.airglow_edge import (
-    AIRGLOW_HEIGHT_M,
-    airglow_edge,
-    sphere_of_airglow,
-)
 from horizon_sensor_ros.core.limb.search.stars import NIGHT_STARS
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.planet import Planet

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from horizon_sensor_ros.core.airglow.edge import airglow_edge, sphere_of_airglow
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.covariance.shared_error import bend_px, with_shared_error
 from horizon_sensor_ros.core.fits.assessment import birge_factor, tangent_rows
@@ -18,7 +19,6 @@ from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likeliho
 from horizon_sensor_ros.core.fits.moved import moved
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.limb.airglow_edge import airglow_edge, sphere_of_airglow
 from horizon_sensor_ros.core.limb.search.stars import shows_stars
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.mathematics.attitude import tangent_basis

@@ -15,6 +15,7 @@ from horizon_sensor_ros.core.airglow.alone import by_airglow_alone
 from horizon_sensor_ros.core.airglow.nadir import fit_airglow, under_stars, with_airglow
 from horizon_sensor_ros.core.covariance.bare_ground import with_bare_ground
 from horizon_sensor_ros.core.covariance.lifted_edges import with_lifted_edges
+from horizon_sensor_ros.core.covariance.night import by_night
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.known_altitude import with_altitude
 from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD as MAXIMUM_LIKELIHOOD
@@ -35,7 +36,6 @@ from horizon_sensor_ros.core.horizon.judgement import (
 from horizon_sensor_ros.core.horizon.sighting import Sighting
 from horizon_sensor_ros.core.limb.canny_limbs import canny_limbs
 from horizon_sensor_ros.core.limb.detection import Detection
-from horizon_sensor_ros.core.limb.night import by_night
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.motion.turn_rate import TurnRate, rate_by_gyro
 from horizon_sensor_ros.core.planet_figure import (

@@ -18,6 +18,7 @@ from limb_samples import nadir_nees
 from scipy.ndimage import gaussian_filter1d
 
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding, AltitudeMeasurement
+from horizon_sensor_ros.core.airglow.edge import airglow_edge
 from horizon_sensor_ros.core.airglow.nadir import fit_airglow, with_airglow
 from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
@@ -27,7 +28,6 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
-from horizon_sensor_ros.core.limb.airglow_edge import airglow_edge
 from horizon_sensor_ros.core.limb.search.stars import count_stars
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb_points import LimbPoints

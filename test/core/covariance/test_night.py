@@ -9,10 +9,10 @@ import pytest
 from limb_samples import PINHOLE, observe, view_at_limb
 from scipy.stats import norm
 
+from horizon_sensor_ros.core.covariance.night import by_night
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.glow.points import GlowPoints
-from horizon_sensor_ros.core.limb.night import by_night
 from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError
 from horizon_sensor_ros.core.status import Status
 
