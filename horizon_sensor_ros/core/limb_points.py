@@ -55,6 +55,9 @@ class SharedError(NamedTuple):
 
 NOTHING_SHARED = SharedError()
 
+# Stretches of a camera's limb within which neighbouring points share an error, and between which
+# they do not.
+STRETCHES = 6
 # One sigma of mean, slope and bend of a parabola along a limb, from one end (-1) to the other (1),
 # whose six stretches are off by one each, independently.
 MEAN_OF_STRETCHES, SLOPE_OF_STRETCHES, BEND_OF_STRETCHES = 0.41, 0.72, 1.47

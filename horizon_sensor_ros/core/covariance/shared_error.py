@@ -14,13 +14,12 @@ from horizon_sensor_ros.core.fits.assessment import covariance_nadir_altitude, t
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.limb_points import STRETCHES, LimbPoints
 from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 from horizon_sensor_ros.core.mathematics.robust import median, medians, starts_and_sizes
 from horizon_sensor_ros.core.mathematics.symmetric3 import inverse
 from horizon_sensor_ros.core.planet import Planet
 
-_STRETCHES = 6
 _NEGLIGIBLE = 0.02  # shared variance over the points' own that is not worth adding
 _MEDIAN_VARIANCE = np.pi / 2.0  # of a median of normal errors, over that of their mean
 _NOT_A_LIMB_PX = 9.0  # bend of a limb to which no distance can be told: no limb bends so far
@@ -50,8 +49,8 @@ def bend_px(fit: HorizonFit, rays: LimbRays) -> float:
 def _bend_px(rays: LimbRays, nadir_base: tuple[float, ...], rho_rad: float) -> float:
     nadir = np.array(nadir_base)
     residual = rays.residuals_px(nadir, rho_rad)[rays.along_limb(nadir)]
-    middles = medians(residual, _STRETCHES)
-    bend = math.sqrt(sum(middle * middle for middle in middles) / _STRETCHES)
+    middles = medians(residual, STRETCHES)
+    bend = math.sqrt(sum(middle * middle for middle in middles) / STRETCHES)
     return bend if bend < math.inf else _NOT_A_LIMB_PX
 
 
@@ -72,8 +71,8 @@ class _Shared:
     @classmethod
     def of(cls, limb: LimbPoints, rays: LimbRays) -> _Shared:
         """What the points of a limb share."""
-        claimed_px = limb.shared.coherent_px if len(rays) >= 2 * _STRETCHES else 0.0
-        own2 = _MEDIAN_VARIANCE * median(rays.sigma_px) ** 2 * _STRETCHES / len(rays)
+        claimed_px = limb.shared.coherent_px if len(rays) >= 2 * STRETCHES else 0.0
+        own2 = _MEDIAN_VARIANCE * median(rays.sigma_px) ** 2 * STRETCHES / len(rays)
         return cls(limb, rays, claimed_px**2, own2, _darker_px(limb, rays))
 
     def negligible(self, fit: HorizonFit) -> bool:
@@ -126,7 +125,7 @@ def covariance_with_shared(
     """Covariance (4, 4) of nadir and altitude with the errors that neighbouring points share.
 
     The fit is linear in where the points lie, so its errors are theirs: their own, which are in its
-    covariance already, and those of `_STRETCHES` independent stretches of each camera's limb,
+    covariance already, and those of `STRETCHES` independent stretches of each camera's limb,
     whatever the number of points; or the covariance of the cone that was fitted to a camera's limb,
     which holds both.
     """
@@ -163,8 +162,8 @@ def covariance_with_shared(
         if shared.scale_px > 0.0:
             by_scale += shared.scale_px * (camera.rays.log_scale - usual) @ by_px
         cov += more_own * by_sigma.T @ by_sigma + camera.of_the_limb(order, by_px)
-        cov += coherent2 * len(a) / _STRETCHES * by_px.T @ by_px
-        moved.append(by_px * np.sqrt(more_own * sigma_px**2 + coherent2 * len(a) / _STRETCHES))
+        cov += coherent2 * len(a) / STRETCHES * by_px.T @ by_px
+        moved.append(by_px * np.sqrt(more_own * sigma_px**2 + coherent2 * len(a) / STRETCHES))
     cov += of_same_limb(together, moved)
     cov += np.outer(height, height) + np.outer(by_scale, by_scale) + of_cones @ of_cones.T
     return covariance_nadir_altitude(cov, basis, fit.rho_rad, sphere)
@@ -204,7 +203,7 @@ def _left(rows_px: np.ndarray, by_px: np.ndarray) -> float:
     rows_px : (N, 3) derivatives of the points' residuals by the cone's three unknowns. by_px :
     (N, 3) derivatives of these by the points' places. Both in order along the limb.
     """
-    starts, sizes = starts_and_sizes(len(rows_px), _STRETCHES)
+    starts, sizes = starts_and_sizes(len(rows_px), STRETCHES)
     left = np.add.reduceat(rows_px, starts) / -sizes[:, None] @ np.add.reduceat(by_px, starts).T
-    left.ravel()[:: _STRETCHES + 1] += 1.0
-    return float(np.einsum("ij,ij->", left, left)) / _STRETCHES
+    left.ravel()[:: STRETCHES + 1] += 1.0
+    return float(np.einsum("ij,ij->", left, left)) / STRETCHES

@@ -56,6 +56,7 @@ class SingleCameras:
         self._frames, self._look, self._look_at_one = frames, look, look_at_one
         self._views = [frame.view for frame in frames]
         self._names = [view.name for view in self._views]
+        self._number = {name: i for i, name in enumerate(self._names)}
         self._estimator, self._any_sigma = estimator, any_sigma
         self._seen: dict[int, tuple[Detection, Judged]] = {}
         self._near: dict[int, tuple[Detection, Judged]] = {}
@@ -74,11 +75,11 @@ class SingleCameras:
         if self._about is sighting:
             return
         self._about = sighting
-        number = {name: i for i, name in enumerate(self._names)}
         for k, frame in enumerate(sighting.frames):
             one = self._look_at_one(sighting, k)
             if one is not None:
-                self._near[number[frame.view.name]] = one.detection, self._any_sigma.judged(one)
+                i = self._number[frame.view.name]
+                self._near[i] = one.detection, self._any_sigma.judged(one)
 
     def _alone(self, i: int) -> tuple[Detection, Judged]:
         if i in self._near:
@@ -257,9 +258,8 @@ class SingleCameras:
         if self._undisputed(fix, detection.consensus):
             return None
         self._look_near(sighting)
-        number = {name: i for i, name in enumerate(self._names)}
         for seen in detection.observations:
-            i = number[seen.view.name]
+            i = self._number[seen.view.name]
             at_layer = is_at_layer([seen], layer_of(self.found(i)))
             if at_layer or is_above(fix.fit, self.judged(i).fix):
                 return f"{seen.view.name}, by itself"

@@ -14,7 +14,11 @@ from horizon_sensor_ros.core.limb.detection import Detection, LimbState
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.glow.points import told_together
 from horizon_sensor_ros.core.limb.haze.column import LOWEST_RHO_RAD
-from horizon_sensor_ros.core.limb.haze.passes import follow_through_haze, look_through_haze
+from horizon_sensor_ros.core.limb.haze.passes import (
+    ThroughHaze,
+    follow_through_haze,
+    look_through_haze,
+)
 from horizon_sensor_ros.core.limb.passes import (
     AGAIN,
     AT_ONCE,
@@ -254,8 +258,8 @@ def _from_within_air(
         if consensus.status is not Status.OK:
             continue
         near = consensus.nadir_base, consensus.rho_rad
-        hazy = look_through_haze(views, images, planet, near)
-        if hazy is not None and hazy.sure and not smeared_one_way(images, hazy.found):
+        hazy = _through_haze(views, images, planet, near)
+        if hazy is not None and hazy.sure:
             return _searched(hazy.found, working, consensus, found)
     return None
 
@@ -315,9 +319,7 @@ def _looked_for(
     looked = _seen_at_once(views, images, near) if consensus.unanimous else None
     hazy = None
     if looked is None:
-        hazy = look_through_haze(views, images, planet, near)
-        if hazy is not None and smeared_one_way(images, hazy.found):
-            hazy = None
+        hazy = _through_haze(views, images, planet, near)
         if hazy is not None and hazy.sure:
             return hazy.found
         frames = [
@@ -327,6 +329,17 @@ def _looked_for(
         looked = look_for(views, frames, planet, near, [()] * len(views), steps)
     looked = without_smear(views, images, planet, looked)
     return looked if hazy is None else hazy.or_thin_air(looked)
+
+
+def _through_haze(
+    views: Sequence[CameraView],
+    images: Sequence[np.ndarray],
+    planet: Planet,
+    near: tuple[np.ndarray, float],
+) -> ThroughHaze | None:
+    """`look_through_haze`; not at limbs that look so since motion smears them."""
+    hazy = look_through_haze(views, images, planet, near)
+    return None if hazy is None or smeared_one_way(images, hazy.found) else hazy
 
 
 def _seen_at_once(

@@ -13,14 +13,10 @@ from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.cameras.white_level import saturation_level
 from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
-from horizon_sensor_ros.core.limb.edge.clipping import (
-    clipped,
-    cut_off,
-    place_clipped_edges,
-)
-from horizon_sensor_ros.core.limb.edge.model import normal_cdf
+from horizon_sensor_ros.core.limb.edge.clipping import clipped, cut_off, place_clipped_edges
 from horizon_sensor_ros.core.limb.profiles import sample_profiles
 from horizon_sensor_ros.core.limb_curve import LimbCurve
+from horizon_sensor_ros.core.mathematics.normal_law import normal_cdf
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.poses import camera_from_fov
 

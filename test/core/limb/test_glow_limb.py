@@ -17,7 +17,7 @@ from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.limb import passes, refinement
 from horizon_sensor_ros.core.limb.air import LIMB, USUAL_HEIGHT, USUAL_SHARE, Air, usual_length_px
-from horizon_sensor_ros.core.limb.edge.model import EdgeLook, normal_cdf
+from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outside
 from horizon_sensor_ros.core.limb.glow.fit import UnevenGlow, fit_glow
 from horizon_sensor_ros.core.limb.glow.ground import Ground
@@ -32,6 +32,7 @@ from horizon_sensor_ros.core.limb.texture.ground_texture import (
     seen_across,
 )
 from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.normal_law import normal_cdf
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging, Occluder, unit_vector

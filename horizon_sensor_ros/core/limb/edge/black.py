@@ -17,7 +17,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.model import normal_cdf
+from horizon_sensor_ros.core.mathematics.normal_law import normal_cdf, normal_density
 
 _LIT = 1.6  # level over its noise from which on hardly anything is clipped
 # Shares of zeros between which they tell the law: with fewer it is not clipped, with more what is
@@ -75,4 +75,4 @@ def _normal_law() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Values t of the standard normal law, F(t) and h(t)."""
     t = np.linspace(-_REACH, _REACH, 1001)
     share = normal_cdf(t)
-    return t, share, t * share + np.exp(-0.5 * t * t) / np.sqrt(2.0 * np.pi)
+    return t, share, t * share + normal_density(t)

@@ -23,9 +23,9 @@ import numpy as np
 
 from horizon_sensor_ros.core.cameras.white_level import NEAR_WHITE
 from horizon_sensor_ros.core.limb.edge.demosaicing import BESIDE
-from horizon_sensor_ros.core.limb.edge.model import normal_cdf
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, nearness, space_level
 from horizon_sensor_ros.core.limb_points import SharedError
+from horizon_sensor_ros.core.mathematics.normal_law import normal_cdf
 
 _DARK = 0.5  # space, over the white level, at most
 # The part of a profile that is fitted, pixels outwards from the predicted edge.

@@ -14,10 +14,9 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.near_edge import BESIDE_PX, DEEP_PX, mean_at
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid
-from horizon_sensor_ros.core.limb_points import NOTHING_SHARED, SharedError
+from horizon_sensor_ros.core.limb_points import NOTHING_SHARED, STRETCHES, SharedError
 from horizon_sensor_ros.core.mathematics.robust import median, stretches
 
-_STRETCHES = 6
 # Errors of edges: of the whole limb with the square of the rise over the step, and of dark places
 # beside the others with that and with its square. Beside the truth of 90 discs of 24 to 200 px in
 # radius, by Lambert's and Minnaert's laws.
@@ -46,7 +45,7 @@ def darkening_error(
     if small <= 0.0 and not model_free:
         return NOTHING_SHARED
     rise = mean_at(profiles, grid, DEEP_PX) - mean_at(profiles, grid, BESIDE_PX)
-    means = [float(part.mean()) for part in stretches(rise, _STRETCHES) if len(part)]
+    means = [float(part.mean()) for part in stretches(rise, STRETCHES) if len(part)]
     # Clouds are brighter here and darker there.
     by_chance = float(np.std(means)) / math.sqrt(max(len(means) - 1, 1))
     share = max(float(np.mean(means)) - by_chance, 0.0) / max(median(step), 1e-9)

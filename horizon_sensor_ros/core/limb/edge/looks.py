@@ -7,14 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.model import (
-    GLOW_LADDER_PX,
-    PSF_LADDER_PX,
-    EdgeLook,
-    normal_cdf,
-)
+from horizon_sensor_ros.core.limb.edge.model import GLOW_LADDER_PX, PSF_LADDER_PX, EdgeLook
 from horizon_sensor_ros.core.limb.edge.places import look_evidence
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid, mean_profile
+from horizon_sensor_ros.core.mathematics.normal_law import normal_cdf
 from horizon_sensor_ros.core.mathematics.robust import median
 
 _MOST_EVIDENCE = 8.0  # of one profile, for one look over another

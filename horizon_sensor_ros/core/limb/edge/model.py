@@ -18,7 +18,6 @@ hides the ground has a law of its own, without F and G: see `haze.limb`.
 
 from __future__ import annotations
 
-import math
 from collections import OrderedDict
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -27,6 +26,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.air import Air
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid
+from horizon_sensor_ros.core.mathematics.normal_law import normal_cdf
 
 
 @dataclass(frozen=True)
@@ -98,15 +98,6 @@ class EdgeTable:
         stacked = (profiles @ self.residual.reshape(-1, num).T).reshape(-1, rows)
         squares = np.einsum("ij,ij->i", stacked, stacked).reshape(shape)
         return squares, (profiles @ self.step.reshape(-1, num).T).reshape(shape)
-
-
-def normal_cdf(x: np.ndarray) -> np.ndarray:
-    """Standard normal distribution function of values of any shape, to the last digits of its tails
-    too.
-    """
-    # Not scipy.special: loading it takes a node as long as all its other libraries together.
-    flat = (np.asarray(x, dtype=float) * -math.sqrt(0.5)).ravel().tolist()
-    return 0.5 * np.array([math.erfc(value) for value in flat]).reshape(np.shape(x))
 
 
 @dataclass(frozen=True)

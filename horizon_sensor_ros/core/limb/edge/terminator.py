@@ -19,11 +19,10 @@ from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.cameras.white_level import full_scale
 from horizon_sensor_ros.core.limb.edge.near_edge import DEEP_PX, beside_and_deep_unblurred
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, space_mean
-from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.limb_points import STRETCHES, LimbPoints
 from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 from horizon_sensor_ros.core.mathematics.robust import median, starts_and_sizes
 
-_STRETCHES = 6
 # Brightness beside the edge over that farther in where half of the latter is the limb's own, by the
 # law above, blurred by .5 to .6 px, and a blurred step that is fitted to it lies .3 px too far in.
 _HALF = 0.81
@@ -46,15 +45,15 @@ def beside_over_deep(profiles: np.ndarray, grid: ProfileGrid) -> float:
 
     profiles (N, J) : across the edge. NaN where there are too few of them.
     """
-    if len(profiles) < _STRETCHES:
+    if len(profiles) < STRETCHES:
         return np.nan
-    first, count = starts_and_sizes(len(profiles), _STRETCHES)
+    first, count = starts_and_sizes(len(profiles), STRETCHES)
     means = np.add.reduceat(profiles.T, first, axis=1, dtype=np.float64) / count
     beside, deep = beside_and_deep_unblurred(grid).T @ means - 2.0 * space_mean(profiles)
     share = beside / np.maximum(deep, 1e-9)
-    mean = float(np.add.reduce(share)) / _STRETCHES
+    mean = float(np.add.reduce(share)) / STRETCHES
     off = share - mean
-    return mean + _BY_CHANCE * math.sqrt(float(off @ off) / (_STRETCHES * (_STRETCHES - 1)))
+    return mean + _BY_CHANCE * math.sqrt(float(off @ off) / (STRETCHES * (STRETCHES - 1)))
 
 
 def fading_ends(profiles: np.ndarray, grid: ProfileGrid, step: np.ndarray) -> np.ndarray:
@@ -64,7 +63,7 @@ def fading_ends(profiles: np.ndarray, grid: ProfileGrid, step: np.ndarray) -> np
     None do where all fade alike: see `terminator`.
     """
     ends = np.zeros(len(profiles), dtype=bool)
-    if len(profiles) < _STRETCHES:
+    if len(profiles) < STRETCHES:
         return ends
     parts, space2 = beside_and_deep_unblurred(grid), 2.0 * space_mean(profiles)
     # Light lasts to both ends as a rule, which the outermost edges tell.
@@ -115,7 +114,7 @@ def _farther_over_deep(limb: LimbPoints, gray: np.ndarray, space_level: float) -
     at = np.rint(limb.px[:, None, None] + steps[..., None] * limb.normal_px[:, None, None])
     column, row = np.moveaxis(at.astype(int), -1, 0)
     inside = ((column >= 0) & (column < width) & (row >= 0) & (row < height)).all(axis=(1, 2))
-    if np.count_nonzero(inside) < _STRETCHES:
+    if np.count_nonzero(inside) < STRETCHES:
         return np.inf
     deep, farther = gray[row[inside], column[inside]].mean(axis=(0, 2))
     if farther > _WHITE * full_scale(gray):

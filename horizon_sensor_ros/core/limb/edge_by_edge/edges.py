@@ -12,7 +12,6 @@ from horizon_sensor_ros.core.limb.sample import LEAST_SIGNIFICANCE
 from horizon_sensor_ros.core.limb_points import NOTHING_SHARED, CornerBlur, SharedError
 
 _MAX_MISFIT = 6.0
-STRETCHES = 6  # of a limb, that are held against each other
 
 
 @dataclass(frozen=True, eq=False)

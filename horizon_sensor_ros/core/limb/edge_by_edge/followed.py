@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.edge_by_edge.edges import STRETCHES, believable
+from horizon_sensor_ros.core.limb.edge_by_edge.edges import believable
 from horizon_sensor_ros.core.limb.edge_by_edge.kriged_limb import KrigedLimb, to_be_kriged
 from horizon_sensor_ros.core.limb.edge_by_edge.light import at_limb, in_falling_light
 from horizon_sensor_ros.core.limb.edge_by_edge.modelled import CALM_PX, of_sharpness
@@ -16,7 +16,7 @@ from horizon_sensor_ros.core.limb.edge_by_edge.points import (
 )
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, scatter_px, space_mean
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, LimbSample
-from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.limb_points import STRETCHES, LimbPoints
 from horizon_sensor_ros.core.mathematics.robust import starts_of_parts
 
 _EXPECTED_SHARE = 0.9  # of the profiles that show an edge, the least to be as expected

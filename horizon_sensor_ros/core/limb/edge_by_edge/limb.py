@@ -11,7 +11,7 @@ from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.core.limb.edge.looks import guess_looks
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
-from horizon_sensor_ros.core.limb.edge_by_edge.edges import STRETCHES, LimbEdges, believable
+from horizon_sensor_ros.core.limb.edge_by_edge.edges import LimbEdges, believable
 from horizon_sensor_ros.core.limb.edge_by_edge.light import in_falling_light, lit_edges
 from horizon_sensor_ros.core.limb.edge_by_edge.points import (
     TakenEdges,
@@ -21,7 +21,7 @@ from horizon_sensor_ros.core.limb.edge_by_edge.points import (
 from horizon_sensor_ros.core.limb.glow.contour import ContourLimb, contour_limb
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, pixel_rad_across, scatter_px
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, LimbSample, RefinePass
-from horizon_sensor_ros.core.limb_points import LimbPoints, SharedError
+from horizon_sensor_ros.core.limb_points import STRETCHES, LimbPoints, SharedError
 from horizon_sensor_ros.core.mathematics.robust import medians
 from horizon_sensor_ros.core.status import Status
 

@@ -6,12 +6,12 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.edge.model import PSF_LADDER_PX, EdgeLook
 from horizon_sensor_ros.core.limb.edge.places import place_edges
-from horizon_sensor_ros.core.limb.edge_by_edge.edges import STRETCHES, LimbEdges, believable, there
+from horizon_sensor_ros.core.limb.edge_by_edge.edges import LimbEdges, believable, there
 from horizon_sensor_ros.core.limb.edge_by_edge.kriged_limb import KrigedLimb, to_be_kriged
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, scatter_px
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, LimbSample, RefinePass
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
-from horizon_sensor_ros.core.limb_points import SharedError
+from horizon_sensor_ros.core.limb_points import STRETCHES, SharedError
 from horizon_sensor_ros.core.mathematics.robust import median, medians
 
 _MODEL_SHARE = 0.7  # of the edges found without a model, the least share that must follow it

@@ -12,13 +12,12 @@ from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.core.limb.edge.darkening import darkening_error
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.edge.terminator import beside_over_deep
-from horizon_sensor_ros.core.limb.edge_by_edge.edges import STRETCHES
 from horizon_sensor_ros.core.limb.glow.contour import ContourLimb
 from horizon_sensor_ros.core.limb.glow.white_air import of_white_air
 from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid
 from horizon_sensor_ros.core.limb.sample import LimbSample
 from horizon_sensor_ros.core.limb.texture.ground_texture import ground_across_px
-from horizon_sensor_ros.core.limb_points import CornerBlur, LimbPoints, SharedError
+from horizon_sensor_ros.core.limb_points import STRETCHES, CornerBlur, LimbPoints, SharedError
 from horizon_sensor_ros.core.mathematics.robust import starts_of_parts
 from horizon_sensor_ros.core.status import Status
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.model import normal_cdf
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths, seen_slopes
+from horizon_sensor_ros.core.mathematics.normal_law import normal_cdf
 
 _FAR = 6.0  # sigmas beyond the limb, from where on all of the blur lies in the glow
 

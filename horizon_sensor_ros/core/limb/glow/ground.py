@@ -18,8 +18,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.model import normal_cdf
 from horizon_sensor_ros.core.limb.texture.ground_texture import rough_correlation, seen_across
+from horizon_sensor_ros.core.mathematics.normal_law import normal_cdf
 
 _COMMON_LEVEL, _OWN_LEVEL = 1.0, 0.15  # of all stretches and of each, over the brightest
 

@@ -24,7 +24,6 @@ from horizon_sensor_ros.core.limb.air import (
     STRAY,
     Air,
 )
-from horizon_sensor_ros.core.limb.edge.model import normal_cdf
 from horizon_sensor_ros.core.limb.edge.near_edge import BESIDE_PX
 from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outside
 from horizon_sensor_ros.core.limb.glow.brightness import further_powers, powers
@@ -32,6 +31,7 @@ from horizon_sensor_ros.core.limb.glow.fading import with_either_lens
 from horizon_sensor_ros.core.limb.glow.ground import Ground
 from horizon_sensor_ros.core.limb.glow.sight import GlowSight
 from horizon_sensor_ros.core.limb.glow.twilight import darker_end, lit_shares
+from horizon_sensor_ros.core.mathematics.normal_law import normal_cdf
 from horizon_sensor_ros.core.mathematics.robust import median, quantile
 
 # Up to where, beyond the edge, there may be texture: pixels, and blurs.

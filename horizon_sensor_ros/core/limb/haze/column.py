@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from horizon_sensor_ros.core.limb.air import USUAL_HEIGHT
-from horizon_sensor_ros.core.limb.edge.model import normal_cdf
+from horizon_sensor_ros.core.mathematics.normal_law import normal_cdf
 
 _PER_RAD = math.sqrt(0.5 / USUAL_HEIGHT)
 _ROOT_TWO, _ROOT_PI = math.sqrt(2.0), math.sqrt(math.pi)

@@ -15,6 +15,7 @@ from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.limb.search.candidates import candidates_in
 from horizon_sensor_ros.core.limb.search.selection import limb_consensus, rays_of_candidates
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.core.status import Status
 
 
@@ -48,7 +49,7 @@ def larger_disc_rad(
     other = limb_consensus(beyond, rho_min_rad=rho_rad, rho_max_rad=rho_max_rad)
     if other.status is not Status.OK or beyond.pitch_rad[other.inliers].sum() < wide_rad:
         return 0.0
-    apart_rad = math.acos(min(max(float(other.nadir_base @ nadir_base), -1.0), 1.0))
+    apart_rad = angle_rad(other.nadir_base, nadir_base)
     return other.rho_rad if apart_rad > other.rho_rad else 0.0
 
 

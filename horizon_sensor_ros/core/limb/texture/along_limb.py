@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from horizon_sensor_ros.core.limb.texture import ground_texture
-from horizon_sensor_ros.core.limb_points import SharedError
+from horizon_sensor_ros.core.limb_points import STRETCHES, SharedError
 
 _LAG = 0.06  # over the planet's radius; brightness is compared along so much limb
 _STEP_VARIANCE = 0.5  # over that of a pixel of a profile: two of them are beside the edge
@@ -19,7 +19,6 @@ _SHARED = ground_texture.by_kind(0.75, 2.4)
 # more than to first order: as measured.
 _BY_CONTRAST = 5.0  # growth of that move with the contrast: deviation of brightness over its median
 _MOST_CONTRAST = 0.7  # from where on it grows no more
-_PARTS = 6  # of the limb, between which nothing is shared
 
 
 def level_evidence(step: np.ndarray, ground: float) -> np.ndarray:
@@ -44,7 +43,7 @@ def shared_error(variance: np.ndarray, count: int, ground: float, contrast: floa
     """
     shared = variance * _SHARED
     more = 1.0 + _BY_CONTRAST * min(contrast, _MOST_CONTRAST)
-    part2 = shared @ _alike(max(1, round(count / _PARTS)), ground)
+    part2 = shared @ _alike(max(1, round(count / STRETCHES)), ground)
     whole2, rough2 = shared @ _alike(count, ground), shared @ _alike_if_rough(count, ground)
     return SharedError(math.sqrt(part2), math.sqrt(whole2 + (more * more - 1.0) * rough2))
 

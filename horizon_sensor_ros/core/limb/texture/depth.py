@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from horizon_sensor_ros.core.mathematics.normal_law import normal_density
+
 _NODES = 40  # in the root of the depth
 
 
@@ -16,8 +18,7 @@ def seen_depths(x_px: np.ndarray, psf_px: float) -> tuple[np.ndarray, np.ndarray
     spacing = np.sqrt(4.0 * psf_px - x_px[0]) / _NODES
     root = (np.arange(_NODES) + 0.5) * spacing
     beyond = (x_px[:, None] + root * root) / psf_px
-    blur = np.exp(-0.5 * beyond * beyond) / np.sqrt(2.0 * np.pi)
-    return root, blur / psf_px * (2.0 * spacing * root)
+    return root, normal_density(beyond) / psf_px * (2.0 * spacing * root)
 
 
 def seen_slopes(

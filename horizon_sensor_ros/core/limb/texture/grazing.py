@@ -20,12 +20,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.model import normal_cdf
 from horizon_sensor_ros.core.limb.edge.near_edge import beside_and_deep
 from horizon_sensor_ros.core.limb.edge.terminator import FADED
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, space_mean
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
+from horizon_sensor_ros.core.mathematics.normal_law import normal_cdf
 from horizon_sensor_ros.core.mathematics.robust import median, starts_of_parts
 
 _STRETCHES = 12

@@ -8,11 +8,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.model import normal_cdf
 from horizon_sensor_ros.core.limb.edge.near_edge import BESIDE_PX
 from horizon_sensor_ros.core.limb.texture import ground_texture
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 from horizon_sensor_ros.core.limb.texture.stretches import Stretches, samples_between
+from horizon_sensor_ros.core.mathematics.normal_law import normal_cdf, normal_density
 
 _LEVEL_SIGMA = 30.0  # over the noise; of a stretch's brightness about that of three
 _SCALES_PER_OCTAVE = 2.0  # tables are made for such steps of the ground's scale
@@ -66,7 +66,7 @@ def _tables(
     across = ground_texture.along_sight(root, px_over_radius)
     along = np.arange(3) * (length_px * px_over_radius)
     texture, together = ground_texture.covariances(blur, across, along)
-    slope = _normal_law(x_px / psf_px) / psf_px
+    slope = normal_density(x_px / psf_px) / psf_px
     widening = slope * (x_px / psf_px)
     free = np.stack([normal_cdf(-x_px / psf_px), np.ones(num)], axis=1)
     design = np.concatenate([np.kron(np.eye(3), slope[:, None]), np.tile(free, (3, 1))], axis=1)
@@ -99,7 +99,3 @@ def _tables(
         widening=widening,
         rise=float(free[samples_between(x_px, *BESIDE_PX), 0].mean()),
     )
-
-
-def _normal_law(x: np.ndarray) -> np.ndarray:
-    return np.asarray(np.exp(-0.5 * x * x) / np.sqrt(2.0 * np.pi))
