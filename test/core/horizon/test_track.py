@@ -60,13 +60,13 @@ def sigma_rad(fix: HorizonFix) -> float:
 def searches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """One entry for every search of whole frames that a sensor makes."""
     made: list[int] = []
-    search = detector.space_boundary_candidates
+    search = detector.candidates_in
 
     def counted(*args: object, **kwargs: object) -> object:
         made.append(1)
         return search(*args, **kwargs)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(detector, "space_boundary_candidates", counted)
+    monkeypatch.setattr(detector, "candidates_in", counted)
     return made
 
 
