@@ -147,9 +147,12 @@ def gainsaid(
 def _in_views(
     pose_b_from_a: np.ndarray, a: TargetView, b: TargetView
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation and shift between the frames of two views, of a motion in the sensor's."""
+    """Rotation (3, 3) and shift (3,) of a motion in the clouds' frames, from a's view frame to
+    b's."""
     turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
-    return turn_b.T @ pose_b_from_a[:3, :3] @ turn_a, turn_b.T @ pose_b_from_a[:3, 3]
+    rotation, shift_m = pose_b_from_a[:3, :3], pose_b_from_a[:3, 3]
+    shift_m = shift_m + (rotation @ a.image.sensor_m - b.image.sensor_m)
+    return turn_b.T @ rotation @ turn_a, turn_b.T @ shift_m
 
 
 def _least_score(a: SurfaceView, b: SurfaceView, config: RegistrationConfig) -> float:
@@ -217,13 +220,15 @@ def _judge(
         doubt = ambiguity(found, a.surface, b.surface, still, config, turned_rad, doubted)
     if doubt:
         return replace(known, status=Status.POOR_FIT, reason=doubt, doubted=True)
-    pose = pose_matrix(turn_b @ refined.rotation @ turn_a.T, turn_b @ refined.translation_m)
+    rotation = turn_b @ refined.rotation @ turn_a.T
+    shift_m = turn_b @ refined.translation_m + (b.image.sensor_m - rotation @ a.image.sensor_m)
+    pose = pose_matrix(rotation, shift_m)
     return replace(
         known,
         pose_b_from_a=pose,
         covariance=covariance,
         by_bias=by_bias,
-        centre_m=turn_b @ judged.centre_m,
+        centre_m=turn_b @ judged.centre_m + b.image.sensor_m,
     )
 
 

@@ -175,7 +175,7 @@ class TargetTracker:
         changing, of_driver = self._changing, self._filter
         self.reset()
         self._stamp_ns, self._changing, self._filter = stamp_ns, changing, of_driver
-        centroid = view.image.rot_sensor_from_view @ view.image.centroid_m
+        centroid = view.image.rot_sensor_from_view @ view.image.centroid_m + view.image.sensor_m
         pose = pose_matrix(np.eye(3), centroid)
         self._filter.start(view.image, view.surface.sigma_m, pose)
         covariance = np.eye(6) * _DEFINITION_VARIANCE

@@ -157,7 +157,8 @@ def _there(
     height, width = own.inverse_depth.shape
     stretch = abs(own.focal_px / image.focal_px - 1) * max(image.inverse_depth.shape)
     off_px = np.abs(aside - whole).max() + stretch
-    turned = not np.array_equal(own.rot_sensor_from_view, image.rot_sensor_from_view)
+    apart = own.rot_sensor_from_view.T @ image.rot_sensor_from_view - np.eye(3)
+    turned = np.abs(apart).max() * image.focal_px > _OFF_PX
     row, column = place[0] + whole[1], place[1] + whole[0]
     inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
     if turned or off_px > _OFF_PX:
@@ -173,7 +174,8 @@ def _moved_px(now: _Noise, before: _Noise, place: tuple[np.ndarray, ...]) -> np.
     seen = np.stack([tan_u[place[1]], tan_v[place[0]], np.ones(len(place[0]))])
     back = before.pose @ inverse_pose(now.pose)
     turn = image.rot_sensor_from_view.T @ back[:3, :3] @ image.rot_sensor_from_view
-    shift = image.rot_sensor_from_view.T @ back[:3, 3]
+    moved_m = back[:3, 3] + (back[:3, :3] @ image.sensor_m - image.sensor_m)
+    shift = image.rot_sensor_from_view.T @ moved_m
     then = turn @ (seen * now.depth_m[place]) + shift[:, None]
     return image.focal_px * np.hypot(*(then[:2] / then[2] - seen[:2]))
 

@@ -3,7 +3,7 @@ function."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from horizon_sensor_ros.core.target_motion.ranges.grid import (
     organised_grid,
     plain_grid,
 )
+from horizon_sensor_ros.core.target_motion.ranges.own_frame import sensor_of_returns
 from horizon_sensor_ros.core.target_motion.ranges.pixel_values import depth_in_middles
 from horizon_sensor_ros.core.target_motion.ranges.range_step import step_of_ranges
 
@@ -50,8 +51,9 @@ class RangeImage:
     in_lines : (2,) bool, whether along the rows, and along the columns, such a cloud has room
         between lines of returns.
     rot_sensor_from_view : (3, 3); the image is taken along z of the view frame, which is the
-        sensor's own unless the target lies more than 45 deg off its z axis (a lidar's frame with x
-        forward).
+        cloud's own unless the target lies more than 45 deg off its z axis (a lidar's frame with x
+        forward), or the cloud was brought into another frame than the sensor's.
+    sensor_m : (3,) where the sensor is in the cloud's frame; 0 unless that is another one.
     """
 
     status: Status
@@ -67,6 +69,7 @@ class RangeImage:
     on_grid: bool
     in_lines: np.ndarray
     rot_sensor_from_view: np.ndarray
+    sensor_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def tangents(self) -> tuple[np.ndarray, np.ndarray]:
         """x/z of the columns (W,) and y/z of the rows (H,)."""
@@ -94,12 +97,34 @@ def range_image(
         are those that are not finite, within a millimetre of the sensor, 10 km off and more, or
         five times as far to a side of the view as ahead.
     focal_px : focal length of the sensor in pixels; None: estimated from the spacing of the points.
-    An organised cloud that is no pinhole image (a scanning lidar's) is treated as a plain one.
+    An organised cloud that is no pinhole image (a scanning lidar's) is treated as a plain one;
+    one that was brought into another frame is first brought back.
     Raises ValueError for another shape or a focal length that is not positive.
     """
     points = cloud_of(points)
     if focal_px is not None and not focal_px > 0:
         raise ValueError(f"focal_px must be positive; got {focal_px}")
+    image = _as_seen_from_zero(points, focal_px, min_points)
+    if points.ndim == 2 or (image.status is Status.OK and image.on_grid):
+        return image
+    found = sensor_of_returns(points)
+    if found is None:
+        return image
+    rotation, sensor_m = found
+    with np.errstate(invalid="ignore", over="ignore"):  # of garbled messages
+        brought = (points - sensor_m) @ rotation
+    # No returns that were zeros in the frame of the cloud.
+    brought[~points.any(axis=-1)] = np.nan
+    seen = _as_seen_from_zero(brought, focal_px, min_points)
+    if seen.status is not Status.OK or not seen.on_grid:
+        return image
+    return replace(
+        seen, rot_sensor_from_view=rotation @ seen.rot_sensor_from_view, sensor_m=sensor_m
+    )
+
+
+def _as_seen_from_zero(points: np.ndarray, focal_px: float | None, min_points: int) -> RangeImage:
+    """The image of a cloud whose frame has the sensor at its origin."""
     flat = points.reshape(-1, 3)
     # Depth first: of an organised cloud most points have none.
     place = np.flatnonzero(np.isfinite(flat[:, 2]))
