@@ -28,6 +28,12 @@ _SEEN_WITHOUT_MODEL_PX = 1.0
 # One sigma of blur, pixel included. An edge sharper than this (a lens in focus) has no air above
 # it; up to `MOST_IN_FOCUS_PX` there is so little air that only the last row above applies.
 _SHARP_PX = 0.755
+# Air that hides the ground ends as exp(-exp(-height)) does, which nowhere falls by more than 1 / e
+# over a scale height, and a lens only flattens it; a step blurred by one sigma falls by
+# 1 / sqrt(2 pi) over it. Edges with less blur than this are hence steeper than such air's, and the
+# ground's; from there on they may be either. Scale heights, where cold air has a quarter less.
+_LEAST_IN_AIR = 0.75 * math.e / math.sqrt(2.0 * math.pi)
+_PIXEL_PX = 1.0 / math.sqrt(12.0)  # one sigma of a pixel's width, which is in any edge's blur
 # One sigma of how high a limb lies in air that hides the ground: by colour and haze.
 _ABOVE_SIGMA_M = 6e3
 
@@ -42,14 +48,13 @@ def hidden_air_sigma_m(
     pixels are small enough, in the size in which its limb shows, to show the air: its effect is
     then in the errors of the limb's points.
     Where air, or blur that may be air, fades over too few pixels to tell whether it hides the
-    ground, it may.
+    ground, it may; so it may where no edge is steeper than such air's.
     """
     if not sphere.has_air:
         return 0.0
     used = [each for each in observations if each.view.name in fit.cameras]
-    finest_px = max(
-        (usual_length_px(each.view, fit.rho_rad, each.limb.factor) for each in used), default=0.0
-    )
+    lengths_px = [usual_length_px(each.view, fit.rho_rad, each.limb.factor) for each in used]
+    finest_px = max(lengths_px, default=0.0)
     above_m = max((each.limb.above_m for each in used), default=0.0)
     in_air = finest_px < THINNEST_PX and any(_may_be_in_air(each.limb) for each in used)
     # From within the air its scale height is many pixels: an edge that is soft is the air's, or
@@ -58,6 +63,7 @@ def hidden_air_sigma_m(
         seen_from_within(fit.rho_rad)
         and all(_may_be_in_air(each.limb) and not each.limb.glow_separated for each in used)
     )
+    in_air = in_air or _nowhere_steeper([each.limb for each in used], lengths_px)
     if finest_px < _SEEN_PX or in_air:
         above_m = max(above_m, ABOVE_M)
     if above_m > 0.0:
@@ -72,6 +78,23 @@ def hidden_air_sigma_m(
 def _may_be_in_air(limb: LimbPoints) -> bool:
     """Whether a limb was separated from air, or its edges are as those in air may be."""
     return limb.glow_separated or not limb.modelled or not limb.blur_px <= MOST_IN_FOCUS_PX
+
+
+def _nowhere_steeper(limbs: Sequence[LimbPoints], lengths_px: Sequence[float]) -> bool:
+    """Whether edges show by their blur that they may be those of air that hides the ground, and
+    none that they are the ground's.
+
+    lengths_px : the scale height in each limb, pixels. One that was separated from the glow is the
+    ground's; of edges that no model fits, or in glow, no blur is known.
+    """
+    if any(limb.glow_separated for limb in limbs):
+        return False
+    blurred = [
+        limb.blur_px > max(MOST_IN_FOCUS_PX, math.hypot(_LEAST_IN_AIR * length_px, _PIXEL_PX))
+        for limb, length_px in zip(limbs, lengths_px, strict=True)
+        if math.isfinite(limb.blur_px)
+    ]
+    return bool(blurred) and all(blurred)
 
 
 def _passed_for_blur(limbs: Sequence[LimbPoints], length_px: float) -> float:

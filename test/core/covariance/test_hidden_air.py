@@ -96,6 +96,51 @@ def test_edges_sharper_than_air_would_leave_them_are_the_grounds() -> None:
     assert np.sqrt(fix.fit.cov_nadir_altitude[3, 3]) < 200.0  # and not 2 km
 
 
+@pytest.mark.parametrize(
+    ("texture", "psf_px", "air_dn", "air_depth"),
+    [("uniform", 1.2, 130.0, 6.0), ("uniform", 1.5, 60.0, 15.0), ("clouds", 1.8, 130.0, 15.0)],
+)
+def test_soft_lenses_do_not_tell_air_that_hides_the_ground(
+    texture: str, psf_px: float, air_dn: float, air_depth: float
+) -> None:
+    """Altitude was 18 to 29 km too low, 32 to 49 sigma."""
+    altitude_m = 800e3
+    scene = EarthScene(
+        texture=texture,
+        texture_seed=3,
+        air_dn=air_dn,
+        air_depth=air_depth,
+        air_scale_height_m=8e3,
+    )
+    camera = camera_from_fov(480, 360, np.radians(62.0))
+    views = limb_views(altitude_m, camera, azimuths_rad=(0.4, 2.0))
+    frames = draw(views, altitude_m, scene, Imaging(psf_sigma_px=psf_px), 1)
+    fix = HorizonSensor().process(as_frames(views, frames))
+    assert fix.ok
+    sigma_m = np.sqrt(fix.fit.cov_nadir_altitude[3, 3])
+    assert abs(fix.fit.altitude_m - altitude_m) < 3.0 * sigma_m
+
+
+def test_an_edge_steeper_than_airs_is_the_grounds_for_all_cameras() -> None:
+    altitude_m = 1.2e6
+    (view,) = limb_views(altitude_m)[:1]
+    fix = fixed((view,), altitude_m, EarthScene())
+    height_px = usual_length_px(view, fix.fit.rho_rad)
+    # Cold air's, a quarter lower: its edge falls by at most 1 / e over a scale height.
+    at_px = np.arange(-20.0, 20.0, 1e-3)
+    fall = np.gradient(np.exp(-np.exp(-at_px / (0.75 * height_px))), at_px).max()
+    as_steep_px = float(np.hypot(1.0 / (np.sqrt(2.0 * np.pi) * fall), np.sqrt(1.0 / 12.0)))
+
+    def claimed_m(*blurs_px: float) -> float:
+        limbs = [replace(fix.limbs[0], blur_px=blur_px) for blur_px in blurs_px]
+        return hidden_air_sigma_m(fix.fit, [LimbObservation(view, each) for each in limbs], PLANET)
+
+    assert claimed_m(0.98 * as_steep_px) < 3e3
+    assert claimed_m(1.02 * as_steep_px) == pytest.approx(18e3, rel=0.01)
+    assert claimed_m(1.5, np.nan) == pytest.approx(18e3, rel=0.01)  # of the other nothing is known
+    assert claimed_m(1.5, 0.98 * as_steep_px) < 3e3
+
+
 def test_edges_that_no_model_fits_may_be_airs() -> None:
     altitude_m = 2e6
     views = limb_views(altitude_m)
@@ -126,7 +171,7 @@ def test_pixels_of_a_reduced_frame_are_coarser() -> None:
     (view,) = limb_views(altitude_m)[:1]
     fix = fixed((view,), altitude_m, EarthScene())
     assert 0.8 < usual_length_px(view, fix.fit.rho_rad) < 1.6
-    soft = replace(fix.limbs[0], blur_px=1.5)
+    soft = replace(fix.limbs[0], blur_px=0.9)  # in the full frame steeper than air's edges
     sigmas_m = [
         hidden_air_sigma_m(fix.fit, [LimbObservation(view, limb)], PLANET)
         for limb in (soft, replace(soft, factor=2))
