@@ -260,7 +260,8 @@ def _to_planes(
     # A bare return's noise is its own view's, however well the other one knows the plane; and what
     # that sees at a slant has no plane for a reason.
     cosine = np.abs(sight[kept[planes:] - first_bare])
-    bare = normal_noise(a.sigma_m, a.slant_growth, a.footprint_m, cosine, tilt[planes:])
+    off_px = surfels.off_px[near[planes:]]
+    bare = normal_noise(a.sigma_m, a.slant_growth, a.footprint_m, cosine, tilt[planes:], off_px)
     own[planes:] = np.maximum(bare, noise[planes:])
     variance = own * own + noise * noise
     plate = np.flatnonzero(kind)

@@ -2,6 +2,6 @@
 
 ``planes`` (one at each pixel): ``windows`` (fits in them), ``holes`` (in spite of lone missing
 returns), ``sag`` (by which curved surfaces lead them), ``body_limb`` (where they are not to be
-trusted); those of thin ``parts``; ``edges`` (where surfaces end or meet); ``surfels`` (a selection
-of planes, and bare returns).
+trusted), ``covered`` (pixels that the surface covers in part); those of thin ``parts``; ``edges``
+(where surfaces end or meet); ``surfels`` (a selection of planes, and bare returns).
 """

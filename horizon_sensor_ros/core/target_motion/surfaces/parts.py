@@ -63,8 +63,9 @@ def find_parts(image: RangeImage, planes: Planes) -> Parts:
     place = place[kept]
     tilt = np.full(len(kept), PART_TILT_RAD, np.float32)
     sigma = normal_noise(
-        planes.sigma_m, planes.slant_growth, planes.footprint_m, cosine[kept], tilt
-    )
+        planes.sigma_m, planes.slant_growth, planes.footprint_m, cosine[kept], tilt,
+        planes.off_px[place],
+    )  # fmt: skip
     return Parts(place, planes.points.take(place, axis=0), normal.T[kept], sigma)
 
 

@@ -19,6 +19,7 @@ from horizon_sensor_ros.core.target_motion.surfaces.body_limb import (
     at_limb,
     limb_reach_px,
 )
+from horizon_sensor_ros.core.target_motion.surfaces.covered import off_middle_px
 from horizon_sensor_ros.core.target_motion.surfaces.holes import without_holes
 from horizon_sensor_ros.core.target_motion.surfaces.sag import sag_of_windows
 from horizon_sensor_ros.core.target_motion.surfaces.windows import (
@@ -49,6 +50,7 @@ class Planes:
     level, slope_u, slope_v : float32, inverse depth of the plane at the pixel, and its change from
         one pixel to the next; without a plane that of the return, and 0.
     cosine : float32, between ray and normal.  noise : float32, of one return, of inverse depth.
+    off_px : (H W) float32, of where in its pixel a return lies, see `off_middle_px`.
     points, normals : (H W, 3) float32, where the ray meets the plane, and its normal towards the
         sensor; without a plane the return itself, and 0.
     """
@@ -66,6 +68,7 @@ class Planes:
     slope_v: np.ndarray
     cosine: np.ndarray
     noise: np.ndarray
+    off_px: np.ndarray
     points: np.ndarray
     normals: np.ndarray
 
@@ -124,8 +127,8 @@ def local_planes(image: RangeImage, sigma_m: float | None = None) -> Planes:
     return Planes(
         sigma, known.slant_growth, footprint, sigma / footprint / slope_gain(radius), radius,
         found.reshape(shape), own.reshape(shape), limb.reshape(shape), level.reshape(shape),
-        slope_u.reshape(shape), slope_v.reshape(shape), cosine.reshape(shape), noise, points,
-        normals,
+        slope_u.reshape(shape), slope_v.reshape(shape), cosine.reshape(shape), noise,
+        off_middle_px(image), points, normals,
     )  # fmt: skip
 
 
@@ -224,9 +227,10 @@ def normal_noise(
     footprint_m: float,
     cosine: np.ndarray,
     tilt_rad: np.ndarray,
+    off_px: np.ndarray,
 ) -> np.ndarray:
     """Standard deviation (m) along the normal of one measurement on a plane seen at ``cosine`` to
-    its normal.
+    its normal, of a place ``off_px`` beside the pixel's middle.
 
     Range noise shrinks with the cosine, unless it grows as one over that. A window that passed as
     flat bends little between its pixels; a borrowed plane (``tilt_rad`` not 0) may, the more so at
@@ -235,4 +239,5 @@ def normal_noise(
     slant = np.maximum(cosine, MIN_BORROWED_COSINE)
     bend = footprint_m * (0.05 + 0.008 * (tilt_rad > 0) / (slant * slant))
     across2 = sigma_m**2 * (cosine * cosine + slant_growth * (1 - cosine * cosine))
-    return np.sqrt(across2 + bend * bend)
+    aside = footprint_m * off_px
+    return np.sqrt(across2 + bend * bend + aside * aside * (1 - cosine * cosine))

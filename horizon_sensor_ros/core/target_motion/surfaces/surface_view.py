@@ -110,8 +110,9 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
     index = np.flatnonzero(planes.found)
     cosine = planes.cosine.ravel()[index]
     noise[index] = normal_noise(
-        planes.sigma_m, planes.slant_growth, planes.footprint_m, cosine, tilt[index]
-    )
+        planes.sigma_m, planes.slant_growth, planes.footprint_m, cosine, tilt[index],
+        planes.off_px[index],
+    )  # fmt: skip
     seen = np.flatnonzero(inverse)
     arm = planes.points.take(seen, axis=0) - image.centroid_m.astype(np.float32)
     mean = np.ones(len(seen), np.float32) @ arm / len(seen)

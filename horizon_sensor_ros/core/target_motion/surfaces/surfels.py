@@ -18,6 +18,7 @@ class Surfels:
     points, normals : (N, 3).  sigma_m : (N,) of one raw measurement.  weight : (N,) raw
         measurements that each stands for.
     tilt_rad : (N,) error of the normal that is alike in both views; 0 of bare returns.
+    off_px : (N,) where in its pixel it lies, see `Planes`; in ``sigma_m`` of planes already.
     The first ``num_planes`` come from planes, not those at the limb of a curved body, which tell
     nothing but how it is seen; the others are bare returns where there is no plane
     (thin parts, slants too steep for the window, corners). Those have normal 0: they take over
@@ -29,6 +30,7 @@ class Surfels:
     sigma_m: np.ndarray
     weight: np.ndarray
     tilt_rad: np.ndarray
+    off_px: np.ndarray
     num_planes: int
 
 
@@ -59,4 +61,4 @@ def find_surfels(
     sigma[: len(index)], sigma[len(index) :] = noise_m[index], planes.sigma_m
     lean[: len(index)], lean[len(index) :] = tilt[index], 0
     points, normals = planes.points.take(both, axis=0), planes.normals.take(both, axis=0)
-    return Surfels(points, normals, sigma, weight, lean, len(index))
+    return Surfels(points, normals, sigma, weight, lean, planes.off_px[both], len(index))
