@@ -43,6 +43,7 @@ class SharedError(NamedTuple):
     scale_px: float = 0.0
     dark_px: float = 0.0
     white_px: float = 0.0
+    fields_px: float = 0.0
 
     def besides(self, other: SharedError) -> SharedError:
         """Both errors together, independent of each other: the roots of the sums of squares."""

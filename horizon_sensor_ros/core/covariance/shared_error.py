@@ -78,7 +78,7 @@ class _Shared:
     def negligible(self, fit: HorizonFit) -> bool:
         """Whether all of it is, beside the points' own errors."""
         shared, own2 = self.limb.shared, self.own2
-        if self.limb.cone_errors is not None:
+        if self.limb.cone_errors is not None or shared.fields_px > 0.0:
             return False
         negligible = shared.shift_px**2 + shared.height_px**2 < _NEGLIGIBLE * own2
         if shared.dark_px > 0.0:
@@ -117,6 +117,19 @@ class _Shared:
             darker = self.darker_px @ by_px
             cov += np.outer(darker, darker)
         return cov
+
+
+def moved_by_fields(fields_px: float, order: np.ndarray, by_px: np.ndarray) -> np.ndarray:
+    """How (K, 3) two fields that show a limb so far apart may move a fit of it, one sigma each,
+    independent of each other. order, by_px : as of `_Shared.coherent2`.
+
+    A limb found amid both is half of it away from either, as a whole and at its ends; and each
+    stretch of it may be anywhere between them.
+    """
+    ends = np.linspace(-1.0, 1.0, len(order)) @ by_px[order]
+    starts, _ = starts_and_sizes(len(order), STRETCHES)
+    of_stretches = np.add.reduceat(by_px[order], starts) / math.sqrt(3.0)
+    return 0.5 * fields_px * np.vstack([by_px.sum(axis=0), ends, of_stretches])
 
 
 def covariance_with_shared(
@@ -163,6 +176,9 @@ def covariance_with_shared(
             by_scale += shared.scale_px * (camera.rays.log_scale - usual) @ by_px
         cov += more_own * by_sigma.T @ by_sigma + camera.of_the_limb(order, by_px)
         cov += coherent2 * len(a) / STRETCHES * by_px.T @ by_px
+        if shared.fields_px > 0.0:
+            by_fields = moved_by_fields(shared.fields_px, order, by_px)
+            cov += by_fields.T @ by_fields
         moved.append(by_px * np.sqrt(more_own * sigma_px**2 + coherent2 * len(a) / STRETCHES))
     cov += of_same_limb(together, moved)
     cov += np.outer(height, height) + np.outer(by_scale, by_scale) + of_cones @ of_cones.T

@@ -16,6 +16,7 @@ from horizon_sensor_ros.core.airglow.nadir import fit_airglow, under_stars, with
 from horizon_sensor_ros.core.covariance.bare_ground import with_bare_ground
 from horizon_sensor_ros.core.covariance.lifted_edges import with_lifted_edges
 from horizon_sensor_ros.core.covariance.night import by_night
+from horizon_sensor_ros.core.covariance.two_fields import with_two_fields
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.known_altitude import with_altitude
 from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD as MAXIMUM_LIKELIHOOD
@@ -119,6 +120,7 @@ class HorizonEstimator:
         observations = by_night(detection).seen_by(views)
         observations = with_lifted_edges(observations, self.sphere, detection.rho_rad)
         observations = with_bare_ground(observations, self.sphere, detection.rho_rad)
+        observations = with_two_fields(observations, sighting.images, detection.nadir_base)
         if self.config.limb == "canny" and np.isfinite(detection.rho_rad):
             found = canny_limbs(views, sighting.images, detection.nadir_base, detection.rho_rad)
             observations = tuple(map(LimbObservation, views, found))
