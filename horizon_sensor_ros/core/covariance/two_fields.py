@@ -30,6 +30,8 @@ _ALONG, _ACROSS = 8, 3
 # A limb that crosses fewer rows than four within these is even or odd by where it lies.
 _LEAST_SLANT = 0.25
 _FEWEST, _ENOUGH = 8, 24  # points
+_FIELD_S = 1.0 / 50.0  # from one field to the other, at most
+_LEAST_APART_PX = 0.05  # less is nothing beside what edges are off by
 _SIGMAS = 5.0  # fields are apart that differ by more
 # What a limb's crossing of rows leaves, one sigma: of sharp ones without fields at most 0.014 px.
 _OF_CROSSING_PX = 0.004
@@ -37,14 +39,19 @@ _ROUNDS = 3
 
 
 def with_two_fields(
-    observations: Sequence[LimbObservation], images: Sequence[np.ndarray], nadir_base: np.ndarray
+    observations: Sequence[LimbObservation],
+    images: Sequence[np.ndarray],
+    nadir_base: np.ndarray,
+    moves_rad_s: float | None = None,
 ) -> tuple[LimbObservation, ...]:
     """Return the limbs with what two fields of their frames may be moving them by.
 
-    images : (H, W) as the cameras gave them, one per limb. nadir_base : of the limb.
+    images : (H, W) as the cameras gave them, one per limb. nadir_base : of the limb. moves_rad_s :
+    how fast that moves; None: not known. Where it is too slow for fields to differ none is asked.
     """
     apart_px = [
-        fields_apart_px(seen.limb, image) for seen, image in zip(observations, images, strict=True)
+        fields_apart_px(seen.limb, image) if _may_differ(seen, moves_rad_s) else 0.0
+        for seen, image in zip(observations, images, strict=True)
     ]
     if not any(apart_px):
         return tuple(observations)
@@ -56,6 +63,12 @@ def with_two_fields(
         _with_fields(seen, px, i, cones)
         for i, (seen, px) in enumerate(zip(observations, apart_px, strict=True))
     )
+
+
+def _may_differ(seen: LimbObservation, moves_rad_s: float | None) -> bool:
+    if moves_rad_s is None:
+        return True
+    return moves_rad_s * _FIELD_S > _LEAST_APART_PX * seen.view.camera.pixel_rad
 
 
 def _with_fields(

@@ -120,7 +120,9 @@ class HorizonEstimator:
         observations = by_night(detection).seen_by(views)
         observations = with_lifted_edges(observations, self.sphere, detection.rho_rad)
         observations = with_bare_ground(observations, self.sphere, detection.rho_rad)
-        observations = with_two_fields(observations, sighting.images, detection.nadir_base)
+        observations = with_two_fields(
+            observations, sighting.images, detection.nadir_base, sighting.moves_rad_s
+        )
         if self.config.limb == "canny" and np.isfinite(detection.rho_rad):
             found = canny_limbs(views, sighting.images, detection.nadir_base, detection.rho_rad)
             observations = tuple(map(LimbObservation, views, found))

@@ -291,7 +291,8 @@ class HorizonSensor:
         detection = replace(
             detection, working=working, layer_rad=track.layer_rad, airglow=track.airglow
         )
-        sighting = Sighting(frames, detection, figure, aiding)
+        moves_rad_s = track.moves_rad_s(aiding.rot_now_from_last, aiding.since_last_s)
+        sighting = Sighting(frames, detection, figure, aiding, moves_rad_s)
         # Where a frame is doubtful the fix is not OK, and a search follows.
         fix = self._estimator.judged(sighting).fix
         fix, detection = self._estimator.prefer_separated(sighting, fix)

@@ -19,12 +19,16 @@ from horizon_sensor_ros.core.planet_figure import Figure
 class Sighting:
     """Simultaneous frames, where their limb was found, the planet's figure as it then lies, and
     what is known from elsewhere.
+
+    moves_rad_s : how fast nadir moves, of a limb that was followed from the last set; None: it is
+    not known.
     """
 
     frames: Sequence[Frame]
     detection: Detection
     figure: Figure
     aiding: Aiding
+    moves_rad_s: float | None = None
 
     @cached_property
     def views(self) -> list[CameraView]:

@@ -152,3 +152,16 @@ class Track:
             on, back = math.sin((1.0 + steps) * angle), math.sin(steps * angle)
             ahead = (on * self.nadir_base - back * before) / math.sin(angle)
         return ahead, self.rho_rad + steps * (self.rho_rad - rho)
+
+    def moves_rad_s(
+        self, rot_now_from_last: np.ndarray | None, since_s: float | None
+    ) -> float | None:
+        """How fast nadir moves, as the gyro says or as it did before; None where neither is known.
+
+        rot_now_from_last, since_s : as of `predicted_cone`.
+        """
+        if since_s is not None and rot_now_from_last is not None:
+            return angle_rad(self.nadir_base, rot_now_from_last @ self.nadir_base) / since_s
+        if self.step is None or self.step.since_s is None:
+            return None
+        return angle_rad(self.step.nadir_base, self.nadir_base) / self.step.since_s

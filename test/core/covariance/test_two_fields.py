@@ -11,7 +11,8 @@ from limb_frames import as_frames, clouds, draw, limb_views
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
-from horizon_sensor_ros.core.covariance.two_fields import fields_apart_px
+from horizon_sensor_ros.core.covariance.two_fields import fields_apart_px, with_two_fields
+from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.horizon.fix import HorizonFix
 
 ALTITUDE_M = 6e5
@@ -53,3 +54,17 @@ def test_frames_of_one_moment_claim_nothing() -> None:
     limbs = fix_of(frames).limbs
     apart = [fields_apart_px(limb, image) for limb, image in zip(limbs, frames, strict=True)]
     assert apart == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(("moves_deg_s", "asked"), [(None, True), (5.0, True), (0.05, False)])
+def test_a_craft_that_hardly_turns_is_not_asked(moves_deg_s: float | None, asked: bool) -> None:
+    """Fields that differ are claimed where the limb moves, or may; 0.05 deg/s is no hundredth of a
+    pixel in a fiftieth of a second."""
+    images = interlaced(1, TURN_RAD * np.array([1.0, 0.0, 0.0]))
+    limbs = [
+        LimbObservation(view, replace(limb, shared=limb.shared._replace(fields_px=0.0)))
+        for view, limb in zip(VIEWS, fix_of(images).limbs, strict=True)
+    ]
+    moves_rad_s = None if moves_deg_s is None else np.radians(moves_deg_s)
+    claimed = with_two_fields(limbs, images, NADIR, moves_rad_s)
+    assert (max(seen.limb.shared.fields_px for seen in claimed) > 0.1) == asked
