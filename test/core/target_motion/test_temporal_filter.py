@@ -1,5 +1,6 @@
 """Clouds that a driver has averaged over time."""
 
+import importlib
 from collections.abc import Iterator
 
 import numpy as np
@@ -44,7 +45,7 @@ def answers(name: str, *, averaged: bool = False, pattern_m: float = 0.0) -> lis
     return [tracker.process(points, k * 200_000_000) for k, points in enumerate(seen)]
 
 
-def poses(fixes: list[TargetFix]) -> int:
+def poses_of(fixes: list[TargetFix]) -> int:
     """How many are let through, after a first one."""
     return sum(fix.status is Status.OK and not fix.new_frame for fix in fixes)
 
@@ -53,15 +54,28 @@ def poses(fixes: list[TargetFix]) -> int:
 def test_clouds_averaged_over_time_are_refused(name: str) -> None:
     """Of the truss all of them were let through, off by many sigma."""
     fixes = answers(name, averaged=True)
-    assert poses(fixes) == 0
+    assert poses_of(fixes) == 0
     assert any("temporal filter" in fix.reason for fix in fixes)
 
 
 @pytest.mark.parametrize("name", ["n1", "n5"])
 def test_independent_noise_is_not_taken_for_a_filter(name: str) -> None:
-    assert poses(answers(name)) == CLOUDS - 1
+    assert poses_of(answers(name)) == CLOUDS - 1
+
+
+@pytest.mark.usefixtures("modules_of_the_benchmark")
+def test_relief_that_moves_by_two_pixels_is_not_taken_for_a_filter() -> None:
+    """Of a tumbling truss, where it is narrow: eleven of these clouds were refused."""
+    rng = np.random.default_rng([1, 10])
+    poses = importlib.import_module("target_pairs").tumbling(10.0, 200, 5.0, rng)[:34]
+    tracker, truss = TargetTracker(), TARGETS["l_truss"]()
+    fixes = [
+        tracker.process(CAMERA.scan(truss, pose, rng).points, k * 200_000_000)
+        for k, pose in enumerate(poses)
+    ]
+    assert poses_of(fixes) == len(fixes) - 1
 
 
 @pytest.mark.parametrize("name", ["n1", "n5"])
 def test_a_pattern_of_the_pixels_costs_one_cloud_at_most(name: str) -> None:
-    assert poses(answers(name, pattern_m=NOISE_M)) >= CLOUDS - 2
+    assert poses_of(answers(name, pattern_m=NOISE_M)) >= CLOUDS - 2

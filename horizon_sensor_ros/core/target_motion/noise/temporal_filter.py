@@ -13,9 +13,10 @@ from horizon_sensor_ros.core.mathematics.rigid import inverse_pose
 from horizon_sensor_ros.core.target_motion.noise.mixed_differences import mixed_differences
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
 
-# Mixed differences count up to so many standard deviations, by the median of what is normal,
+# Mixed differences count up to so many standard deviations, hardly more than by their sign: noise
+# is alike everywhere, relief in few pixels and strongly. And the median of what is normal,
 # regardless of its sign.
-_MOST, _MEDIAN = 2.0, 0.6745
+_MOST, _MEDIAN = 0.7, 0.6745
 # Variance of a sum of products of such differences, over that of as many independent ones: nine
 # pixels share returns.
 _SHARED = 3.78
@@ -27,8 +28,7 @@ _FEWEST = 40  # such pixels
 # Two clouds lie on one grid where their pixels lie within so much of each other.
 _OFF_PX = 0.25
 # Noise is alike where its correlation is beyond so many standard deviations, and so large: of less
-# a cloud holds less than a fifth of those before it, and creases that move along themselves may
-# feign as much.
+# a cloud holds less than a fifth of those before it.
 _SURE, _LEAST = 5.0, 0.2
 # What is so much alike in the oldest cloud as well is the pattern of the sensor's pixels.
 _FIXED = 0.75
@@ -50,17 +50,20 @@ class _Noise:
 
 @dataclass
 class _Sum:
-    """Weighted sums over clouds: of products, of their variance, and of what they would be if the
-    two were the same."""
+    """Weighted sums over clouds: of products, less those that relief would make alike; of their
+    variance, and of what they would be if the two were the same."""
 
     product: float = 0.0
     variance: float = 0.0
     whole: float = 0.0
 
-    def add(self, a: np.ndarray, b: np.ndarray, whole: float) -> None:
-        product = a * b
-        self.product = _LASTS * self.product + float(product.sum())
-        self.variance = _LASTS**2 * self.variance + _SHARED * float(product @ product)
+    def add(self, a: np.ndarray, b: np.ndarray, whole: float, relief: np.ndarray) -> None:
+        """Take differences (N,) of two clouds, and those of the second that relief makes as like
+        the first."""
+        product, of_relief = a * b, a * relief
+        self.product = _LASTS * self.product + float(product.sum() - of_relief.sum())
+        squares = float(product @ product + of_relief @ of_relief)
+        self.variance = _LASTS**2 * self.variance + _SHARED * squares
         self.whole = _LASTS * self.whole + whole
 
     @property
@@ -111,23 +114,31 @@ class TemporalFilter:
         )
 
     def _hold(self, now: _Noise, before: _Noise) -> None:
-        """Hold a cloud against the one before, and against the oldest that shows the same."""
+        """Hold a cloud against the one before, and against the oldest that shows the same.
+
+        What relief is alike by in one pixel, from which it has moved, it is alike by as well twice
+        as far on the way that it has moved; noise is not. Where nothing is seen there, none counts.
+        """
         place = np.nonzero(now.depth_m)
         bend, depth_m = _there(before, now.image, place)
         same = np.abs(depth_m - now.depth_m[place]) < _CHANGED * max(now.sigma_m, before.sigma_m)
-        same &= (depth_m > 0) & (_moved_px(now, before, place) > _MOVED_PX)
+        moved_px = _moved_px(now, before, place)
+        on = np.rint(2.0 * moved_px).astype(np.int64)
+        relief, _ = _there(before, now.image, (place[0] + on[1], place[1] + on[0]))
+        same &= (depth_m > 0) & (np.hypot(*moved_px) > _MOVED_PX)
         if np.count_nonzero(same) < _FEWEST:
             return
         place = place[0][same], place[1][same]
-        here, bend = _clipped(now.bend_m[place]), _clipped(bend[same])
-        self._last.add(here, bend, float(np.sqrt((here @ here) * (bend @ bend))))
+        here, bend, relief = map(_clipped, (now.bend_m[place], bend[same], relief[same]))
+        whole = float(np.sqrt((here @ here) * (bend @ bend)))
+        self._last.add(here, bend, whole, relief)
         for older in list(self._clouds)[:-1]:
             oldest, depth_m = _there(older, now.image, place)
             seen = depth_m > 0
             if np.count_nonzero(seen) >= _FEWEST:
                 here, bend, oldest = here[seen], bend[seen], _clipped(oldest[seen])
                 whole = float(np.sqrt((here @ here) * (bend @ bend)))
-                self._faded.add(here, bend - oldest, whole)
+                self._faded.add(here, bend - oldest, whole, np.zeros_like(here))
                 return
 
 
@@ -168,7 +179,7 @@ def _there(
 
 
 def _moved_px(now: _Noise, before: _Noise, place: tuple[np.ndarray, ...]) -> np.ndarray:
-    """(N,) by how many pixels what a cloud shows has moved since another one."""
+    """(2, N) how many columns and rows aside what a cloud shows was in another one."""
     image = now.image
     tan_u, tan_v = image.tangents()
     seen = np.stack([tan_u[place[1]], tan_v[place[0]], np.ones(len(place[0]))])
@@ -177,7 +188,7 @@ def _moved_px(now: _Noise, before: _Noise, place: tuple[np.ndarray, ...]) -> np.
     moved_m = back[:3, 3] + (back[:3, :3] @ image.sensor_m - image.sensor_m)
     shift = image.rot_sensor_from_view.T @ moved_m
     then = turn @ (seen * now.depth_m[place]) + shift[:, None]
-    return image.focal_px * np.hypot(*(then[:2] / then[2] - seen[:2]))
+    return np.asarray(image.focal_px * (then[:2] / then[2] - seen[:2]))
 
 
 def _clipped(bend_m: np.ndarray) -> np.ndarray:
