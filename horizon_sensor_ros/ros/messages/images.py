@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.cameras.byte_order import bytes_swapped
+from horizon_sensor_ros.ros.messages.data_bytes import bytes_of
 from horizon_sensor_ros.ros.messages.refusal import Refusal, quoted
 
 # Encoding: bytes a channel, channels, OpenCV's conversion to gray. OpenCV names a Bayer pattern by
@@ -56,15 +57,9 @@ def gray_from_image(msg: Any) -> np.ndarray | Refusal:
         return Refusal(
             "wrong_step", f"step is {step} bytes, a row of {width} {encoding} pixels has {row_size}"
         )
-    try:
-        data = np.frombuffer(msg.data, dtype=np.uint8)
-    except (TypeError, ValueError, BufferError) as error:
-        return Refusal("bad_data", f"image data is not bytes: {error}")
-    if data.size < step * height:
-        return Refusal(
-            "truncated_data",
-            f"image data has {data.size} bytes, step x height is {step * height}",
-        )
+    data = bytes_of(msg, "image", "step", step * height)
+    if isinstance(data, Refusal):
+        return data
     if data.size > step * height:
         return Refusal(
             "wrong_step", f"image data has {data.size} bytes, step x height is {step * height}"

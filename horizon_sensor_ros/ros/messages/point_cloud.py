@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from horizon_sensor_ros.ros.messages.data_bytes import bytes_of
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 
 _AXES = ("x", "y", "z")
@@ -48,15 +49,9 @@ def points_from_cloud(msg: Any) -> np.ndarray | Refusal:
             "wrong_step",
             f"row_step is {row_step} bytes, a row of {width} points has {width * point_step}",
         )
-    try:
-        data = np.frombuffer(msg.data, dtype=np.uint8)
-    except (TypeError, ValueError, BufferError) as error:
-        return Refusal("bad_data", f"cloud data is not bytes: {error}")
-    if data.size < row_step * height:
-        return Refusal(
-            "truncated_data",
-            f"cloud data has {data.size} bytes, row_step x height is {row_step * height}",
-        )
+    data = bytes_of(msg, "cloud", "row_step", row_step * height)
+    if isinstance(data, Refusal):
+        return data
     points = _read(data, columns, (height, width), (row_step, point_step))
     return points if min(width, height) > 1 else points.reshape(-1, 3)
 

@@ -57,9 +57,11 @@ class _Sum:
     variance: float = 0.0
     whole: float = 0.0
 
-    def add(self, a: np.ndarray, b: np.ndarray, whole: float, relief: np.ndarray) -> None:
+    def add(
+        self, a: np.ndarray, b: np.ndarray, whole: float, relief: np.ndarray | float = 0.0
+    ) -> None:
         """Take differences (N,) of two clouds, and those of the second that relief makes as like
-        the first."""
+        the first; 0: it makes none."""
         product, of_relief = a * b, a * relief
         self.product = _LASTS * self.product + float(product.sum() - of_relief.sum())
         squares = float(product @ product + of_relief @ of_relief)
@@ -138,7 +140,7 @@ class TemporalFilter:
             if np.count_nonzero(seen) >= _FEWEST:
                 here, bend, oldest = here[seen], bend[seen], _clipped(oldest[seen])
                 whole = float(np.sqrt((here @ here) * (bend @ bend)))
-                self._faded.add(here, bend - oldest, whole, np.zeros_like(here))
+                self._faded.add(here, bend - oldest, whole)
                 return
 
 

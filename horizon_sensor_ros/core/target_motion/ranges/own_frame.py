@@ -16,7 +16,7 @@ _OFF_PX = 0.1
 # Any other sensor misses by so many times as much: returns that lie on one plane would do for many.
 _SURE = 100.0
 # What is farther off is garbage.
-_MOST_M = 1e4
+MOST_M = 1e4
 # Pixels are square, and their rows at right angles to their columns, within this share.
 _SQUARE = 0.02
 
@@ -52,7 +52,7 @@ def _returns(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     flat = points.reshape(-1, 3)
     with np.errstate(invalid="ignore"):  # signalling NaN, of garbled messages
         same = (flat[1:] == flat[:-1]).all(axis=1)
-        own = (np.abs(flat) < _MOST_M).all(axis=1)  # NaN is not
+        own = (np.abs(flat) < MOST_M).all(axis=1)  # NaN is not
     own[1:] &= ~same
     own[:-1] &= ~same
     place = np.flatnonzero(own)

@@ -19,12 +19,11 @@ from horizon_sensor_ros.core.target_motion.ranges.grid import (
     organised_grid,
     plain_grid,
 )
-from horizon_sensor_ros.core.target_motion.ranges.own_frame import sensor_of_returns
+from horizon_sensor_ros.core.target_motion.ranges.own_frame import MOST_M, sensor_of_returns
 from horizon_sensor_ros.core.target_motion.ranges.pixel_values import depth_in_middles
 from horizon_sensor_ros.core.target_motion.ranges.range_step import step_of_ranges
 
 _MARGIN_PX = 8
-_MAX_COORDINATE_M = 1e4
 _STEEPEST = 5.0
 # Of returns strewn at random, two to a pixel, a seventh has an empty pixel next to it before the
 # next return on its surface, looked for so far along its row or column and up to such a slope; of
@@ -132,7 +131,7 @@ def _as_seen_from_zero(points: np.ndarray, focal_px: float | None, min_points: i
         used = np.array(flat.take(place, axis=0).T, np.float64, order="C")
     size = np.abs(used).max(axis=0)
     # Sensors that fill missing returns with zeros do so exactly; NaN fails both.
-    keep = (size > 1e-3) & (size < _MAX_COORDINATE_M)
+    keep = (size > 1e-3) & (size < MOST_M)
     if not keep.all():
         place, used, size = place[keep], used[:, keep], size[keep]
     view = _view_rotation(used)
