@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -22,11 +23,15 @@ from horizon_sensor_ros.core.fits.assessment import tangent_rows
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb_points import STRETCHES, LimbPoints, SharedError
 from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
-from horizon_sensor_ros.core.mathematics.robust import robust_sigma
+from horizon_sensor_ros.core.mathematics.robust import median, robust_sigma, starts_and_sizes
 from horizon_sensor_ros.core.mathematics.symmetric3 import inverse
 
 # Pixels to each side of a limb point, along the limb and across it, that are looked at.
 _ALONG, _ACROSS = 8, 3
+_ON_PX, _ASIDE_PX = (
+    each.ravel()
+    for each in np.mgrid[-_ALONG : _ALONG + 1, -_ACROSS : _ACROSS + 1].astype(np.float64)
+)
 # A limb that crosses fewer rows than four within these is even or odd by where it lies.
 _LEAST_SLANT = 0.25
 _FEWEST, _ENOUGH = 8, 24  # points
@@ -116,7 +121,7 @@ def fields_apart_px(limb: LimbPoints, image: np.ndarray) -> float:
     at, weight = _apart(px[usable], normal[usable], image)
     fall = np.linspace(-1.0, 1.0, len(at))
     line = np.column_stack([np.ones_like(fall), fall])
-    trusted = weight = weight / (weight + np.median(weight))
+    trusted = weight = weight / (weight + median(weight))
     for _ in range(_ROUNDS):
         of_line = line.T * trusted
         shown = line @ np.linalg.solve(of_line @ line, of_line @ at)
@@ -124,8 +129,9 @@ def fields_apart_px(limb: LimbPoints, image: np.ndarray) -> float:
         scatter = robust_sigma(off) + 1e-6
         trusted = weight / (1.0 + np.square(off / (3.0 * scatter)))
     # Neighbours look at the same pixels, and what texture does to one it does to the next.
-    stretches = [part.mean() for part in np.array_split(off, min(STRETCHES, len(off) // 2))]
-    by_stretches = float(np.std(stretches, ddof=1)) / len(stretches) ** 0.5
+    starts, sizes = starts_and_sizes(len(off), min(STRETCHES, len(off) // 2))
+    means = np.add.reduceat(off, starts) / sizes
+    by_stretches = float(means.std(ddof=1)) / len(means) ** 0.5
     sigma = math.hypot(max(scatter / len(off) ** 0.5, by_stretches), _OF_CROSSING_PX)
     apart_px = float(np.sqrt(np.mean(np.square(shown))))
     return apart_px if apart_px > _SIGMAS * sigma else 0.0
@@ -135,32 +141,35 @@ def _apart(px: np.ndarray, normal: np.ndarray, image: np.ndarray) -> tuple[np.nd
     """By how far one field shows an edge outside of where the other does, beside each point (N, 2),
     by least squares, and the weights of that: (N,) each.
     """
-    here = _beside(px, normal, image.shape[1])
-    flat, width = image.reshape(-1), image.shape[1]
-
-    def gray(rows: int, columns: int) -> np.ndarray:
-        return flat.take(here + (rows * width + columns)).astype(np.float32)
-
-    def other_field(columns: int) -> np.ndarray:
-        return 0.5 * (gray(-1, columns) + gray(1, columns))
-
-    across_rows = 0.5 * (gray(1, 0) - gray(-1, 0))
-    along_rows = 0.25 * (gray(0, 1) - gray(0, -1) + other_field(1) - other_field(-1))
+    width = image.shape[1]
+    here = _beside(px, normal, width)
+    around = image.reshape(-1).take(here + _around(width)).astype(np.float32)
+    (above_left, above, above_right), (left, gray, right), (below_left, below, below_right) = around
+    other_field = 0.5 * (above + below)
+    across_rows = 0.5 * (below - above)
+    along_rows = 0.25 * (
+        right - left + 0.5 * (above_right + below_right) - 0.5 * (above_left + below_left)
+    )
     gradient = along_rows * normal[:, :1] + across_rows * normal[:, 1:]
     sign = 1 - 2 * (here // width % 2)
     weight = np.square(gradient).sum(axis=1).astype(np.float64) + 1e-6
-    return (sign * (gray(0, 0) - other_field(0)) * gradient).sum(axis=1) / weight, weight
+    return (sign * (gray - other_field) * gradient).sum(axis=1) / weight, weight
+
+
+@lru_cache(maxsize=8)
+def _around(width: int) -> np.ndarray:
+    """How many pixels farther on each neighbour of a pixel lies, and it itself: (3, 3, 1, 1), in an
+    image so many pixels wide.
+    """
+    return np.add.outer(np.arange(-1, 2) * width, np.arange(-1, 2))[:, :, None, None]
 
 
 def _beside(px: np.ndarray, normal: np.ndarray, width: int) -> np.ndarray:
     """Pixels (N, K) near the limb beside each point, by number in an image so many pixels wide."""
-    along, across = np.meshgrid(
-        np.arange(-_ALONG, _ALONG + 1), np.arange(-_ACROSS, _ACROSS + 1), indexing="ij"
-    )
     # A pixel at a time along rows or columns, of which the limb crosses more.
     steep = (np.abs(normal[:, 0]) >= np.abs(normal[:, 1]))[:, None]
     larger, smaller = np.where(steep, normal, normal[:, ::-1]).T
-    aside = across.ravel() - (smaller / larger)[:, None] * along.ravel()
-    columns = np.rint(px[:, :1] + np.where(steep, aside, along.ravel())).astype(np.intp)
-    rows = np.rint(px[:, 1:] + np.where(steep, along.ravel(), aside)).astype(np.intp)
+    aside_px = _ASIDE_PX - (smaller / larger)[:, None] * _ON_PX
+    columns = np.rint(px[:, :1] + np.where(steep, aside_px, _ON_PX)).astype(np.intp)
+    rows = np.rint(px[:, 1:] + np.where(steep, _ON_PX, aside_px)).astype(np.intp)
     return rows * width + columns
