@@ -73,6 +73,8 @@ class TargetMonitor(Monitor[TargetPipeline]):
             values.update(_fix_values(self._fix))
         for name in ("clouds", "fixes", "target_frames", "time_jumps"):
             values[name] = str(pipeline.counts[name])
+        if pipeline.times_told:
+            values["point_times"] = pipeline.times_told
         values.update(rejected_values(pipeline.rejected))
         return values
 

@@ -13,12 +13,16 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStamped
 
-from horizon_sensor_ros.core.mathematics.rigid import skew, vector_from_rotation
+from horizon_sensor_ros.core.mathematics.rigid import (
+    inverse_left_jacobian,
+    vector_from_rotation,
+)
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
 from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 from horizon_sensor_ros.ros.messages.estimates import pose_message, twist_message
 from horizon_sensor_ros.ros.messages.point_cloud import points_from_cloud
+from horizon_sensor_ros.ros.messages.point_times import point_times
 from horizon_sensor_ros.ros.messages.refusal import Refusal, quoted
 from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, repeated_stamp, stamp_ns
 from horizon_sensor_ros.ros.parameters.target_settings import TargetPipelineSettings
@@ -48,12 +52,14 @@ class TargetPipeline:
     """Decodes and tracks clouds.
 
     counts : clouds, fixes, target frames, time jumps. rejected : clouds that gave no estimate, by
-    cause.
+    cause. times_told : by which field the last cloud's points tell when they were measured, or why
+    that is not used.
     """
 
     def __init__(self, settings: TargetPipelineSettings) -> None:
         self.counts: Counter[str] = Counter()
         self.rejected: Counter[str] = Counter()
+        self.times_told = ""
         self._settings = settings
         self._tracker = TargetTracker(settings.tracker)
         self._stamp: int | None = None
@@ -103,7 +109,11 @@ class TargetPipeline:
         if self._frame_id is not None and frame_id != self._frame_id:
             # Poses in one frame say nothing about those in another.
             anew = f"the clouds' frame is now {quoted(frame_id)}"
-        fix = self._tracker.process(points, stamp, anew)
+        times_s, self.times_told = None, ""
+        if self._settings.point_times:
+            times = point_times(msg, points, stamp)
+            times_s, self.times_told = times.times_s, times.told
+        fix = self._tracker.process(points, stamp, anew, times_s)
         # Of a cloud that shows nothing neither stamp nor frame counts.
         if self._tracker.stamp_ns == stamp:
             self._frame_id = frame_id
@@ -132,19 +142,11 @@ def twist_of_delta(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Rotation vector and translation of a motion (4, 4) over its duration: (6,), (6, 6).
 
-    covariance : (6, 6) of the motion, small rotations about the fixed axes. A small rotation e
-    before a large one of vector v changes that by the inverse of the left Jacobian of SO(3) at v
-    (Barfoot, State Estimation for Robotics, 2017, eq. 7.77).
+    covariance : (6, 6) of the motion, small rotations about the fixed axes.
     """
     turn = vector_from_rotation(delta[:3, :3])
-    angle = float(np.linalg.norm(turn))
-    cross = skew(turn)
-    # The series' next term is angle**2 / 720.
-    share = 1 / 12
-    if angle > 1e-3:
-        share = (1 - angle / 2 / np.tan(angle / 2)) / angle**2
     change = np.eye(6)
-    change[:3, :3] += -cross / 2 + share * cross @ cross
+    change[:3, :3] = inverse_left_jacobian(turn)
     twist = np.concatenate([turn, delta[:3, 3]]) / duration_s
     return twist, change @ covariance @ change.T / duration_s**2
 

@@ -4,6 +4,6 @@ Images: ``earth_camera`` draws an ``earth_scene`` with its ``frame_truth``: ``sc
 along lines of sight: ``cloud_texture`` and ``smooth_texture`` of the ground, ``air``),
 ``supersampled_limb``, ``sky`` (Sun, Moon, stars), ``exposure`` (motion), ``recording`` (light to
 gray levels). Sets of them: ``scene_sets``, ``hard_scenes`` of ``hard_kinds``, ``sun_alone``,
-``flight``. Clouds: ``tof_camera``, ``shapes``, ``tumbling``, ``paper_d``. ``poses`` (cameras and
-attitudes for all).
+``flight``. Clouds: ``tof_camera``, ``swept_scan``, ``shapes``, ``tumbling``, ``paper_d``. ``poses``
+(cameras and attitudes for all).
 """

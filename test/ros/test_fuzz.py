@@ -36,7 +36,7 @@ from hypothesis import strategies as st
 from message_fuzz import corrupt
 from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from target_messages import CLOUD_PERIOD_NS, MESHES, cloud_of, truth_at
+from target_messages import CLOUD_PERIOD_NS, MESHES, cloud_of, timed_cloud, truth_at
 
 from horizon_sensor_ros.core.limb.edge.model import KEPT_BYTES, EdgeTable
 from horizon_sensor_ros.core.planet import Planet
@@ -184,10 +184,13 @@ class TargetFuzz:
         """Bad clouds, and three good ones."""
         for bad in [True] * BAD_IN_A_ROUND + [False] * 3:
             self.now += CLOUD_PERIOD_NS // 10
-            msg = cloud_of(points(self.messages % 8), self.now)
+            msg = self.cloud(points(self.messages % 8))
             changed = corrupt(msg, self.rng) if bad else []
             self.judge(self.pipeline.on_cloud(msg), changed)
             self.messages += 1
+
+    def cloud(self, seen: np.ndarray) -> Any:
+        return cloud_of(seen, self.now)
 
     def judge(self, step: TargetStep, changed: list[str]) -> None:
         if step.refusal is not None and step.refusal.cause == "internal_error":
@@ -208,6 +211,15 @@ class TargetFuzz:
                 self.wrong.append(f"{topic} off by {off} m, {turn} deg {changed}")
 
 
+class SweptTargetFuzz(TargetFuzz):
+    """The same with a lidar's clouds, whose points tell when they were measured."""
+
+    def cloud(self, seen: np.ndarray) -> Any:
+        period = CLOUD_PERIOD_NS // 10
+        times_ns = np.linspace(0, period, seen.size // 3).reshape(seen.shape[:2])
+        return timed_cloud(seen, self.now, "t", times_ns, "<u4")
+
+
 @cache
 def points(seed: int) -> np.ndarray:
     camera = ToFCamera(width=32, height=32, pixel_pitch_m=255e-6)
@@ -216,7 +228,7 @@ def points(seed: int) -> np.ndarray:
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("number", NUMBERS)
-@pytest.mark.parametrize("kind", [HorizonFuzz, TargetFuzz])
+@pytest.mark.parametrize("kind", [HorizonFuzz, TargetFuzz, SweptTargetFuzz])
 def test_bad_messages_leave_nothing_behind_and_good_ones_work_again(
     kind: type[HorizonFuzz | TargetFuzz], number: int
 ) -> None:

@@ -18,6 +18,13 @@ CLOUD_PERIOD_NS = 200_000_000
 CAMERA = ToFCamera(width=96, height=96, pixel_pitch_m=85e-6)
 MESHES = {"n5": sich_n5(), "cylinder": winged_cylinder()}
 FRAME_ID = "tof_optical"
+TIME_KINDS = {
+    "<u2": PointField.UINT16,
+    "<i4": PointField.INT32,
+    "<u4": PointField.UINT32,
+    "<f4": PointField.FLOAT32,
+    "<f8": PointField.FLOAT64,
+}
 TURN_RAD_S = np.array([0.02, 0.09, -0.03])
 VELOCITY_M_S = np.array([0.05, -0.03, 0.1])
 
@@ -53,6 +60,27 @@ def cloud_of(points: np.ndarray, stamp: int, **fields: Any) -> PointCloud2:
     msg.data.frombytes(padded.tobytes())
     for name, value in fields.items():
         setattr(msg, name, value)
+    return msg
+
+
+def timed_cloud(
+    points: np.ndarray, stamp: int, name: str, values: np.ndarray, kind: str
+) -> PointCloud2:
+    """Message of (H, W, 3) points with one more field, of values (H, W), before the coordinates."""
+    layout = np.dtype([(name, kind), ("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
+    data = np.empty(points.shape[:2], layout)
+    data[name] = values
+    for axis in range(3):
+        data["xyz"[axis]] = points[..., axis]
+    msg = cloud_of(points, stamp)
+    offset = layout[name].itemsize
+    msg.fields = [
+        PointField(name=name, offset=0, datatype=TIME_KINDS[kind], count=1),
+        *_floats(offset, offset + 4, offset + 8),
+    ]
+    msg.point_step, msg.row_step = layout.itemsize, layout.itemsize * msg.width
+    del msg.data[:]
+    msg.data.frombytes(data.tobytes())
     return msg
 
 

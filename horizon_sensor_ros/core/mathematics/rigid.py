@@ -41,6 +41,18 @@ def vector_from_rotation(rotation: np.ndarray) -> np.ndarray:
     return column / np.linalg.norm(column) * (angle if axis2 @ column >= 0 else -angle)
 
 
+def inverse_left_jacobian(vector_rad: np.ndarray) -> np.ndarray:
+    """(3, 3) by which a small rotation before a large one, of a vector (3,), changes that vector
+    (Barfoot, State Estimation for Robotics, 2017, eq. 7.77)."""
+    angle = float(np.linalg.norm(vector_rad))
+    across = skew(vector_rad)
+    # The series' next term is angle**2 / 720.
+    share = 1 / 12
+    if angle > 1e-3:
+        share = (1 - angle / 2 / np.tan(angle / 2)) / angle**2
+    return np.asarray(np.eye(3) - across / 2 + share * across @ across)
+
+
 def pose_matrix(rotation: np.ndarray, translation_m: np.ndarray) -> np.ndarray:
     """(4, 4) homogeneous form."""
     pose = np.eye(4)

@@ -7,5 +7,6 @@ is), ``surfaces`` (what is in it), ``alignment`` (the motion between two views),
 (whether to believe it).
 
 The tracker keeps each ``known_view``, and holds new ones against ``constant_velocity``. ``config``:
-parameters. Beside these ``section_patterns``, paper D's method.
+parameters. Clouds that took time pass through ``sweeps`` first. Beside these ``section_patterns``,
+paper D's method.
 """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,6 +10,8 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     inverse_pose,
     skew,
 )
+from horizon_sensor_ros.core.target_motion.registration import Registration
+from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity, rotated
 from horizon_sensor_ros.core.target_motion.target_view import TargetView
 
 
@@ -21,6 +23,8 @@ class KnownView:
         one sigma, which is the same in all poses.
     keyframe_ns : stamp of the view it was registered to; None for the first one. No more than the
         stamp, as a reference would keep every view since the first one alive.
+    of_sweep : (6, 6) covariance of what is wrong with the view itself, of a cloud that took time,
+        as if its pose were: by the velocity. It is in none of the others.
     """
 
     view: TargetView
@@ -30,6 +34,38 @@ class KnownView:
     by_bias: np.ndarray
     keyframe_ns: int | None
     step_covariance: np.ndarray
+    of_sweep: np.ndarray = field(default_factory=lambda: np.zeros((6, 6)))
+
+    @classmethod
+    def found(
+        cls, view: TargetView, stamp_ns: int, keyframe: KnownView, motion: Registration
+    ) -> KnownView:
+        """A view whose pose the motion from a keyframe tells."""
+        pose = motion.pose_b_from_a @ keyframe.pose
+        by_bias = motion.by_bias_at(pose[:3, 3])
+        step = motion.covariance_at(pose[:3, 3]) - np.outer(by_bias, by_bias)
+        turn = np.kron(np.eye(2), motion.pose_b_from_a[:3, :3])
+        covariance = step + turn @ keyframe.covariance @ turn.T
+        by_bias = by_bias + turn @ keyframe.by_bias
+        return cls(view, stamp_ns, pose, covariance, by_bias, keyframe.stamp_ns, step)
+
+    @property
+    def size_m(self) -> float:
+        """RMS radius of what is seen."""
+        assert self.view.surface is not None
+        return self.view.surface.size_m
+
+    @property
+    def step_m(self) -> float:
+        """By how much points are off that lie as far from the origin, by the last step."""
+        variance = np.diag(self.step_covariance)
+        return float(np.sqrt((self.size_m**2 * variance[:3].sum() + variance[3:].sum()) / 3.0))
+
+
+def velocity_between(last: KnownView, now: KnownView) -> Velocity:
+    """How the target moved from one view to another."""
+    covariance = rotated(delta_covariance(last, now), last.pose[:3, :3])
+    return Velocity.between(last.pose, now.pose, (now.stamp_ns - last.stamp_ns) * 1e-9, covariance)
 
 
 def delta_covariance(last: KnownView, now: KnownView) -> np.ndarray:

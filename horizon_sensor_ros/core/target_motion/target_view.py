@@ -11,6 +11,12 @@ from horizon_sensor_ros.core.target_motion.config import LEAST_POINTS, Registrat
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage, range_image
 from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView, surface_view
 
+# Views of which one's pixels are so many times as wide on the target as the other's show different
+# things: what is smaller than the wider ones these smear.
+_OTHER_SCALE = 2.0
+# Noise of a real sensor over a pixel's width on the target, at least: of good ones it is a tenth.
+_LEAST_NOISE = 0.01
+
 
 @dataclass(frozen=True, eq=False)
 class TargetView:
@@ -21,12 +27,29 @@ class TargetView:
     image: RangeImage
     surface: SurfaceView | None
 
+    @property
+    def has_noise(self) -> bool:
+        """Whether ranges have noise, as a sensor's do and a drawn target's need not."""
+        assert self.surface is not None
+        return self.surface.sigma_m > _LEAST_NOISE * self.surface.footprint_m
+
+    def as_fine_as(self, other: TargetView) -> bool:
+        """Whether both views are about as fine on the target."""
+        assert self.surface is not None
+        assert other.surface is not None
+        finer, wider = sorted((self.surface.footprint_m, other.surface.footprint_m))
+        return wider < _OTHER_SCALE * finer
+
 
 def target_view(points: np.ndarray, config: RegistrationConfig | None = None) -> TargetView:
     """Prepare a cloud, (H, W, 3) organised or (N, 3) plain, metres; bad data comes back as a
     status."""
     config = RegistrationConfig() if config is None else config
-    image = range_image(points, config.focal_px, config.min_points)
+    return view_of_image(range_image(points, config.focal_px, config.min_points), config)
+
+
+def view_of_image(image: RangeImage, config: RegistrationConfig) -> TargetView:
+    """Prepare a cloud of which the image was made."""
     if image.status is not Status.OK:
         return TargetView(image.status, image.reason, image, None)
     surface = surface_view(image, config.range_noise_m)

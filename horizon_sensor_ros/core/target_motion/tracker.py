@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,26 +19,33 @@ from horizon_sensor_ros.core.target_motion.constant_velocity import (
     turn_between,
     turned_off,
 )
-from horizon_sensor_ros.core.target_motion.known_view import KnownView, delta_covariance
+from horizon_sensor_ros.core.target_motion.known_view import (
+    KnownView,
+    delta_covariance,
+    velocity_between,
+)
 from horizon_sensor_ros.core.target_motion.noise.temporal_filter import TemporalFilter
-from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage, cloud_of
+from horizon_sensor_ros.core.target_motion.ranges.range_image import cloud_of
 from horizon_sensor_ros.core.target_motion.registration import Registration, gainsaid, register
+from horizon_sensor_ros.core.target_motion.sweeps.sweep import Sweep, sweep_of
+from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity, rotated
 from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
-from horizon_sensor_ros.core.target_motion.target_view import TargetView, target_view
+from horizon_sensor_ros.core.target_motion.target_view import (
+    TargetView,
+    target_view,
+    view_of_image,
+)
 
 # The first cloud defines the target frame; its pose has this variance (rad^2, m^2) rather than
 # none.
 _DEFINITION_VARIANCE = 1e-8
 _MAX_KEYFRAMES = 40
-# Views of which one's pixels are so many times as wide on the target as the other's show different
-# things: what is smaller than the wider ones these smear.
-_OTHER_SCALE = 2.0
-# Noise of a real sensor over a pixel's width on the target, at least: of good ones it is a tenth.
-_LEAST_NOISE = 0.01
 # So many refused clouds in a row that agree outvote a first one that nothing agrees with.
 _OUTVOTE = 3
 # Fixes before the last one that are kept for the velocity.
 _PATH = 8
+# So often at most the motion is taken out of a cloud that took time.
+_ROUNDS = 4
 
 
 class TargetTracker:
@@ -64,6 +72,9 @@ class TargetTracker:
         self._odd: TargetView | None = None
         self._flat: TargetView | None = None
         self._agreeing = 0
+        # Of clouds that took time: the last fix's, and how the target moved then.
+        self._sweep: Sweep | None = None
+        self._velocity: Velocity | None = None
         self._stamp_ns: int | None = None
         self._filter = TemporalFilter()
         self._why = why
@@ -74,9 +85,19 @@ class TargetTracker:
         there was none yet."""
         return self._stamp_ns
 
-    def process(self, points: np.ndarray, stamp_ns: int, anew: str = "") -> TargetFix:
+    def process(
+        self,
+        points: np.ndarray,
+        stamp_ns: int,
+        anew: str = "",
+        times_s: np.ndarray | None = None,
+    ) -> TargetFix:
         """Take one cloud, (H, W, 3) organised or (N, 3) plain, metres, in the sensor frame, and
         its stamp.
+
+        times_s : (H, W) or (N,) when each point was measured, seconds from the stamp; None: all at
+        the stamp. By the target's velocity, which the second cloud tells first, the points are
+        brought to where they were at the stamp; so the pose is of the stamp.
 
         anew : why it says nothing about those before it, where it does not: one that shows
         something sets a new target frame, with that as its reason.
@@ -92,7 +113,12 @@ class TargetTracker:
         points = cloud_of(points)
         if stamp_ns == self._stamp_ns:
             return TargetFix(Status.REPEATED_STAMP, "a cloud of this stamp was there", stamp_ns)
-        view = target_view(points, self.config.registration)
+        of = self.config.registration
+        sweep = None
+        if times_s is not None:
+            sweep = sweep_of(points, times_s, of.focal_px, of.min_points)
+        velocity = None if anew else self._velocity_at(stamp_ns)
+        view = self._view(points, sweep, velocity)
         if view.status is not Status.OK:
             return self._refuse(view.status, view.reason, stamp_ns, view, None)
         if anew:
@@ -100,7 +126,7 @@ class TargetTracker:
         elif self._stamp_ns is not None and stamp_ns < self._stamp_ns:
             self.reset("time jumped back")
         gap_s = 0.0 if self._last is None else (stamp_ns - self._last.stamp_ns) * 1e-9
-        if self._frozen(view) and gap_s <= self.config.max_gap_s:
+        if self._frozen(view, sweep) and gap_s <= self.config.max_gap_s:
             reason = "the very same cloud again: has the sensor, or its driver, stopped?"
             return self._refuse(Status.REPEATED_CLOUD, reason, stamp_ns, view, None)
         self._stamp_ns = stamp_ns
@@ -109,9 +135,13 @@ class TargetTracker:
             if gap_s > self.config.max_gap_s:
                 why = f"no fix for {gap_s:.1f} s"
             else:
-                fix, registration = self._track(view, stamp_ns)
-                if fix is not None:
-                    return fix
+                keyframe, registration = self._track(view, stamp_ns)
+                if keyframe is not None and sweep is not None:
+                    view, keyframe, registration = self._stilled(
+                        sweep, velocity, view, keyframe, registration, stamp_ns
+                    )
+                if keyframe is not None:
+                    return self._accept(keyframe, registration, view, stamp_ns, sweep)
                 if self._first_was_odd(view):
                     why = f"first cloud fits none since: {registration.reason}"
                 elif self._refused + 1 < self.config.max_refused:
@@ -120,17 +150,43 @@ class TargetTracker:
                     )
                 else:
                     why = f"track lost: {registration.reason}"
-        return self._start(view, stamp_ns, why)
+        if velocity is not None:
+            # That was of a target which is lost.
+            untouched = self._view(points, None, None)
+            view = untouched if untouched.status is Status.OK else view
+        return self._start(view, stamp_ns, why, sweep)
 
-    def _frozen(self, view: TargetView) -> bool:
+    def _velocity_at(self, stamp_ns: int) -> Velocity | None:
+        """How the target moves, where that is known; stamps that jumped tell nothing of it."""
+        if self._last is None or self._stamp_ns is None or stamp_ns < self._stamp_ns:
+            return None
+        gap_s = (stamp_ns - self._last.stamp_ns) * 1e-9
+        return self._velocity if gap_s <= self.config.max_gap_s else None
+
+    def _view(
+        self, points: np.ndarray, sweep: Sweep | None, velocity: Velocity | None
+    ) -> TargetView:
+        """A cloud as it would be, had it been measured at its stamp."""
+        if sweep is None or velocity is None:
+            return target_view(points, self.config.registration)
+        return self._stilled_view(sweep, velocity)
+
+    def _stilled_view(self, sweep: Sweep, velocity: Velocity) -> TargetView:
+        of = self.config.registration
+        return view_of_image(sweep.stilled(velocity, of.focal_px, of.min_points), of)
+
+    def _frozen(self, view: TargetView, sweep: Sweep | None) -> bool:
         """Whether a cloud is the last fix's to the last bit, although clouds have changed before: a
         live sensor's noise never repeats. Clouds that never did, or have no noise, may be a drawn
         target at rest."""
         if self._last is None:
             return False
-        same = _same(self._last.view.image, view.image)
+        if sweep is None or self._sweep is None:
+            same = view.image.same_as(self._last.view.image)
+        else:
+            same = sweep.same_as(self._sweep)
         self._changing = self._changing or not same
-        return same and self._changing and _has_noise(view)
+        return same and self._changing and view.has_noise
 
     def _first_was_odd(self, view: TargetView) -> bool:
         """Take a cloud that does not fit the track; whether it and those refused before it agree
@@ -160,7 +216,7 @@ class TargetTracker:
             num_keyframes=len(self._keyframes), num_points=view.image.num_points,
         )  # fmt: skip
 
-    def _start(self, view: TargetView, stamp_ns: int, why: str) -> TargetFix:
+    def _start(self, view: TargetView, stamp_ns: int, why: str, sweep: Sweep | None) -> TargetFix:
         assert view.surface is not None
         if view.surface.coplanar:
             # A plane fixes half of the pose, and would keep out the next good cloud; a plate's ends
@@ -182,13 +238,20 @@ class TargetTracker:
         self._last = KnownView(
             view, stamp_ns, pose, covariance, np.zeros(6), None, np.zeros((6, 6))
         )
+        self._sweep = sweep
         self._keyframes = [self._last]
         return TargetFix(
             Status.OK, why, stamp_ns, pose, covariance, new_frame=True,
             num_keyframes=1, num_points=view.image.num_points,
         )  # fmt: skip
 
-    def _track(self, view: TargetView, stamp_ns: int) -> tuple[TargetFix | None, Registration]:
+    def _track(
+        self, view: TargetView, stamp_ns: int, expected: np.ndarray | None = None
+    ) -> tuple[KnownView | None, Registration]:
+        """The motion to a view, and the keyframe that it is from; None where none is believed.
+
+        expected : (4, 4) pose to begin with, in place of what constant velocity predicts.
+        """
         last = self._last
         assert last is not None
         predicted = predict(last, self._path, stamp_ns)
@@ -197,8 +260,9 @@ class TargetTracker:
         # Nothing tells by how much a target has turned since the last fix that may be like itself.
         turned_rad = (1 + self._missed) * self.config.registration.search_rad
         doubted = False
-        for keyframe in self._candidates(last.pose if predicted is None else predicted, view):
-            prior = None if predicted is None else predicted @ inverse_pose(keyframe.pose)
+        begin = predicted if expected is None else expected
+        for keyframe in self._candidates(last.pose if begin is None else begin, view):
+            prior = None if begin is None else begin @ inverse_pose(keyframe.pose)
             found = register(
                 keyframe.view, view, self.config.registration, prior,
                 turned_rad=turned_rad, doubted=self._doubted,
@@ -208,8 +272,7 @@ class TargetTracker:
                 found = self._believed(found, keyframe, predicted, refused_by, view)
             if found.status is Status.OK:
                 found = self._of_now(found, keyframe, view)
-                of_now = found.status is Status.OK
-                return self._accept(keyframe, found, view, stamp_ns) if of_now else None, found
+                return keyframe if found.status is Status.OK else None, found
             if not tried.reason:
                 tried = found
             if np.isfinite(found.part_off_m):
@@ -286,28 +349,79 @@ class TargetTracker:
         near = [
             k
             for k in self._keyframes
-            if turn_between(k.pose, pose) < self.config.keyframe_turn_rad and _as_fine(k.view, view)
+            if turn_between(k.pose, pose) < self.config.keyframe_turn_rad
+            and k.view.as_fine_as(view)
         ]
         if not near:
             return [last]
         return [near[0]] if near[0] is last else [near[0], last]
 
+    def _stilled(
+        self,
+        sweep: Sweep,
+        used: Velocity | None,
+        view: TargetView,
+        keyframe: KnownView,
+        found: Registration,
+        stamp_ns: int,
+    ) -> tuple[TargetView, KnownView | None, Registration]:
+        """Take the motion that was found to a cloud out of that cloud, and out of a first one
+        before it, until it stays what it is: view, keyframe and motion then.
+
+        used : the velocity that is taken out of it already.
+        """
+        last, keyframes, first = self._last, self._keyframes, self._sweep
+        assert last is not None
+        for _ in range(_ROUNDS):
+            now = KnownView.found(view, stamp_ns, keyframe, found)
+            velocity = velocity_between(last, now)
+            if used is not None:
+                off_m_s = velocity.differs_by_m_s(used, now.pose[:3, 3], now.size_m)
+                if off_m_s * sweep.spread_s < now.step_m:
+                    return view, keyframe, found
+            used = velocity
+            views = [self._stilled_view(sweep, used)]
+            if not self._path and first is not None:
+                views.append(self._stilled_view(first, used))
+                self._last = replace(last, view=views[1], of_sweep=first.error_by(used))
+                self._keyframes = [self._last]
+            bad = next((each for each in views if each.status is not Status.OK), None)
+            if bad is not None:
+                found = found.refused(bad.status, bad.reason)
+                break
+            view = views[0]
+            tracked, found = self._track(view, stamp_ns, now.pose)
+            if tracked is None:
+                break
+            keyframe = tracked
+        else:
+            reason = "the target's motion while the cloud was measured does not settle"
+            found = found.refused(Status.NOT_CONVERGED, reason)
+        self._last, self._keyframes = last, keyframes
+        return view, None, found
+
     def _accept(
-        self, keyframe: KnownView, found: Registration, view: TargetView, stamp_ns: int
+        self,
+        keyframe: KnownView,
+        found: Registration,
+        view: TargetView,
+        stamp_ns: int,
+        sweep: Sweep | None,
     ) -> TargetFix:
         last = self._last
         assert last is not None
         if not any(k is keyframe for k in self._keyframes):
             self._keep(keyframe)
-        pose = found.pose_b_from_a @ keyframe.pose
-        by_bias = found.by_bias_at(pose[:3, 3])
-        step = found.covariance_at(pose[:3, 3]) - np.outer(by_bias, by_bias)
-        turn = np.kron(np.eye(2), found.pose_b_from_a[:3, :3])
-        covariance = step + turn @ keyframe.covariance @ turn.T
-        by_bias = by_bias + turn @ keyframe.by_bias
-        now = KnownView(view, stamp_ns, pose, covariance, by_bias, keyframe.stamp_ns, step)
+        now = KnownView.found(view, stamp_ns, keyframe, found)
+        self._sweep, self._velocity = sweep, None
+        if sweep is not None:
+            self._velocity = velocity_between(last, now)
+            now = replace(now, of_sweep=sweep.error_by(self._velocity))
+        pose = now.pose
         delta = inverse_pose(last.pose) @ pose
         of_delta = delta_covariance(last, now)
+        of_delta += rotated(last.of_sweep + now.of_sweep, last.pose[:3, :3].T)
+        of_sweeps = now.of_sweep + rotated(self._keyframes[0].of_sweep, pose[:3, :3])
         # The next cloud is not likely to overlap this keyframe any better.
         if found.overlap < self.config.keyframe_overlap:
             self._keep(now)
@@ -316,8 +430,8 @@ class TargetTracker:
         self._refused, self._missed = 0, 0
         self._doubted = self._strayed = False
         return TargetFix(
-            Status.OK, "", stamp_ns, pose, covariance + np.outer(by_bias, by_bias), delta,
-            of_delta,
+            Status.OK, "", stamp_ns, pose,
+            now.covariance + np.outer(now.by_bias, now.by_bias) + of_sweeps, delta, of_delta,
             (stamp_ns - last.stamp_ns) * 1e-9, False, found,
             len(self._keyframes), view.image.num_points,
         )  # fmt: skip
@@ -327,27 +441,3 @@ class TargetTracker:
         if len(self._keyframes) > _MAX_KEYFRAMES:
             # The first one defines the target frame; of the others the oldest goes.
             del self._keyframes[1]
-
-
-def _as_fine(a: TargetView, b: TargetView) -> bool:
-    """Whether both views are about as fine on the target."""
-    assert a.surface is not None
-    assert b.surface is not None
-    wider = max(a.surface.footprint_m, b.surface.footprint_m)
-    return wider < _OTHER_SCALE * min(a.surface.footprint_m, b.surface.footprint_m)
-
-
-def _has_noise(view: TargetView) -> bool:
-    """Whether ranges have noise, as a sensor's do and a drawn target's need not."""
-    assert view.surface is not None
-    return view.surface.sigma_m > _LEAST_NOISE * view.surface.footprint_m
-
-
-def _same(image: RangeImage, other: RangeImage) -> bool:
-    """Whether two images are of the same returns, to the last bit."""
-    # The mean tells nearly all others apart, at no cost.
-    return (
-        image.num_points == other.num_points
-        and np.array_equal(image.centroid_m, other.centroid_m)
-        and np.array_equal(image.inverse_depth, other.inverse_depth)
-    )

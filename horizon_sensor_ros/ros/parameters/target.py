@@ -15,6 +15,15 @@ TARGET_PARAMETERS = (
         "sensor's.",
     ),
     Parameter(
+        "point_times",
+        "bool",
+        True,
+        "Where points tell when they were measured (a lidar's field t, time, offset_time, "
+        "time_offset or timestamp), the target's motion while the sensor swept its field is taken "
+        "out of the cloud.",
+        live=True,
+    ),
+    Parameter(
         "max_gap",
         "double",
         TrackerConfig.max_gap_s,

@@ -38,6 +38,7 @@ class TargetPipelineSettings:
     """Everything that the estimates of the target depend on."""
 
     target_frame: str
+    point_times: bool
     tracker: TrackerConfig
 
 
@@ -74,7 +75,7 @@ def target_settings(values: Mapping[str, Any]) -> TargetSettings:
         fields = {**_REGISTRATION_FIELDS, **_TRACKER_FIELDS}
         raise ParameterError(with_parameter_names(str(error), fields)) from None
     return TargetSettings(
-        pipeline=TargetPipelineSettings(accepted["target_frame"], tracker),
+        pipeline=TargetPipelineSettings(accepted["target_frame"], accepted["point_times"], tracker),
         stale_after_ns=round(accepted["stale_after"] * 1e9),
         diagnostics_period_s=accepted["diagnostics_period"],
     )

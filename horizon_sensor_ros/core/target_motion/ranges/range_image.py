@@ -24,7 +24,7 @@ from horizon_sensor_ros.core.target_motion.ranges.pixel_values import depth_in_m
 from horizon_sensor_ros.core.target_motion.ranges.range_step import step_of_ranges
 
 _MARGIN_PX = 8
-_STEEPEST = 5.0
+STEEPEST = 5.0
 # Of returns strewn at random, two to a pixel, a seventh has an empty pixel next to it before the
 # next return on its surface, looked for so far along its row or column and up to such a slope; of
 # those on bars up to a fifth. Of lines that a lidar scans with room between, more.
@@ -69,6 +69,15 @@ class RangeImage:
     in_lines: np.ndarray
     rot_sensor_from_view: np.ndarray
     sensor_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def same_as(self, other: RangeImage) -> bool:
+        """Whether both are of the same returns, to the last bit."""
+        # The mean tells nearly all others apart, at no cost.
+        return (
+            self.num_points == other.num_points
+            and np.array_equal(self.centroid_m, other.centroid_m)
+            and np.array_equal(self.inverse_depth, other.inverse_depth)
+        )
 
     def tangents(self) -> tuple[np.ndarray, np.ndarray]:
         """x/z of the columns (W,) and y/z of the rows (H,)."""
@@ -217,7 +226,7 @@ def _assemble(
     width, height = (int(side) for side in pixel.max(axis=1) + _MARGIN_PX + 1 - low)
     index = pixel[1] * width + (pixel[0] - (low[1] * width + low[0]))
     offset = (tangent - origin[:, None]) * focal - pixel
-    inverse = depth_in_middles(1 / used[2], index, offset, (height, width), _STEEPEST / focal)
+    inverse = depth_in_middles(1 / used[2], index, offset, (height, width), STEEPEST / focal)
     frame = (
         likely_frame(inverse, _MARGIN_PX) if frame is None else frame - np.concatenate([low, low])
     )
@@ -280,7 +289,7 @@ def _speckle(inverse: np.ndarray, focal: float) -> np.ndarray:
     # No return is far from every return. The margin keeps rows from running into each other.
     level = np.where(inverse > 0, inverse, np.float32(-1e9)).ravel()
     seen = level > 0
-    tolerance = level * np.float32(_STEEPEST / focal) + np.float32(1e-6)
+    tolerance = level * np.float32(STEEPEST / focal) + np.float32(1e-6)
     step = np.abs(level[1:] - level[:-1])[seen[1:] & seen[:-1]]
     if step.size:
         # Ranges noisier than the pixels are wide: half of all neighbours differ by less than the

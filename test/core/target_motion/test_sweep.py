@@ -1,0 +1,196 @@
+"""Clouds that took time, while the target moved on."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.linalg import expm
+
+from horizon_sensor_ros.core.mathematics.rigid import (
+    inverse_pose,
+    pose_matrix,
+    rotation_from_vector,
+    skew,
+    vector_from_rotation,
+)
+from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target_motion.config import RegistrationConfig, TrackerConfig
+from horizon_sensor_ros.core.target_motion.sweeps.sweep import sweep_of
+from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity
+from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
+from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
+from horizon_sensor_ros.sim.shapes import TARGETS
+from horizon_sensor_ros.sim.swept_scan import SweptScan, swept_scan
+from horizon_sensor_ros.sim.tof_camera import ToFCamera
+
+CAMERA = ToFCamera(width=128, height=128, pixel_pitch_m=65e-6)
+PERIOD_S = 0.2
+NONE = np.zeros((6, 6))
+vectors = arrays(float, 3, elements=st.floats(-2.0, 2.0))
+
+
+def motion(turn_rad_s: np.ndarray, shift_m_s: np.ndarray, time_s: float) -> np.ndarray:
+    """(4, 4) by the matrix exponential of the twist."""
+    twist = np.zeros((4, 4))
+    twist[:3, :3], twist[:3, 3] = skew(turn_rad_s), shift_m_s
+    return np.asarray(expm(twist * time_s))
+
+
+@given(vectors, vectors, vectors, st.floats(-1.0, 1.0))
+def test_points_move_as_the_exponential_of_the_twist_says(
+    turn: np.ndarray, shift: np.ndarray, point: np.ndarray, time_s: float
+) -> None:
+    moved = Velocity(turn, shift, NONE).moved(point[None], np.array([time_s]))
+    expected = motion(turn, shift, time_s) @ np.append(point, 1.0)
+    np.testing.assert_allclose(moved[0], expected[:3], atol=1e-9)
+
+
+@given(vectors, vectors, vectors, st.floats(0.05, 1.0))
+def test_the_velocity_between_two_poses_leads_from_one_to_the_other(
+    turn: np.ndarray, shift: np.ndarray, start: np.ndarray, time_s: float
+) -> None:
+    before = pose_matrix(rotation_from_vector(start), start)
+    now = motion(turn, shift, time_s) @ before
+    found = Velocity.between(before, now, time_s, np.eye(6))
+    np.testing.assert_allclose(found.turn_rad_s, turn, atol=1e-6)
+    np.testing.assert_allclose(found.shift_m_s, shift, atol=1e-6)
+    np.testing.assert_allclose(found.covariance, np.eye(6) / time_s**2)
+
+
+def test_times_that_tell_nothing() -> None:
+    points = swept(0.0)[0].points
+    everywhere = np.full(points.shape[:2], 0.03)
+    assert sweep_of(points, everywhere) is None
+    assert sweep_of(points, everywhere * np.nan) is None
+    with pytest.raises(ValueError, match=r"times_s must be \(128, 128\); got \(3,\)"):
+        sweep_of(points, np.zeros(3))
+
+
+def pose_at(deg_s: float, name: str = "n5") -> Callable[[float], np.ndarray]:
+    rng = np.random.default_rng(len(name))
+    axis = rng.normal(size=3)
+    axis *= np.radians(deg_s) / np.linalg.norm(axis)
+    start, drift = rotation_from_vector(rng.normal(size=3)), rng.normal(0.0, 0.02, 3)
+
+    def pose(time_s: float) -> np.ndarray:
+        turned = rotation_from_vector(axis * time_s) @ start
+        return pose_matrix(turned, np.array([0.0, 0.0, 5.3]) + drift * time_s)
+
+    return pose
+
+
+def swept(deg_s: float, name: str = "n5", count: int = 1) -> list[SweptScan]:
+    """Clouds that each take the whole time to the next one."""
+    pose, mesh = pose_at(deg_s, name), TARGETS[name]()
+    return [
+        swept_scan(
+            CAMERA, mesh, lambda after_s, start_s=k * PERIOD_S: pose(start_s + after_s), PERIOD_S,
+            np.random.default_rng(k),
+        )
+        for k in range(count)
+    ]  # fmt: skip
+
+
+def errors(fixes: list[TargetFix], deg_s: float, name: str) -> list[tuple[float, float]]:
+    """NEES of each pose but the first, and how far a point half a metre from the origin is off, in
+    the mean, mm; of those that were found."""
+    pose = pose_at(deg_s, name)
+    frame = inverse_pose(pose(0.0)) @ fixes[0].pose_sensor_from_target
+    found = []
+    for k, fix in enumerate(fixes[1:], start=1):
+        if fix.status is not Status.OK:
+            continue
+        true = pose(k * PERIOD_S) @ frame
+        turn = vector_from_rotation(true[:3, :3] @ fix.pose_sensor_from_target[:3, :3].T)
+        shift = true[:3, 3] - fix.pose_sensor_from_target[:3, 3]
+        off = np.concatenate([turn, shift])
+        off_m = np.sqrt(shift @ shift + 0.25 * turn @ turn)
+        found.append((float(off @ np.linalg.solve(fix.covariance, off)), 1e3 * float(off_m)))
+    return found
+
+
+def tracked(clouds: list[SweptScan], told: bool, config: TrackerConfig) -> list[TargetFix]:
+    """What comes of clouds, with their times or without."""
+    tracker = TargetTracker(config)
+    return [
+        tracker.process(
+            each.points, round(k * PERIOD_S * 1e9), times_s=each.times_s if told else None
+        )
+        for k, each in enumerate(clouds)
+    ]
+
+
+# A panel that comes to be seen edge on while it is swept is missing where it was at the stamp, and
+# such a cloud is refused.
+@pytest.mark.parametrize("name", ["n5", "winged_cylinder"])
+def test_a_sweep_is_taken_out_of_clouds_on_a_grid(name: str) -> None:
+    clouds = swept(30.0, name, 8)
+    told, untold = (
+        np.array(errors(tracked(clouds, each, TrackerConfig()), 30.0, name))
+        for each in (True, False)
+    )
+    assert len(told) >= 6
+    assert np.median(told[:, 0]) < 12.0
+    assert np.median(told[:, 0]) < 0.5 * np.median(untold[:, 0])
+
+
+def test_a_slow_target_is_as_well_known_as_without_times() -> None:
+    clouds = swept(1.0, "n5", 5)
+    told, untold = (
+        np.median([off for _, off in errors(tracked(clouds, each, TrackerConfig()), 1.0, "n5")])
+        for each in (True, False)
+    )
+    assert told < 1.3 * untold + 0.1
+
+
+def test_a_sweep_is_taken_out_of_clouds_on_no_grid() -> None:
+    """As if the sensor had been rolled, otherwise for each cloud, and its points turned back."""
+    name, deg_s = "winged_cylinder", 30.0
+    pose, mesh = pose_at(deg_s, name), TARGETS[name]()
+    clouds = []
+    for k in range(6):
+        rng = np.random.default_rng(k)
+        roll = pose_matrix(
+            rotation_from_vector(np.array([0.0, 0.0, rng.uniform(0.1, 0.5)])), np.zeros(3)
+        )
+        scan = swept_scan(
+            CAMERA, mesh, lambda after_s, k=k, roll=roll: roll @ pose(k * PERIOD_S + after_s),
+            PERIOD_S, rng,
+        )  # fmt: skip
+        seen = np.isfinite(scan.points[..., 2])
+        clouds.append(SweptScan(scan.points[seen] @ roll[:3, :3], scan.times_s[seen]))
+    sweep = sweep_of(clouds[0].points, clouds[0].times_s)
+    assert sweep is not None
+    assert not sweep.image.on_grid
+    wide = RegistrationConfig(max_rotation_std_rad=np.radians(2.0), max_shift_std_m=0.05)
+    told, untold = (
+        np.array(errors(tracked(clouds, each, TrackerConfig(wide)), deg_s, name))
+        for each in (True, False)
+    )
+    assert len(told) >= 4
+    assert np.median(told[:, 0]) < 12.0
+    assert np.median(told[:, 1]) < np.median(untold[:, 1])
+
+
+def test_the_same_sweep_again_is_refused() -> None:
+    tracker = TargetTracker()
+    clouds = swept(5.0, "n5", 3)
+    for k, cloud in enumerate(clouds):
+        fix = tracker.process(cloud.points, round(k * PERIOD_S * 1e9), times_s=cloud.times_s)
+        assert fix.status is Status.OK
+    again = tracker.process(
+        clouds[-1].points, round(3 * PERIOD_S * 1e9), times_s=clouds[-1].times_s
+    )
+    assert again.status is Status.REPEATED_CLOUD
+
+
+def test_points_whose_time_is_not_known_are_left_out() -> None:
+    tracker = TargetTracker()
+    for k, cloud in enumerate(swept(5.0, "n5", 3)):
+        times = cloud.times_s.copy()
+        times[k::7] = np.nan
+        fix = tracker.process(cloud.points, round(k * PERIOD_S * 1e9), times_s=times)
+        assert fix.status is Status.OK
