@@ -37,6 +37,7 @@ PARTS = {
     "self_calibration": "self_calibration",
     "lens_blur": "lens_blur",
     "target": "target_bench",
+    "target_swept": "target_swept",
     "target_latency": "target_latency",
 }
 

@@ -12,8 +12,9 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     rotation_from_vector,
     vector_from_rotation,
 )
-from horizon_sensor_ros.core.target_motion.known_view import KnownView
+from horizon_sensor_ros.core.target_motion.known_view import KnownView, delta_covariance
 from horizon_sensor_ros.core.target_motion.registration import Registration
+from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity, rotated
 
 # A turn may be off what constant velocity predicts by half a side of a prism of eight: farther off
 # a turn by a side less or more, which looks the same, is the likelier one. After one that was
@@ -29,6 +30,14 @@ _ASIDE, _ASIDE_RAD = 0.3, np.radians(3.0)
 # A velocity is carried on for so many times what it was taken over, where enough fixes are kept,
 # and never for more than the second: of stamps as clouds arrive two may lie close together.
 _CARRIED_ON, _MOST_CARRIED_ON = 4, 20
+# A velocity of now is taken over a turn so large at most, and over fixes that agree with one
+# motion: each within this Mahalanobis distance, squared, which 5 % of six unknowns are beyond. What
+# it may have changed by unseen is as much again as what noise leaves of it.
+_STEADY_OVER_RAD, _AGREE, _UNSEEN = np.radians(20.0), 12.6, 2.0
+_MOST_STEPS = 2.0  # for which a change of it goes on
+# A body that tumbles turns its axis by about as much as it turns itself. Until a third view tells,
+# the velocity may change in a step by so much of what it would at most, one sigma.
+_TUMBLES = 0.3
 
 
 def predict(
@@ -51,7 +60,68 @@ def predict(
     return last.pose @ pose_matrix(turn, delta[:3, 3] * ratio)
 
 
-def turned_off(last: np.ndarray, pose: np.ndarray, predicted: np.ndarray, strayed: bool) -> str:
+def velocity_of(
+    now: KnownView, last: KnownView, path: Sequence[tuple[int, np.ndarray]], ahead_s: float
+) -> Velocity:
+    """How the target moves some time after a new view, by that and those before it: as over as many
+    of them as show one motion; where not even the last two steps do it changes on.
+
+    last, path : as of `predict`.
+    """
+    covariance = rotated(delta_covariance(last, now), last.pose[:3, :3])
+    step_s = (now.stamp_ns - last.stamp_ns) * 1e-9
+    found = Velocity.between(last.pose, now.pose, step_s, covariance)
+    if not path:
+        return found.less_sure(_TUMBLES * turn_between(last.pose, now.pose), now.size_m)
+    passed = [(step_s, last.pose)]
+    for stamp_ns, pose in path:
+        over_s = (now.stamp_ns - stamp_ns) * 1e-9
+        longer = Velocity.between(pose, now.pose, over_s, _UNSEEN**2 * covariance)
+        agree = _agree(longer, now, passed)
+        if not agree and len(passed) == 1:
+            earlier = Velocity.between(pose, last.pose, over_s - step_s, covariance)
+            steps = (step_s + 2.0 * ahead_s) / over_s
+            return found.changed_on(earlier, min(max(steps, 0.0), _MOST_STEPS))
+        if not agree or turn_between(pose, now.pose) > _STEADY_OVER_RAD:
+            break
+        # Over two steps that is no better known than over one.
+        found = longer if over_s > _UNSEEN * step_s else found
+        passed.append((over_s, pose))
+    return found
+
+
+def _agree(velocity: Velocity, now: KnownView, passed: Sequence[tuple[float, np.ndarray]]) -> bool:
+    """Whether poses so long ago are those that a velocity leads from to a view's."""
+    information = np.linalg.inv(2.0 * now.step_covariance)
+    for ago_s, pose in passed:
+        expected = velocity.pose_after(now.pose, -ago_s)
+        turn = vector_from_rotation(pose[:3, :3] @ expected[:3, :3].T)
+        off = np.concatenate([turn, pose[:3, 3] - expected[:3, 3]])
+        if off @ information @ off > _AGREE:
+            return False
+    return True
+
+
+def unexpected(
+    found: Registration,
+    keyframe: KnownView,
+    last: np.ndarray,
+    predicted: np.ndarray,
+    strayed: bool,
+) -> str:
+    """Why the target would have turned or moved otherwise than is predicted, by the motion found
+    from a keyframe; empty where it has not.
+
+    last, predicted : (4, 4) poses.  strayed : whether a cloud since the last fix was refused for
+    that.
+    What a prior does not lead to is searched for about no turn, and on a nearly symmetric target a
+    turn by a side less, or by a right angle, agrees as well; on a truss a shift by a bay.
+    """
+    now = found.pose_b_from_a @ keyframe.pose
+    return _turned_off(last, now, predicted, strayed) or _moved_off(found, keyframe, now, predicted)
+
+
+def _turned_off(last: np.ndarray, pose: np.ndarray, predicted: np.ndarray, strayed: bool) -> str:
     """Why a pose (4, 4) is turned too far from the one predicted; empty where it is not.
 
     last : (4, 4) pose of the last fix.  strayed : whether a cloud since then was refused for that.
@@ -67,7 +137,7 @@ def turned_off(last: np.ndarray, pose: np.ndarray, predicted: np.ndarray, straye
     )
 
 
-def moved_off(
+def _moved_off(
     found: Registration, keyframe: KnownView, pose: np.ndarray, predicted: np.ndarray
 ) -> str:
     """Why what a keyframe shows is, by a pose (4, 4), too far from where it is predicted; empty

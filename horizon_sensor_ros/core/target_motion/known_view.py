@@ -10,8 +10,8 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     inverse_pose,
     skew,
 )
+from horizon_sensor_ros.core.target_motion.config import RegistrationConfig
 from horizon_sensor_ros.core.target_motion.registration import Registration
-from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity, rotated
 from horizon_sensor_ros.core.target_motion.target_view import TargetView
 
 
@@ -61,11 +61,20 @@ class KnownView:
         variance = np.diag(self.step_covariance)
         return float(np.sqrt((self.size_m**2 * variance[:3].sum() + variance[3:].sum()) / 3.0))
 
-
-def velocity_between(last: KnownView, now: KnownView) -> Velocity:
-    """How the target moved from one view to another."""
-    covariance = rotated(delta_covariance(last, now), last.pose[:3, :3])
-    return Velocity.between(last.pose, now.pose, (now.stamp_ns - last.stamp_ns) * 1e-9, covariance)
+    def uncertain(self, of_sweep: np.ndarray, config: RegistrationConfig) -> str:
+        """Why the last step is not known well enough, with what is wrong with the two views
+        themselves, (6, 6) of each, as clouds that took time; empty where it is."""
+        known = self.step_covariance + 2.0 * of_sweep
+        turn_rad, shift_m = (
+            float(np.sqrt(np.linalg.eigvalsh(known[part, part])[-1]))
+            for part in (slice(None, 3), slice(3, None))
+        )
+        if turn_rad <= config.max_rotation_std_rad and shift_m <= config.max_shift_std_m:
+            return ""
+        return (
+            "by how the target moved while the cloud was measured the motion is known to"
+            f" {np.degrees(turn_rad):.2f} deg and {1e3 * shift_m:.1f} mm only"
+        )
 
 
 def delta_covariance(last: KnownView, now: KnownView) -> np.ndarray:

@@ -14,15 +14,14 @@ from horizon_sensor_ros.core.mathematics.rigid import (
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.config import TrackerConfig
 from horizon_sensor_ros.core.target_motion.constant_velocity import (
-    moved_off,
     predict,
     turn_between,
-    turned_off,
+    unexpected,
+    velocity_of,
 )
 from horizon_sensor_ros.core.target_motion.known_view import (
     KnownView,
     delta_covariance,
-    velocity_between,
 )
 from horizon_sensor_ros.core.target_motion.noise.temporal_filter import TemporalFilter
 from horizon_sensor_ros.core.target_motion.ranges.range_image import cloud_of
@@ -324,18 +323,11 @@ class TargetTracker:
     def _expected(
         self, found: Registration, keyframe: KnownView, predicted: np.ndarray
     ) -> Registration:
-        """The motion found from a keyframe; refused where the target would have turned or moved
-        otherwise than constant velocity lets expect.
-
-        What a prior does not lead to is searched for about no turn, and on a nearly symmetric
-        target a turn by a side less, or by a right angle, agrees as well; on a truss a shift by a
-        bay.
-        """
+        """The motion found from a keyframe; refused where it is not what constant velocity lets
+        expect."""
         last = self._last
         assert last is not None
-        now = found.pose_b_from_a @ keyframe.pose
-        turned = turned_off(last.pose, now, predicted, self._strayed)
-        reason = turned or moved_off(found, keyframe, now, predicted)
+        reason = unexpected(found, keyframe, last.pose, predicted, self._strayed)
         if not reason:
             return found
         self._strayed = True
@@ -374,11 +366,16 @@ class TargetTracker:
         assert last is not None
         for _ in range(_ROUNDS):
             now = KnownView.found(view, stamp_ns, keyframe, found)
-            velocity = velocity_between(last, now)
+            velocity = velocity_of(now, last, self._path, sweep.mean_s)
             if used is not None:
                 off_m_s = velocity.differs_by_m_s(used, now.pose[:3, 3], now.size_m)
                 if off_m_s * sweep.spread_s < now.step_m:
-                    return view, keyframe, found
+                    of_sweep = sweep.error_by(velocity)
+                    reason = now.uncertain(of_sweep, self.config.registration)
+                    if not reason:
+                        return view, keyframe, found
+                    found = found.refused(Status.ILL_CONDITIONED, reason)
+                    break
             used = velocity
             views = [self._stilled_view(sweep, used)]
             if not self._path and first is not None:
@@ -415,7 +412,7 @@ class TargetTracker:
         now = KnownView.found(view, stamp_ns, keyframe, found)
         self._sweep, self._velocity = sweep, None
         if sweep is not None:
-            self._velocity = velocity_between(last, now)
+            self._velocity = velocity_of(now, last, self._path, sweep.mean_s)
             now = replace(now, of_sweep=sweep.error_by(self._velocity))
         pose = now.pose
         delta = inverse_pose(last.pose) @ pose

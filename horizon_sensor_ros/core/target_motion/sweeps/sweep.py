@@ -33,6 +33,11 @@ class Sweep:
         return float(np.sqrt(np.mean(np.square(self.times_s))))
 
     @property
+    def mean_s(self) -> float:
+        """When they were measured in the mean, after the stamp."""
+        return float(self.times_s.mean())
+
+    @property
     def spread_s(self) -> float:
         """How far from each other."""
         return float(self.times_s.std())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,8 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     cross,
     inverse_left_jacobian,
     inverse_pose,
+    pose_matrix,
+    rotation_from_vector,
     vector_from_rotation,
 )
 
@@ -40,11 +42,30 @@ class Velocity:
         shift = inverse_left_jacobian(turn) @ motion[:3, 3]
         return cls(turn / duration_s, shift / duration_s, covariance / duration_s**2)
 
+    def changed_on(self, earlier: Velocity, steps: float) -> Velocity:
+        """As it will be, so many times as long after this as that was before it."""
+        return Velocity(
+            self.turn_rad_s + steps * (self.turn_rad_s - earlier.turn_rad_s),
+            self.shift_m_s + steps * (self.shift_m_s - earlier.shift_m_s),
+            self.covariance * ((1.0 + steps) ** 2 + steps**2),
+        )
+
+    def less_sure(self, share: float, size_m: float) -> Velocity:
+        """With such a share of its turn as one more sigma of that about any axis, and of the shift
+        of what lies so far off its origin."""
+        sigma = share * float(np.linalg.norm(self.turn_rad_s)) * np.repeat([1.0, size_m], 3)
+        return replace(self, covariance=self.covariance + np.diag(np.square(sigma)))
+
     def differs_by_m_s(self, other: Velocity, centre_m: np.ndarray, size_m: float) -> float:
         """How fast points move apart, as either says, that lie so far from a centre (3,)."""
         turn = self.turn_rad_s - other.turn_rad_s
         shift = self.shift_m_s - other.shift_m_s + np.cross(turn, centre_m)
         return size_m * float(np.linalg.norm(turn)) + float(np.linalg.norm(shift))
+
+    def pose_after(self, pose: np.ndarray, time_s: float) -> np.ndarray:
+        """(4, 4) what a pose (4, 4) comes to be."""
+        origin = self.moved(pose[None, :3, 3], np.array([time_s]))[0]
+        return pose_matrix(rotation_from_vector(time_s * self.turn_rad_s) @ pose[:3, :3], origin)
 
     def moved(self, points: np.ndarray, times_s: np.ndarray) -> np.ndarray:
         """(N, 3) where points (N, 3) come to be after times (N,)."""
