@@ -34,6 +34,7 @@ _CARRIED_ON, _MOST_CARRIED_ON = 4, 20
 # motion: each within this Mahalanobis distance, squared, which 5 % of six unknowns are beyond. What
 # it may have changed by unseen is as much again as what noise leaves of it.
 _STEADY_OVER_RAD, _AGREE, _UNSEEN = np.radians(20.0), 12.6, 2.0
+_UNKNOWNS = 6
 _MOST_STEPS = 2.0  # for which a change of it goes on
 # A body that tumbles turns its axis by about as much as it turns itself. Until a third view tells,
 # the velocity may change in a step by so much of what it would at most, one sigma.
@@ -77,12 +78,13 @@ def velocity_of(
     for stamp_ns, pose in path:
         over_s = (now.stamp_ns - stamp_ns) * 1e-9
         longer = Velocity.between(pose, now.pose, over_s, _UNSEEN**2 * covariance)
-        agree = _agree(longer, now, passed)
-        if not agree and len(passed) == 1:
+        off = _off(longer, now, passed)
+        if off > _AGREE and len(passed) == 1:
             earlier = Velocity.between(pose, last.pose, over_s - step_s, covariance)
-            steps = (step_s + 2.0 * ahead_s) / over_s
-            return found.changed_on(earlier, min(max(steps, 0.0), _MOST_STEPS))
-        if not agree or turn_between(pose, now.pose) > _STEADY_OVER_RAD:
+            steps = min(max((step_s + 2.0 * ahead_s) / over_s, 0.0), _MOST_STEPS)
+            # As much of the change as is not noise.
+            return found.changed_on(earlier, steps * (1.0 - _UNKNOWNS / off))
+        if off > _AGREE or turn_between(pose, now.pose) > _STEADY_OVER_RAD:
             break
         # Over two steps that is no better known than over one.
         found = longer if over_s > _UNSEEN * step_s else found
@@ -90,16 +92,17 @@ def velocity_of(
     return found
 
 
-def _agree(velocity: Velocity, now: KnownView, passed: Sequence[tuple[float, np.ndarray]]) -> bool:
-    """Whether poses so long ago are those that a velocity leads from to a view's."""
+def _off(velocity: Velocity, now: KnownView, passed: Sequence[tuple[float, np.ndarray]]) -> float:
+    """Squared Mahalanobis distance, the largest, of poses so long ago from those that a velocity
+    leads from to a view's."""
     information = np.linalg.inv(2.0 * now.step_covariance)
+    largest = 0.0
     for ago_s, pose in passed:
         expected = velocity.pose_after(now.pose, -ago_s)
         turn = vector_from_rotation(pose[:3, :3] @ expected[:3, :3].T)
         off = np.concatenate([turn, pose[:3, 3] - expected[:3, 3]])
-        if off @ information @ off > _AGREE:
-            return False
-    return True
+        largest = max(largest, float(off @ information @ off))
+    return largest
 
 
 def unexpected(

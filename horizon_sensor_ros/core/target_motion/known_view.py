@@ -55,12 +55,6 @@ class KnownView:
         assert self.view.surface is not None
         return self.view.surface.size_m
 
-    @property
-    def step_m(self) -> float:
-        """By how much points are off that lie as far from the origin, by the last step."""
-        variance = np.diag(self.step_covariance)
-        return float(np.sqrt((self.size_m**2 * variance[:3].sum() + variance[3:].sum()) / 3.0))
-
     def uncertain(self, of_sweep: np.ndarray, config: RegistrationConfig) -> str:
         """Why the last step is not known well enough, with what is wrong with the two views
         themselves, (6, 6) of each, as clouds that took time; empty where it is."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from horizon_sensor_ros.core.target_motion.noise.temporal_filter import Temporal
 from horizon_sensor_ros.core.target_motion.ranges.range_image import cloud_of
 from horizon_sensor_ros.core.target_motion.registration import Registration, gainsaid, register
 from horizon_sensor_ros.core.target_motion.sweeps.sweep import Sweep, sweep_of
-from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity, rotated
+from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity, off_m, rotated
 from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
 from horizon_sensor_ros.core.target_motion.target_view import (
     TargetView,
@@ -45,6 +45,19 @@ _OUTVOTE = 3
 _PATH = 8
 # So often at most the motion is taken out of a cloud that took time.
 _ROUNDS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A view, the motion to it, and the keyframe that it is from; None where it is not believed.
+
+    velocity : of the target then, of a cloud that took time.
+    """
+
+    view: TargetView
+    keyframe: KnownView | None
+    found: Registration
+    velocity: Velocity | None = None
 
 
 class TargetTracker:
@@ -134,13 +147,12 @@ class TargetTracker:
             if gap_s > self.config.max_gap_s:
                 why = f"no fix for {gap_s:.1f} s"
             else:
-                keyframe, registration = self._track(view, stamp_ns)
-                if keyframe is not None and sweep is not None:
-                    view, keyframe, registration = self._stilled(
-                        sweep, velocity, view, keyframe, registration, stamp_ns
-                    )
-                if keyframe is not None:
-                    return self._accept(keyframe, registration, view, stamp_ns, sweep)
+                step = self._track(view, stamp_ns)
+                if step.keyframe is not None and sweep is not None:
+                    step = self._stilled(step, step.keyframe, sweep, velocity, stamp_ns)
+                if step.keyframe is not None:
+                    return self._accept(step, step.keyframe, stamp_ns, sweep)
+                registration = step.found
                 if self._first_was_odd(view):
                     why = f"first cloud fits none since: {registration.reason}"
                 elif self._refused + 1 < self.config.max_refused:
@@ -244,10 +256,8 @@ class TargetTracker:
             num_keyframes=1, num_points=view.image.num_points,
         )  # fmt: skip
 
-    def _track(
-        self, view: TargetView, stamp_ns: int, expected: np.ndarray | None = None
-    ) -> tuple[KnownView | None, Registration]:
-        """The motion to a view, and the keyframe that it is from; None where none is believed.
+    def _track(self, view: TargetView, stamp_ns: int, expected: np.ndarray | None = None) -> _Step:
+        """The motion to a view, and the keyframe that it is from.
 
         expected : (4, 4) pose to begin with, in place of what constant velocity predicts.
         """
@@ -271,15 +281,15 @@ class TargetTracker:
                 found = self._believed(found, keyframe, predicted, refused_by, view)
             if found.status is Status.OK:
                 found = self._of_now(found, keyframe, view)
-                return keyframe if found.status is Status.OK else None, found
+                return _Step(view, keyframe if found.status is Status.OK else None, found)
             if not tried.reason:
                 tried = found
             if np.isfinite(found.part_off_m):
                 # From one cloud to the next the part would move too little to tell.
-                return None, found
+                return _Step(view, None, found)
             refused_by.append(keyframe)
         self._doubted = self._doubted or doubted
-        return None, tried
+        return _Step(view, None, tried)
 
     def _believed(
         self,
@@ -350,70 +360,69 @@ class TargetTracker:
 
     def _stilled(
         self,
+        step: _Step,
+        keyframe: KnownView,
         sweep: Sweep,
         used: Velocity | None,
-        view: TargetView,
-        keyframe: KnownView,
-        found: Registration,
         stamp_ns: int,
-    ) -> tuple[TargetView, KnownView | None, Registration]:
+    ) -> _Step:
         """Take the motion that was found to a cloud out of that cloud, and out of a first one
-        before it, until it stays what it is: view, keyframe and motion then.
+        before it until it stays what it is; what it changes by in the end is claimed.
 
         used : the velocity that is taken out of it already.
         """
-        last, keyframes, first = self._last, self._keyframes, self._sweep
+        last, keyframes = self._last, self._keyframes
+        first = None if self._path else self._sweep
         assert last is not None
-        for _ in range(_ROUNDS):
-            now = KnownView.found(view, stamp_ns, keyframe, found)
+        for more in reversed(range(2 if first is None else _ROUNDS)):
+            now = KnownView.found(step.view, stamp_ns, keyframe, step.found)
             velocity = velocity_of(now, last, self._path, sweep.mean_s)
             if used is not None:
-                off_m_s = velocity.differs_by_m_s(used, now.pose[:3, 3], now.size_m)
-                if off_m_s * sweep.spread_s < now.step_m:
-                    of_sweep = sweep.error_by(velocity)
-                    reason = now.uncertain(of_sweep, self.config.registration)
-                    if not reason:
-                        return view, keyframe, found
-                    found = found.refused(Status.ILL_CONDITIONED, reason)
+                off = velocity.difference(used, now.pose[:3, 3])
+                velocity = velocity.or_by(off)
+                changed = np.diag(sweep.spread_s**2 * np.square(off))
+                if not more or off_m(changed, now.size_m) < off_m(now.step_covariance, now.size_m):
+                    step = self._known_well(replace(step, velocity=velocity), now, sweep)
                     break
             used = velocity
             views = [self._stilled_view(sweep, used)]
-            if not self._path and first is not None:
+            if first is not None:
                 views.append(self._stilled_view(first, used))
                 self._last = replace(last, view=views[1], of_sweep=first.error_by(used))
                 self._keyframes = [self._last]
             bad = next((each for each in views if each.status is not Status.OK), None)
             if bad is not None:
-                found = found.refused(bad.status, bad.reason)
+                step = _Step(bad, None, step.found.refused(bad.status, bad.reason))
                 break
-            view = views[0]
-            tracked, found = self._track(view, stamp_ns, now.pose)
-            if tracked is None:
+            step = self._track(views[0], stamp_ns, now.pose)
+            if step.keyframe is None:
                 break
-            keyframe = tracked
-        else:
-            reason = "the target's motion while the cloud was measured does not settle"
-            found = found.refused(Status.NOT_CONVERGED, reason)
-        self._last, self._keyframes = last, keyframes
-        return view, None, found
+            keyframe = step.keyframe
+        if step.keyframe is None:
+            self._last, self._keyframes = last, keyframes
+        return step
+
+    def _known_well(self, step: _Step, now: KnownView, sweep: Sweep) -> _Step:
+        """A step; without its keyframe where the velocity leaves more than is allowed."""
+        assert step.velocity is not None
+        reason = now.uncertain(sweep.error_by(step.velocity), self.config.registration)
+        if not reason:
+            return step
+        return replace(
+            step, keyframe=None, found=step.found.refused(Status.ILL_CONDITIONED, reason)
+        )
 
     def _accept(
-        self,
-        keyframe: KnownView,
-        found: Registration,
-        view: TargetView,
-        stamp_ns: int,
-        sweep: Sweep | None,
+        self, step: _Step, keyframe: KnownView, stamp_ns: int, sweep: Sweep | None
     ) -> TargetFix:
-        last = self._last
+        last, found = self._last, step.found
         assert last is not None
         if not any(k is keyframe for k in self._keyframes):
             self._keep(keyframe)
-        now = KnownView.found(view, stamp_ns, keyframe, found)
-        self._sweep, self._velocity = sweep, None
-        if sweep is not None:
-            self._velocity = velocity_of(now, last, self._path, sweep.mean_s)
-            now = replace(now, of_sweep=sweep.error_by(self._velocity))
+        now = KnownView.found(step.view, stamp_ns, keyframe, found)
+        self._sweep, self._velocity = sweep, step.velocity
+        if sweep is not None and step.velocity is not None:
+            now = replace(now, of_sweep=sweep.error_by(step.velocity))
         pose = now.pose
         delta = inverse_pose(last.pose) @ pose
         of_delta = delta_covariance(last, now)
@@ -430,7 +439,7 @@ class TargetTracker:
             Status.OK, "", stamp_ns, pose,
             now.covariance + np.outer(now.by_bias, now.by_bias) + of_sweeps, delta, of_delta,
             (stamp_ns - last.stamp_ns) * 1e-9, False, found,
-            len(self._keyframes), view.image.num_points,
+            len(self._keyframes), step.view.image.num_points,
         )  # fmt: skip
 
     def _keep(self, known: KnownView) -> None:

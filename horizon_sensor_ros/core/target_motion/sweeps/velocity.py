@@ -56,11 +56,15 @@ class Velocity:
         sigma = share * float(np.linalg.norm(self.turn_rad_s)) * np.repeat([1.0, size_m], 3)
         return replace(self, covariance=self.covariance + np.diag(np.square(sigma)))
 
-    def differs_by_m_s(self, other: Velocity, centre_m: np.ndarray, size_m: float) -> float:
-        """How fast points move apart, as either says, that lie so far from a centre (3,)."""
+    def difference(self, other: Velocity, origin_m: np.ndarray) -> np.ndarray:
+        """(6,) of the turn, and of the shift of what is at an origin (3,)."""
         turn = self.turn_rad_s - other.turn_rad_s
-        shift = self.shift_m_s - other.shift_m_s + np.cross(turn, centre_m)
-        return size_m * float(np.linalg.norm(turn)) + float(np.linalg.norm(shift))
+        shift = self.shift_m_s - other.shift_m_s + np.cross(turn, origin_m)
+        return np.concatenate([turn, shift])
+
+    def or_by(self, difference: np.ndarray) -> Velocity:
+        """With as much more, (6,), as one more sigma."""
+        return replace(self, covariance=self.covariance + np.outer(difference, difference))
 
     def pose_after(self, pose: np.ndarray, time_s: float) -> np.ndarray:
         """(4, 4) what a pose (4, 4) comes to be."""
@@ -81,6 +85,13 @@ class Velocity:
         cosine, sine = np.cos(rate * after_s), np.sin(rate * after_s)
         turned = along + cosine * (arm - along) + sine * aside
         return np.asarray(turned + on_axis_m + after_s * (self.shift_m_s @ axis) * axis)
+
+
+def off_m(covariance: np.ndarray, size_m: float) -> float:
+    """By how much points so far from an origin are off, one sigma, by a covariance (6, 6) of turn
+    and shift."""
+    variance = np.diag(covariance)
+    return float(np.sqrt((size_m**2 * variance[:3].sum() + variance[3:].sum()) / 3.0))
 
 
 def rotated(covariance: np.ndarray, rotation: np.ndarray) -> np.ndarray:
