@@ -17,6 +17,7 @@ FIGURES = (
     "registration",
     "one_body",
     "drift",
+    "swept",
     "mounting",
     "edge",
     "airglow",
