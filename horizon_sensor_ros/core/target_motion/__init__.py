@@ -6,7 +6,7 @@ in the order of the data: ``ranges`` (cloud to an image of inverse depth), ``noi
 is), ``surfaces`` (what is in it), ``alignment`` (the motion between two views), ``judgement``
 (whether to believe it).
 
-The tracker keeps each ``known_view``, and holds new ones against ``constant_velocity``. ``config``:
-parameters. Clouds that took time pass through ``sweeps`` first. Beside these ``section_patterns``,
-paper D's method.
+The ``track`` of a target frame keeps each ``known_view``, and holds new ones against
+``constant_velocity``. Clouds that took time pass through ``sweeps``. ``config``: parameters. Beside
+these ``section_patterns``, paper D's method.
 """

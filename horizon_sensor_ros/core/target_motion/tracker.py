@@ -2,62 +2,18 @@
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass, replace
-
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.rigid import (
-    inverse_pose,
-    pose_matrix,
-)
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.config import TrackerConfig
-from horizon_sensor_ros.core.target_motion.constant_velocity import (
-    predict,
-    turn_between,
-    unexpected,
-    velocity_of,
-)
-from horizon_sensor_ros.core.target_motion.known_view import (
-    KnownView,
-    delta_covariance,
-)
 from horizon_sensor_ros.core.target_motion.noise.temporal_filter import TemporalFilter
 from horizon_sensor_ros.core.target_motion.ranges.range_image import cloud_of
-from horizon_sensor_ros.core.target_motion.registration import Registration, gainsaid, register
+from horizon_sensor_ros.core.target_motion.registration import Registration, register
 from horizon_sensor_ros.core.target_motion.sweeps.sweep import Sweep, sweep_of
-from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity, off_m, rotated
+from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity
 from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
-from horizon_sensor_ros.core.target_motion.target_view import (
-    TargetView,
-    target_view,
-    view_of_image,
-)
-
-# The first cloud defines the target frame; its pose has this variance (rad^2, m^2) rather than
-# none.
-_DEFINITION_VARIANCE = 1e-8
-_MAX_KEYFRAMES = 40
-# So many refused clouds in a row that agree outvote a first one that nothing agrees with.
-_OUTVOTE = 3
-# Fixes before the last one that are kept for the velocity.
-_PATH = 8
-# So often at most the motion is taken out of a cloud that took time.
-_ROUNDS = 4
-
-
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """A view, the motion to it, and the keyframe that it is from; None where it is not believed.
-
-    velocity : of the target then, of a cloud that took time.
-    """
-
-    view: TargetView
-    keyframe: KnownView | None
-    found: Registration
-    velocity: Velocity | None = None
+from horizon_sensor_ros.core.target_motion.target_view import TargetView, target_view
+from horizon_sensor_ros.core.target_motion.track import Track, stilled_view
 
 
 class TargetTracker:
@@ -70,23 +26,10 @@ class TargetTracker:
 
     def reset(self, why: str = "first cloud") -> None:
         """Forget everything; the next good cloud sets a new target frame, and says why."""
-        self._keyframes: list[KnownView] = []
-        self._last: KnownView | None = None
+        self._track: Track | None = None
         # Whether there ever was another cloud than the last fix's.
         self._changing = False
-        # Stamps and poses of the fixes before the last one, the latest first.
-        self._path: deque[tuple[int, np.ndarray]] = deque(maxlen=_PATH)
-        self._refused = 0
-        # Clouds since the last fix, of no use or refused; whether motions to some were doubted.
-        self._missed = 0
-        self._doubted = False
-        self._strayed = False
-        self._odd: TargetView | None = None
         self._flat: TargetView | None = None
-        self._agreeing = 0
-        # Of clouds that took time: the last fix's, and how the target moved then.
-        self._sweep: Sweep | None = None
-        self._velocity: Velocity | None = None
         self._stamp_ns: int | None = None
         self._filter = TemporalFilter()
         self._why = why
@@ -137,30 +80,25 @@ class TargetTracker:
             self.reset(anew)
         elif self._stamp_ns is not None and stamp_ns < self._stamp_ns:
             self.reset("time jumped back")
-        gap_s = 0.0 if self._last is None else (stamp_ns - self._last.stamp_ns) * 1e-9
-        if self._frozen(view, sweep) and gap_s <= self.config.max_gap_s:
+        track, config = self._track, self.config
+        gap_s = 0.0 if track is None else (stamp_ns - track.last.stamp_ns) * 1e-9
+        if self._frozen(view, sweep) and gap_s <= config.max_gap_s:
             reason = "the very same cloud again: has the sensor, or its driver, stopped?"
             return self._refuse(Status.REPEATED_CLOUD, reason, stamp_ns, view, None)
         self._stamp_ns = stamp_ns
-        why = self._why
-        if self._last is not None:
-            if gap_s > self.config.max_gap_s:
-                why = f"no fix for {gap_s:.1f} s"
-            else:
-                step = self._track(view, stamp_ns)
-                if step.keyframe is not None and sweep is not None:
-                    step = self._stilled(step, step.keyframe, sweep, velocity, stamp_ns)
-                if step.keyframe is not None:
-                    return self._accept(step, step.keyframe, stamp_ns, sweep)
-                registration = step.found
-                if self._first_was_odd(view):
-                    why = f"first cloud fits none since: {registration.reason}"
-                elif self._refused + 1 < self.config.max_refused:
-                    return self._refuse(
-                        registration.status, registration.reason, stamp_ns, view, registration
-                    )
-                else:
-                    why = f"track lost: {registration.reason}"
+        if track is None:
+            why = self._why
+        elif gap_s > config.max_gap_s:
+            why = f"no fix for {gap_s:.1f} s"
+        else:
+            step = track.step_to(view, stamp_ns, sweep, velocity, config)
+            if step.keyframe is not None:
+                self._flat = None
+                return track.accept(step, stamp_ns, sweep, config.keyframe_overlap)
+            found = step.found
+            why = track.lost(view, found, config)
+            if not why:
+                return self._refuse(found.status, found.reason, stamp_ns, view, found)
         if velocity is not None:
             # That was of a target which is lost.
             untouched = self._view(points, None, None)
@@ -169,10 +107,9 @@ class TargetTracker:
 
     def _velocity_at(self, stamp_ns: int) -> Velocity | None:
         """How the target moves, where that is known; stamps that jumped tell nothing of it."""
-        if self._last is None or self._stamp_ns is None or stamp_ns < self._stamp_ns:
+        if self._track is None or self._stamp_ns is None or stamp_ns < self._stamp_ns:
             return None
-        gap_s = (stamp_ns - self._last.stamp_ns) * 1e-9
-        return self._velocity if gap_s <= self.config.max_gap_s else None
+        return self._track.velocity_at(stamp_ns, self.config.max_gap_s)
 
     def _view(
         self, points: np.ndarray, sweep: Sweep | None, velocity: Velocity | None
@@ -180,36 +117,17 @@ class TargetTracker:
         """A cloud as it would be, had it been measured at its stamp."""
         if sweep is None or velocity is None:
             return target_view(points, self.config.registration)
-        return self._stilled_view(sweep, velocity)
-
-    def _stilled_view(self, sweep: Sweep, velocity: Velocity) -> TargetView:
-        of = self.config.registration
-        return view_of_image(sweep.stilled(velocity, of.focal_px, of.min_points), of)
+        return stilled_view(sweep, velocity, self.config.registration)
 
     def _frozen(self, view: TargetView, sweep: Sweep | None) -> bool:
         """Whether a cloud is the last fix's to the last bit, although clouds have changed before: a
         live sensor's noise never repeats. Clouds that never did, or have no noise, may be a drawn
         target at rest."""
-        if self._last is None:
+        if self._track is None:
             return False
-        if sweep is None or self._sweep is None:
-            same = view.image.same_as(self._last.view.image)
-        else:
-            same = sweep.same_as(self._sweep)
+        same = self._track.is_last(view, sweep)
         self._changing = self._changing or not same
         return same and self._changing and view.has_noise
-
-    def _first_was_odd(self, view: TargetView) -> bool:
-        """Take a cloud that does not fit the track; whether it and those refused before it agree
-        with each other, and nothing has with the first."""
-        if self._path:
-            return False
-        agrees = (
-            self._odd is not None
-            and register(self._odd, view, self.config.registration).status is Status.OK
-        )
-        self._odd, self._agreeing = view, self._agreeing + 1 if agrees else 1
-        return self._agreeing >= _OUTVOTE
 
     def _refuse(
         self,
@@ -219,12 +137,13 @@ class TargetTracker:
         view: TargetView,
         registration: Registration | None,
     ) -> TargetFix:
-        # A cloud of no use at all says nothing about the track, but the target turned on.
-        self._refused += registration is not None
-        self._missed += 1
+        kept = 0
+        if self._track is not None:
+            self._track.miss(refused=registration is not None)
+            kept = len(self._track.keyframes)
         return TargetFix(
             status, reason, stamp_ns, registration=registration,
-            num_keyframes=len(self._keyframes), num_points=view.image.num_points,
+            num_keyframes=kept, num_points=view.image.num_points,
         )  # fmt: skip
 
     def _start(self, view: TargetView, stamp_ns: int, why: str, sweep: Sweep | None) -> TargetFix:
@@ -242,208 +161,5 @@ class TargetTracker:
         changing, of_driver = self._changing, self._filter
         self.reset()
         self._stamp_ns, self._changing, self._filter = stamp_ns, changing, of_driver
-        centroid = view.image.rot_sensor_from_view @ view.image.centroid_m + view.image.sensor_m
-        pose = pose_matrix(np.eye(3), centroid)
-        self._filter.start(view.image, view.surface.sigma_m, pose)
-        covariance = np.eye(6) * _DEFINITION_VARIANCE
-        self._last = KnownView(
-            view, stamp_ns, pose, covariance, np.zeros(6), None, np.zeros((6, 6))
-        )
-        self._sweep = sweep
-        self._keyframes = [self._last]
-        return TargetFix(
-            Status.OK, why, stamp_ns, pose, covariance, new_frame=True,
-            num_keyframes=1, num_points=view.image.num_points,
-        )  # fmt: skip
-
-    def _track(self, view: TargetView, stamp_ns: int, expected: np.ndarray | None = None) -> _Step:
-        """The motion to a view, and the keyframe that it is from.
-
-        expected : (4, 4) pose to begin with, in place of what constant velocity predicts.
-        """
-        last = self._last
-        assert last is not None
-        predicted = predict(last, self._path, stamp_ns)
-        tried = Registration(Status.POOR_FIT, "")
-        refused_by: list[KnownView] = []
-        # Nothing tells by how much a target has turned since the last fix that may be like itself.
-        turned_rad = (1 + self._missed) * self.config.registration.search_rad
-        doubted = False
-        begin = predicted if expected is None else expected
-        for keyframe in self._candidates(last.pose if begin is None else begin, view):
-            prior = None if begin is None else begin @ inverse_pose(keyframe.pose)
-            found = register(
-                keyframe.view, view, self.config.registration, prior,
-                turned_rad=turned_rad, doubted=self._doubted,
-            )  # fmt: skip
-            doubted = doubted or found.doubted
-            if found.status is Status.OK:
-                found = self._believed(found, keyframe, predicted, refused_by, view)
-            if found.status is Status.OK:
-                found = self._of_now(found, keyframe, view)
-                return _Step(view, keyframe if found.status is Status.OK else None, found)
-            if not tried.reason:
-                tried = found
-            if np.isfinite(found.part_off_m):
-                # From one cloud to the next the part would move too little to tell.
-                return _Step(view, None, found)
-            refused_by.append(keyframe)
-        self._doubted = self._doubted or doubted
-        return _Step(view, None, tried)
-
-    def _believed(
-        self,
-        found: Registration,
-        keyframe: KnownView,
-        predicted: np.ndarray | None,
-        refused_by: list[KnownView],
-        view: TargetView,
-    ) -> Registration:
-        """The motion found from a keyframe; refused where it is not to be expected, or where a view
-        from which none was found speaks against it.
-
-        From one cloud to the next a part that moves otherwise, a wall for one, may be too little
-        off to tell: what the last view lets through must hold for the kept view too, or small
-        steps would add up to the wall's motion.
-        """
-        if predicted is not None:
-            found = self._expected(found, keyframe, predicted)
-        if found.status is not Status.OK:
-            return found
-        for kept in refused_by:
-            motion = found.pose_b_from_a @ keyframe.pose @ inverse_pose(kept.pose)
-            against = gainsaid(kept.view, view, motion, self.config.registration)
-            if against is not None:
-                return against
-        return found
-
-    def _of_now(self, found: Registration, keyframe: KnownView, view: TargetView) -> Registration:
-        """The motion found from a keyframe; refused where the driver averages over clouds: faces
-        then are where they were, and outlines where they are."""
-        assert view.surface is not None
-        pose = found.pose_b_from_a @ keyframe.pose
-        if not self._filter.told(view.image, view.surface.sigma_m, pose):
-            return found
-        reason = (
-            "clouds have noise in common, as if averaged over time: is a temporal filter on in"
-            " the sensor's driver?"
-        )
-        return found.refused(Status.POOR_FIT, reason)
-
-    def _expected(
-        self, found: Registration, keyframe: KnownView, predicted: np.ndarray
-    ) -> Registration:
-        """The motion found from a keyframe; refused where it is not what constant velocity lets
-        expect."""
-        last = self._last
-        assert last is not None
-        reason = unexpected(found, keyframe, last.pose, predicted, self._strayed)
-        if not reason:
-            return found
-        self._strayed = True
-        return found.refused(Status.POOR_FIT, reason)
-
-    def _candidates(self, pose: np.ndarray, view: TargetView) -> list[KnownView]:
-        """Keyframes to try: the oldest that the target has not turned too far from, seen from
-        about as near; else, and then, the last view."""
-        last = self._last
-        assert last is not None
-        near = [
-            k
-            for k in self._keyframes
-            if turn_between(k.pose, pose) < self.config.keyframe_turn_rad
-            and k.view.as_fine_as(view)
-        ]
-        if not near:
-            return [last]
-        return [near[0]] if near[0] is last else [near[0], last]
-
-    def _stilled(
-        self,
-        step: _Step,
-        keyframe: KnownView,
-        sweep: Sweep,
-        used: Velocity | None,
-        stamp_ns: int,
-    ) -> _Step:
-        """Take the motion that was found to a cloud out of that cloud, and out of a first one
-        before it until it stays what it is; what it changes by in the end is claimed.
-
-        used : the velocity that is taken out of it already.
-        """
-        last, keyframes = self._last, self._keyframes
-        first = None if self._path else self._sweep
-        assert last is not None
-        for more in reversed(range(2 if first is None else _ROUNDS)):
-            now = KnownView.found(step.view, stamp_ns, keyframe, step.found)
-            velocity = velocity_of(now, last, self._path, sweep.mean_s)
-            if used is not None:
-                off = velocity.difference(used, now.pose[:3, 3])
-                velocity = velocity.or_by(off)
-                changed = np.diag(sweep.spread_s**2 * np.square(off))
-                if not more or off_m(changed, now.size_m) < off_m(now.step_covariance, now.size_m):
-                    step = self._known_well(replace(step, velocity=velocity), now, sweep)
-                    break
-            used = velocity
-            views = [self._stilled_view(sweep, used)]
-            if first is not None:
-                views.append(self._stilled_view(first, used))
-                self._last = replace(last, view=views[1], of_sweep=first.error_by(used))
-                self._keyframes = [self._last]
-            bad = next((each for each in views if each.status is not Status.OK), None)
-            if bad is not None:
-                step = _Step(bad, None, step.found.refused(bad.status, bad.reason))
-                break
-            step = self._track(views[0], stamp_ns, now.pose)
-            if step.keyframe is None:
-                break
-            keyframe = step.keyframe
-        if step.keyframe is None:
-            self._last, self._keyframes = last, keyframes
-        return step
-
-    def _known_well(self, step: _Step, now: KnownView, sweep: Sweep) -> _Step:
-        """A step; without its keyframe where the velocity leaves more than is allowed."""
-        assert step.velocity is not None
-        reason = now.uncertain(sweep.error_by(step.velocity), self.config.registration)
-        if not reason:
-            return step
-        return replace(
-            step, keyframe=None, found=step.found.refused(Status.ILL_CONDITIONED, reason)
-        )
-
-    def _accept(
-        self, step: _Step, keyframe: KnownView, stamp_ns: int, sweep: Sweep | None
-    ) -> TargetFix:
-        last, found = self._last, step.found
-        assert last is not None
-        if not any(k is keyframe for k in self._keyframes):
-            self._keep(keyframe)
-        now = KnownView.found(step.view, stamp_ns, keyframe, found)
-        self._sweep, self._velocity = sweep, step.velocity
-        if sweep is not None and step.velocity is not None:
-            now = replace(now, of_sweep=sweep.error_by(step.velocity))
-        pose = now.pose
-        delta = inverse_pose(last.pose) @ pose
-        of_delta = delta_covariance(last, now)
-        of_delta += rotated(last.of_sweep + now.of_sweep, last.pose[:3, :3].T)
-        of_sweeps = now.of_sweep + rotated(self._keyframes[0].of_sweep, pose[:3, :3])
-        # The next cloud is not likely to overlap this keyframe any better.
-        if found.overlap < self.config.keyframe_overlap:
-            self._keep(now)
-        self._path.appendleft((last.stamp_ns, last.pose))
-        self._last, self._odd, self._flat = now, None, None
-        self._refused, self._missed = 0, 0
-        self._doubted = self._strayed = False
-        return TargetFix(
-            Status.OK, "", stamp_ns, pose,
-            now.covariance + np.outer(now.by_bias, now.by_bias) + of_sweeps, delta, of_delta,
-            (stamp_ns - last.stamp_ns) * 1e-9, False, found,
-            len(self._keyframes), step.view.image.num_points,
-        )  # fmt: skip
-
-    def _keep(self, known: KnownView) -> None:
-        self._keyframes.append(known)
-        if len(self._keyframes) > _MAX_KEYFRAMES:
-            # The first one defines the target frame; of the others the oldest goes.
-            del self._keyframes[1]
+        self._track = Track(view, stamp_ns, sweep, of_driver)
+        return self._track.first_fix(why)

@@ -203,3 +203,12 @@ def test_points_whose_time_is_not_known_are_left_out() -> None:
         times[k::7] = np.nan
         fix = tracker.process(cloud.points, round(k * PERIOD_S * 1e9), times_s=times)
         assert fix.status is Status.OK
+
+
+def test_stamps_that_make_no_sense_beside_the_times() -> None:
+    """Two clouds of a fifth of a second each, a microsecond apart: no target moves like that, and
+    nothing is answered or breaks."""
+    tracker = TargetTracker(WIDE)
+    first, second = swept(30.0, "n5", 2)
+    assert tracker.process(first.points, 0, times_s=first.times_s).status is Status.OK
+    assert tracker.process(second.points, 1000, times_s=second.times_s).status is not Status.OK

@@ -15,7 +15,7 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     vector_from_rotation,
 )
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.core.target_motion import tracker as tracker_module
+from horizon_sensor_ros.core.target_motion import track as track_module
 from horizon_sensor_ros.core.target_motion.config import RegistrationConfig, TrackerConfig
 from horizon_sensor_ros.core.target_motion.known_view import KnownView, delta_covariance
 from horizon_sensor_ros.core.target_motion.target_view import TargetView, target_view
@@ -568,7 +568,7 @@ def test_the_same_clouds_give_the_same_fixes() -> None:
 
 def test_views_that_are_no_longer_kept_are_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
     """Kept views once held those before them, so that none was ever freed."""
-    monkeypatch.setattr(tracker_module, "_MAX_KEYFRAMES", 3)
+    monkeypatch.setattr(track_module, "_MAX_KEYFRAMES", 3)
     clouds, _ = tumbling(30, 14)
     tracker = TargetTracker(TrackerConfig(keyframe_turn_rad=np.radians(5)))
     gc.collect()

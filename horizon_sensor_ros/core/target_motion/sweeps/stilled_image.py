@@ -7,6 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.ranges.pixel_values import depth_in_middles
 from horizon_sensor_ros.core.target_motion.ranges.range_image import STEEPEST, RangeImage
 from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity
@@ -16,21 +17,26 @@ _BORDER_PX = 3  # that stays empty about what is seen
 
 
 def stilled_image(
-    image: RangeImage, points: np.ndarray, times_s: np.ndarray, velocity: Velocity
+    image: RangeImage,
+    points: np.ndarray,
+    times_s: np.ndarray,
+    velocity: Velocity,
+    min_points: int = 100,
 ) -> RangeImage:
     """Bring an image on the sensor's own grid to the stamp of its cloud, on the same grid.
 
-    points (N, 3), times_s (N,) : of the cloud, sensor frame, seconds from the stamp.
+    points (N, 3), times_s (N,) : of the cloud, sensor frame, seconds from the stamp.  min_points :
+    TOO_FEW_POINTS where fewer stay in the field.
     Each pixel shows the nearest of what has moved into it; where surfaces have spread, and left it
     empty, what has moved next to it. Where nothing was measured that may have moved there is none,
     so that ends of surfaces stay what they are; what something else hid is not known.
     """
     seen, moved_m = _moved(image, points, times_s, velocity)
-    columns, rows = np.meshgrid(*image.tangents())
-    shift = np.zeros((2, *seen.shape))
-    shift[:, seen] = (moved_m[:2] / moved_m[2] - np.stack([columns[seen], rows[seen]])) * (
-        image.focal_px
-    )
+    shift, stays = _shifts(image, seen, moved_m)
+    seen[seen], moved_m = stays, moved_m[:, stays]
+    if np.count_nonzero(stays) < min_points:
+        reason = f"{np.count_nonzero(stays)} of {len(stays)} returns were in the field at the stamp"
+        return replace(image, status=Status.TOO_FEW_POINTS, reason=reason)
     room = int(np.ceil(np.abs(shift).max(initial=0.0))) + _BORDER_PX
     shift = np.pad(shift, ((0, 0), (room, room), (room, room)))
     seen, unknown = np.pad(seen, room), np.pad(image.unknown, room, mode="edge")
@@ -86,6 +92,22 @@ def _moved(
     rays = np.stack([tan_x[place[1]], tan_y[place[0]], np.ones(len(depth))], axis=1)
     back = velocity.moved((rays * depth[:, None]) @ turn.T + image.sensor_m, -times[seen])
     return seen, ((back - image.sensor_m) @ turn).T
+
+
+def _shifts(
+    image: RangeImage, seen: np.ndarray, moved_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """By how many pixels (2, H, W) right and down those that are seen move, 0 elsewhere; and which
+    of them (N,) stay in the field, or near it."""
+    tan_x, tan_y = image.tangents()
+    row, column = np.nonzero(seen)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        to = moved_m[:2] / moved_m[2]
+        shift = (to - np.stack([tan_x[column], tan_y[row]])) * image.focal_px
+        stays = (moved_m[2] > 0.0) & (np.abs(shift) < max(seen.shape)).all(axis=0)
+    every = np.zeros((2, *seen.shape))
+    every[:, row[stays], column[stays]] = shift[:, stays]
+    return every, stays
 
 
 def _nearest(seen: np.ndarray) -> np.ndarray:

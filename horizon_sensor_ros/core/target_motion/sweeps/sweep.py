@@ -48,7 +48,7 @@ class Sweep:
         """Image of the points where they were at the stamp; focal_px, min_points : as of
         `range_image`."""
         if self.image.on_grid:
-            return stilled_image(self.image, self.points, self.times_s, velocity)
+            return stilled_image(self.image, self.points, self.times_s, velocity, min_points)
         moved = velocity.moved(self.points, -self.times_s)
         return range_image(moved, focal_px, min_points)
 
