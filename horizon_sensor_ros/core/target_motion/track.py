@@ -38,7 +38,7 @@ _ROUNDS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class TrackStep:
     """A view, the motion to it, and the keyframe that it is from; None where it is not believed.
 
     velocity : of the target then, of a cloud that took time.
@@ -123,7 +123,7 @@ class Track:
         sweep: Sweep | None,
         velocity: Velocity | None,
         config: TrackerConfig,
-    ) -> Step:
+    ) -> TrackStep:
         """The motion to a view. sweep : of a cloud that took time; velocity : by which it is
         stilled, if it is."""
         step = self._motion_to(view, stamp_ns, config)
@@ -132,7 +132,7 @@ class Track:
         return self._stilled(step, step.keyframe, sweep, velocity, stamp_ns, config)
 
     def accept(
-        self, step: Step, stamp_ns: int, sweep: Sweep | None, keyframe_overlap: float
+        self, step: TrackStep, stamp_ns: int, sweep: Sweep | None, keyframe_overlap: float
     ) -> TargetFix:
         """Take a step that is believed; its fix."""
         last, found, keyframe = self.last, step.found, step.keyframe
@@ -168,7 +168,7 @@ class Track:
         stamp_ns: int,
         config: TrackerConfig,
         expected: np.ndarray | None = None,
-    ) -> Step:
+    ) -> TrackStep:
         """The motion to a view, and the keyframe that it is from.
 
         expected : (4, 4) pose to begin with, in place of what constant velocity predicts.
@@ -194,15 +194,15 @@ class Track:
                 )
             if found.status is Status.OK:
                 found = self._of_now(found, keyframe, view)
-                return Step(view, keyframe if found.status is Status.OK else None, found)
+                return TrackStep(view, keyframe if found.status is Status.OK else None, found)
             if not tried.reason:
                 tried = found
             if np.isfinite(found.part_off_m):
                 # From one cloud to the next the part would move too little to tell.
-                return Step(view, None, found)
+                return TrackStep(view, None, found)
             refused_by.append(keyframe)
         self._doubted = self._doubted or doubted
-        return Step(view, None, tried)
+        return TrackStep(view, None, tried)
 
     def _believed(
         self,
@@ -273,13 +273,13 @@ class Track:
 
     def _stilled(
         self,
-        step: Step,
+        step: TrackStep,
         keyframe: KnownView,
         sweep: Sweep,
         used: Velocity | None,
         stamp_ns: int,
         config: TrackerConfig,
-    ) -> Step:
+    ) -> TrackStep:
         """Take the motion that was found to a cloud out of that cloud, and out of a first one
         before it until it stays what it is; what it changes by in the end is claimed.
 
@@ -307,7 +307,7 @@ class Track:
                 self.keyframes = [self.last]
             bad = next((each for each in views if each.status is not Status.OK), None)
             if bad is not None:
-                step = Step(bad, None, step.found.refused(bad.status, bad.reason))
+                step = TrackStep(bad, None, step.found.refused(bad.status, bad.reason))
                 break
             step = self._motion_to(views[0], stamp_ns, config, now.pose)
             if step.keyframe is None:
@@ -338,7 +338,9 @@ def stilled_view(sweep: Sweep, velocity: Velocity, config: RegistrationConfig) -
     return view_of_image(sweep.stilled(velocity, config.focal_px, config.min_points), config)
 
 
-def _known_well(step: Step, now: KnownView, sweep: Sweep, config: RegistrationConfig) -> Step:
+def _known_well(
+    step: TrackStep, now: KnownView, sweep: Sweep, config: RegistrationConfig
+) -> TrackStep:
     """A step; without its keyframe where the velocity leaves more than is allowed."""
     assert step.velocity is not None
     reason = now.uncertain(sweep.error_by(step.velocity), config)
