@@ -89,19 +89,9 @@ def _cloud(
     rolled: bool,
     rng: np.random.Generator,
 ) -> SweptScan:
-    angle = np.array([0.0, 0.0, rng.uniform(0.1, 0.5) if rolled else 0.0])
-    roll = pose_matrix(rotation_from_vector(angle), np.zeros(3))
-    scan = swept_scan(
-        _CAMERA,
-        MESHES[target],
-        lambda after_s: roll @ pose_at(index * _PERIOD_S + after_s),
-        _PERIOD_S,
-        rng,
-    )
-    if not rolled:
-        return scan
-    seen = np.isfinite(scan.points[..., 2])
-    return SweptScan(scan.points[seen] @ roll[:3, :3], scan.times_s[seen])
+    roll_rad = rng.uniform(0.1, 0.5) if rolled else 0.0
+    start_s = index * _PERIOD_S
+    return swept_scan(_CAMERA, MESHES[target], pose_at, start_s, _PERIOD_S, rng, roll_rad=roll_rad)
 
 
 def _tracked(

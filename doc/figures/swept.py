@@ -35,7 +35,8 @@ def draw(folder: Path) -> None:
         swept_scan(
             target.camera,
             target.mesh,
-            lambda after_s, start_s=k * _PERIOD_S: target.pose(start_s + after_s),
+            target.pose,
+            k * _PERIOD_S,
             _PERIOD_S,
             np.random.default_rng(k),
         )

@@ -53,6 +53,12 @@ def inverse_left_jacobian(vector_rad: np.ndarray) -> np.ndarray:
     return np.asarray(np.eye(3) - across / 2 + share * across @ across)
 
 
+def rotated_covariance(covariance: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """A covariance (6, 6) of turn and shift about other axes, rotation (3, 3) from the old ones."""
+    turn = np.kron(np.eye(2), rotation)
+    return np.asarray(turn @ covariance @ turn.T)
+
+
 def pose_matrix(rotation: np.ndarray, translation_m: np.ndarray) -> np.ndarray:
     """(4, 4) homogeneous form."""
     pose = np.eye(4)

@@ -9,12 +9,13 @@ import numpy as np
 from horizon_sensor_ros.core.mathematics.rigid import (
     inverse_pose,
     pose_matrix,
+    rotated_covariance,
     rotation_from_vector,
     vector_from_rotation,
 )
 from horizon_sensor_ros.core.target_motion.known_view import KnownView, delta_covariance
 from horizon_sensor_ros.core.target_motion.registration import Registration
-from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity, rotated
+from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity
 
 # A turn may be off what constant velocity predicts by half a side of a prism of eight: farther off
 # a turn by a side less or more, which looks the same, is the likelier one. After one that was
@@ -69,7 +70,7 @@ def velocity_of(
 
     last, path : as of `predict`.
     """
-    covariance = rotated(delta_covariance(last, now), last.pose[:3, :3])
+    covariance = rotated_covariance(delta_covariance(last, now), last.pose[:3, :3])
     step_s = (now.stamp_ns - last.stamp_ns) * 1e-9
     found = Velocity.between(last.pose, now.pose, step_s, covariance)
     if not path:

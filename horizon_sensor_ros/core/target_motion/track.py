@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.rigid import inverse_pose, pose_matrix
+from horizon_sensor_ros.core.mathematics.rigid import inverse_pose, pose_matrix, rotated_covariance
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.config import RegistrationConfig, TrackerConfig
 from horizon_sensor_ros.core.target_motion.constant_velocity import (
@@ -21,7 +21,7 @@ from horizon_sensor_ros.core.target_motion.known_view import KnownView, delta_co
 from horizon_sensor_ros.core.target_motion.noise.temporal_filter import TemporalFilter
 from horizon_sensor_ros.core.target_motion.registration import Registration, gainsaid, register
 from horizon_sensor_ros.core.target_motion.sweeps.sweep import Sweep
-from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity, off_m, rotated
+from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity, off_m
 from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
 from horizon_sensor_ros.core.target_motion.target_view import TargetView, view_of_image
 
@@ -146,8 +146,8 @@ class Track:
         pose = now.pose
         delta = inverse_pose(last.pose) @ pose
         of_delta = delta_covariance(last, now)
-        of_delta += rotated(last.of_sweep + now.of_sweep, last.pose[:3, :3].T)
-        of_sweeps = now.of_sweep + rotated(self.keyframes[0].of_sweep, pose[:3, :3])
+        of_delta += rotated_covariance(last.of_sweep + now.of_sweep, last.pose[:3, :3].T)
+        of_sweeps = now.of_sweep + rotated_covariance(self.keyframes[0].of_sweep, pose[:3, :3])
         # The next cloud is not likely to overlap this keyframe any better.
         if found.overlap < keyframe_overlap:
             self._keep(now)

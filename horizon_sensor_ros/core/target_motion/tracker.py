@@ -12,7 +12,11 @@ from horizon_sensor_ros.core.target_motion.registration import Registration, reg
 from horizon_sensor_ros.core.target_motion.sweeps.sweep import Sweep, sweep_of
 from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity
 from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
-from horizon_sensor_ros.core.target_motion.target_view import TargetView, target_view
+from horizon_sensor_ros.core.target_motion.target_view import (
+    TargetView,
+    target_view,
+    view_of_image,
+)
 from horizon_sensor_ros.core.target_motion.track import Track, stilled_view
 
 
@@ -68,10 +72,10 @@ class TargetTracker:
         points = cloud_of(points)
         if stamp_ns == self._stamp_ns:
             return TargetFix(Status.REPEATED_STAMP, "a cloud of this stamp was there", stamp_ns)
-        of = self.config.registration
         sweep = None
         if times_s is not None:
-            sweep = sweep_of(points, times_s, of.focal_px, of.min_points)
+            expected = self.config.registration
+            sweep = sweep_of(points, times_s, expected.focal_px, expected.min_points)
         velocity = None if anew else self._velocity_at(stamp_ns)
         view = self._view(points, sweep, velocity)
         if view.status is not Status.OK:
@@ -99,9 +103,9 @@ class TargetTracker:
             why = track.lost(view, found, config)
             if not why:
                 return self._refuse(found.status, found.reason, stamp_ns, view, found)
-        if velocity is not None:
+        if sweep is not None and velocity is not None:
             # That was of a target which is lost.
-            untouched = self._view(points, None, None)
+            untouched = self._view(points, sweep, None)
             view = untouched if untouched.status is Status.OK else view
         return self._start(view, stamp_ns, why, sweep)
 
@@ -114,10 +118,14 @@ class TargetTracker:
     def _view(
         self, points: np.ndarray, sweep: Sweep | None, velocity: Velocity | None
     ) -> TargetView:
-        """A cloud as it would be, had it been measured at its stamp."""
-        if sweep is None or velocity is None:
-            return target_view(points, self.config.registration)
-        return stilled_view(sweep, velocity, self.config.registration)
+        """A cloud as it would be, had it been measured at its stamp; as it came where that is not
+        known."""
+        config = self.config.registration
+        if sweep is None:
+            return target_view(points, config)
+        if velocity is None:
+            return view_of_image(sweep.image, config)
+        return stilled_view(sweep, velocity, config)
 
     def _frozen(self, view: TargetView, sweep: Sweep | None) -> bool:
         """Whether a cloud is the last fix's to the last bit, although clouds have changed before: a

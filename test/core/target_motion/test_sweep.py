@@ -86,12 +86,9 @@ def swept(deg_s: float, name: str = "n5", count: int = 1) -> list[SweptScan]:
     """Clouds that each take the whole time to the next one."""
     pose, mesh = pose_at(deg_s, name), TARGETS[name]()
     return [
-        swept_scan(
-            CAMERA, mesh, lambda after_s, start_s=k * PERIOD_S: pose(start_s + after_s), PERIOD_S,
-            np.random.default_rng(k),
-        )
+        swept_scan(CAMERA, mesh, pose, k * PERIOD_S, PERIOD_S, np.random.default_rng(k))
         for k in range(count)
-    ]  # fmt: skip
+    ]
 
 
 def errors(fixes: list[TargetFix], deg_s: float, name: str) -> list[tuple[float, float]]:
@@ -164,15 +161,10 @@ def test_a_sweep_is_taken_out_of_clouds_on_no_grid() -> None:
     clouds = []
     for k in range(6):
         rng = np.random.default_rng(k)
-        roll = pose_matrix(
-            rotation_from_vector(np.array([0.0, 0.0, rng.uniform(0.1, 0.5)])), np.zeros(3)
+        roll_rad = rng.uniform(0.1, 0.5)
+        clouds.append(
+            swept_scan(CAMERA, mesh, pose, k * PERIOD_S, PERIOD_S, rng, roll_rad=roll_rad)
         )
-        scan = swept_scan(
-            CAMERA, mesh, lambda after_s, k=k, roll=roll: roll @ pose(k * PERIOD_S + after_s),
-            PERIOD_S, rng,
-        )  # fmt: skip
-        seen = np.isfinite(scan.points[..., 2])
-        clouds.append(SweptScan(scan.points[seen] @ roll[:3, :3], scan.times_s[seen]))
     sweep = sweep_of(clouds[0].points, clouds[0].times_s)
     assert sweep is not None
     assert not sweep.image.on_grid

@@ -92,9 +92,3 @@ def off_m(covariance: np.ndarray, size_m: float) -> float:
     and shift."""
     variance = np.diag(covariance)
     return float(np.sqrt((size_m**2 * variance[:3].sum() + variance[3:].sum()) / 3.0))
-
-
-def rotated(covariance: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """A covariance (6, 6) of turn and shift about other axes."""
-    turn = np.kron(np.eye(2), rotation)
-    return turn @ covariance @ turn.T
