@@ -30,14 +30,17 @@ _SIDES_RAD = np.outer(2.0 * np.pi / np.array([5, 6, 7, 8, 9, 10, 12, 14, 16]), [
 _FACES, _LEAST_FACE = 4, 0.03
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rival:
     """Another motion that explains the views nearly as well.
 
-    turn_rad : how far the target turns in it. apart_rad : angle between it and the motion found.
-    score, overlap : its view consistency. lead : its score less that of the motion found.
+    rotation, translation_m : (3, 3) and (3,) of it. turn_rad : how far the target turns in it.
+    apart_rad : angle between it and the motion found. score, overlap : its view consistency.
+    lead : its score less that of the motion found.
     """
 
+    rotation: np.ndarray
+    translation_m: np.ndarray
     turn_rad: float
     apart_rad: float
     score: float
@@ -170,10 +173,11 @@ def rivals(
     translations = np.concatenate([translation_m[None], translations])
     seen = view_consistency(a, b, rotations, translations, 300, 1.0)
     found = []
-    for turn, score, overlap in zip(rotations[1:], seen.score[1:], seen.overlap[1:], strict=True):
+    alike = zip(rotations[1:], translations[1:], seen.score[1:], seen.overlap[1:], strict=True)
+    for turn, shift_m, score, overlap in alike:
         apart = float(np.linalg.norm(vector_from_rotation(rotation.T @ turn)))
         if apart > _APART_RAD and overlap > _LEAST_OVERLAP * seen.overlap[0]:
             whole = float(np.linalg.norm(vector_from_rotation(turn @ still.T)))
             lead = float(score - seen.score[0])
-            found.append(Rival(whole, apart, float(score), float(overlap), lead))
+            found.append(Rival(turn, shift_m, whole, apart, float(score), float(overlap), lead))
     return found

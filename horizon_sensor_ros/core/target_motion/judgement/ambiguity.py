@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from horizon_sensor_ros.core.target_motion.judgement.alternatives import (
     right_turned,
     rivals,
 )
+from horizon_sensor_ros.core.target_motion.judgement.hidden_patch import scores_but_for_a_patch
 from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 
 # Scores of two motions so near tell nothing, and so far apart much.
@@ -101,6 +103,9 @@ def ambiguity(
     motion is believed then.
     Right angles are not asked for of a motion within the search with which the views agree beyond
     doubt; one beyond the search with which they do not is refused without asking.
+    A motion within the search, of a target that may have turned by no more than that, is believed
+    in spite of rivals without a likely turn if the views agree beyond doubt, and with no rival
+    better, once something may have hidden a patch of each.
     """
     if doubted and turned_rad > _TURNED_AWAY_RAD:
         return (
@@ -110,26 +115,49 @@ def ambiguity(
     rotation, translation = found.refined.rotation, found.refined.translation_m
     turn = float(np.linalg.norm(vector_from_rotation(rotation @ still.T)))
     far = turn > config.search_rad
+    within = not far and turned_rad <= config.search_rad
     odd = odd_share(a, b)
     clear = found.score > BEYOND_DOUBT - SCORE_LOST * odd
     likely_rad = turned_rad if doubted else min(_AS_LIKELY * turn, turned_rad)
     margins = _Margins(config.search_rad, turned_rad, far, likely_rad, _SCORE_NOISE * odd)
     most_rad = max(_BEYOND_SEARCH * config.search_rad, turned_rad)
     starts = prism_turned(b, rotation, translation, still, min(most_rad, np.pi))
-    for rival in rivals(a, b, rotation, translation, still, starts):
-        if rival.lead > margins.of_prism(rival.turn_rad):
-            return _tell_rival(rival, found)
-    if clear and not far and turned_rad <= config.search_rad:
+    prisms = rivals(a, b, rotation, translation, still, starts)
+    doubt = _better(prisms, margins.of_prism)
+    if doubt and doubt.turn_rad < likely_rad:
+        return _tell_rival(doubt, found)
+    if not doubt and clear and within:
         return ""
-    if far and not clear:
+    if not doubt and far and not clear:
         return (
             f"a turn by {np.degrees(turn):.0f} deg, beyond the search, with which the views agree"
             f" to {found.score:.3f} only"
         )
-    for rival in rivals(a, b, rotation, translation, still, right_turned(a, b, rotation)):
-        if rival.lead > margins.of_right_angles(rival.turn_rad):
-            return _tell_rival(rival, found)
-    return ""
+    boxes = rivals(a, b, rotation, translation, still, right_turned(a, b, rotation))
+    doubt = doubt or _better(boxes, margins.of_right_angles)
+    if not doubt or (within and not doubted and _best_but_for_a_patch(found, a, b, prisms + boxes)):
+        return ""
+    return _tell_rival(doubt, found)
+
+
+def _better(asked: Sequence[Rival], margin: Callable[[float], float]) -> Rival | None:
+    """Of the rivals that agree better by their margin the one that turns least; None if none
+    does.
+    """
+    better = (rival for rival in asked if rival.lead > margin(rival.turn_rad))
+    return min(better, key=lambda rival: rival.turn_rad, default=None)
+
+
+def _best_but_for_a_patch(
+    found: Found, a: SurfaceView, b: SurfaceView, asked: Sequence[Rival]
+) -> bool:
+    """Whether views of which a patch may be hidden agree with a motion beyond doubt, and with none
+    of its rivals better.
+    """
+    rotations = np.array([found.refined.rotation, *(rival.rotation for rival in asked)])
+    shifts_m = np.array([found.refined.translation_m, *(rival.translation_m for rival in asked)])
+    own, *others = scores_but_for_a_patch(a, b, rotations, shifts_m).tolist()
+    return own > BEYOND_DOUBT and own >= max(others)
 
 
 def _tell_rival(rival: Rival, found: Found) -> str:
