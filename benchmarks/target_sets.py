@@ -132,8 +132,8 @@ def pairs_table(sets: Sequence[RandomSet]) -> Table:
         tuple(rows),
         (
             "0.5-30 deg, 0-20 cm, 5 mm; success: within 1 deg, 2 cm",
-            "disturbed: 10 % outliers and 10 % occluded, hidden: 10 % occluded; refused ones count as"
-            " no success",
+            "disturbed: 10 % outliers and 10 % occluded, hidden: 10 % occluded; refused ones"
+            " count as no success",
             "errors are those of all answers, wrong ones included",
         ),
     )
