@@ -1,4 +1,4 @@
-"""Targets of which something hides a patch, in either view another one."""
+"""Targets of which something hides a part, in either view another one."""
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from horizon_sensor_ros.core.target_motion.alignment.consistency import view_con
 from horizon_sensor_ros.core.target_motion.judgement.hidden_patch import scores_but_for_a_patch
 from horizon_sensor_ros.core.target_motion.registration import Registration, register
 from horizon_sensor_ros.core.target_motion.target_view import TargetView, target_view
+from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 from horizon_sensor_ros.sim.shapes import TARGETS
 from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFDisturbances
 
@@ -77,3 +78,31 @@ def test_with_a_patch_left_out_nothing_speaks_against_the_truth() -> None:
         assert true > 0.97
         assert turned < 0.95
     assert np.mean(as_seen) < 0.93
+
+
+@pytest.mark.parametrize("name", ["n1", "plate_with_dish"])
+def test_a_track_goes_on_while_an_arm_that_was_cropped_passes(name: str) -> None:
+    """A bar without returns, 14 pixels wide, turns by a degree a cloud about the frame's middle."""
+    rng = np.random.default_rng(71)
+    camera, tracker = ToFCamera(), TargetTracker()
+    start = Rotation.random(random_state=5).as_matrix()
+    refused, frame = 0, np.eye(4)
+    for k in range(24):
+        turn = Rotation.from_rotvec(np.radians(0.6 * k) * np.array([0.5, 0.7, -0.5])).as_matrix()
+        pose = pose_matrix(turn @ start, np.array([0.0, 0.0, 5.3]))
+        cloud = camera.scan(MESHES[name], pose, rng).points
+        row, column = np.indices(cloud.shape[:2])
+        along = np.radians(40.0 + k)
+        across = (column - 101.5) * np.cos(along) + (row - 101.5) * np.sin(along)
+        cloud[np.abs(across) < 7.0] = np.nan
+        fix = tracker.process(cloud, k * 200_000_000)
+        refused += fix.status is not Status.OK
+        if fix.new_frame:
+            assert k == 0
+            frame = inverse_pose(pose) @ fix.pose_sensor_from_target
+        elif fix.status is Status.OK:
+            off = vector_from_rotation(
+                fix.pose_sensor_from_target[:3, :3].T @ (pose @ frame)[:3, :3]
+            )
+            assert np.degrees(np.linalg.norm(off)) < 1.0
+    assert refused <= 1

@@ -32,6 +32,7 @@ from horizon_sensor_ros.core.target_motion.config import RegistrationConfig
 from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 
 # Scores of view consistency, 0 to 1, of clouds without odd returns.
+_SAMPLES = 600  # points of each view that these are of
 _SURE = 0.95  # a motion with this or more is taken without a search
 _LIKELY = 0.9  # with this or more the search goes no further
 BEYOND_DOUBT = 0.98  # above this nothing else can be better
@@ -166,14 +167,23 @@ class Finder:
         prior_rotation: np.ndarray | None = None,
     ) -> Found:
         refined = refine(self._matcher, rotation, translation, self._gates, self._hopeless)
-        seen = view_consistency(
-            self._a, self._b, refined.rotation[None], refined.translation_m[None], 600
-        )
-        score, overlap = float(seen.score[0]), float(seen.overlap[0])
+        expected = prior_rotation is not None and _near(refined.rotation, prior_rotation)
+        score, overlap = self._agreement(refined, expected=expected)
         asked = self._asked
         known = asked[1] if asked is not None and asked[0] is refined.robust else None
-        expected = prior_rotation is not None and _near(refined.rotation, prior_rotation)
         return Found(refined, self._a, self._b, score, overlap, searched, expected, known)
+
+    def _agreement(self, refined: Refined, *, expected: bool) -> tuple[float, float]:
+        """How well the views agree with a motion: score, overlap.
+
+        An arm before the target, its shadow, or what was cropped, leaves a gap, in each view
+        elsewhere on it, which says nothing against a motion that is expected.
+        """
+        motion = refined.rotation[None], refined.translation_m[None]
+        seen = view_consistency(self._a, self._b, *motion, _SAMPLES)
+        if expected and not seen.score[0] >= self._config.min_score:
+            seen = view_consistency(self._a, self._b, *motion, _SAMPLES, gaps_tell=False)
+        return float(seen.score[0]), float(seen.overlap[0])
 
     def _hopeless(self, information: np.ndarray, pairs: Pairs, robust: np.ndarray) -> bool:
         """Whether some direction is known so badly that no further step can mend it."""

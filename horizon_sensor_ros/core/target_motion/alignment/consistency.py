@@ -53,14 +53,18 @@ def view_consistency(
     translations: np.ndarray,
     samples: int,
     slack_px: float = 0.5,
+    *,
+    gaps_tell: bool = True,
 ) -> Consistency:
     """Judge candidate motions p_b = R p_a + t; ``rotations`` (C, 3, 3), ``translations`` (C, 3).
 
     samples : points tried of each view.  slack_px : tolerance beyond noise, in pixel widths.
+    gaps_tell : whether a point is contradicted where the other view has a gap amid the target.
     """
     back = rotations.transpose(0, 2, 1)
-    there = _one_way(a, b, rotations, translations, samples, slack_px)
-    here = _one_way(b, a, back, -np.einsum("cij,cj->ci", back, translations), samples, slack_px)
+    there = _one_way(a, b, rotations, translations, samples, slack_px, gaps_tell)
+    away = -np.einsum("cij,cj->ci", back, translations)
+    here = _one_way(b, a, back, away, samples, slack_px, gaps_tell)
     confirmed, contradicted = there[0] + here[0], there[1] + here[1]
     decided = np.maximum(confirmed + contradicted, 1)
     return Consistency(confirmed / decided, confirmed / (there[2] + here[2]))
@@ -73,10 +77,12 @@ def _one_way(
     translations: np.ndarray,
     samples: int,
     slack_px: float,
+    gaps_tell: bool,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     points, normals = a.sample(samples)
     seen = against(a, b, points, normals, rotations, translations, slack_px)
-    through = seen.before | seen.beside
+    beside = seen.beside if gaps_tell else seen.beside & ~b.gaps[seen.index]
+    through = seen.before | beside
     return seen.confirmed.sum(axis=1), through.sum(axis=1), len(points)
 
 

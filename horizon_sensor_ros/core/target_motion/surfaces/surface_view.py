@@ -18,6 +18,9 @@ from horizon_sensor_ros.core.target_motion.surfaces.surfels import Surfels, find
 
 # What a plane borrowed from the next window may lean by on a curved surface, alike in both views.
 _BORROWED_TILT_RAD = 0.08
+# A gap amid the target is so wide at most, rms radii of it. Closing wider ones than this would take
+# long.
+_GAP, _MOST_REACH_PX = 1.0, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +70,16 @@ class SurfaceView:
         highest = cv2.dilate(self.image.inverse_depth, np.ones((3, 3), np.uint8)).ravel()
         closest = np.full(highest.shape, np.inf, np.float32)
         return np.divide(np.float32(1.0), highest, out=closest, where=highest > 0)
+
+    @cached_property
+    def gaps(self) -> np.ndarray:
+        """(H W) bool, pixels without a return that lie between returns, in gaps narrower than the
+        target's rms radius; only a doubt asks for it."""
+        reach = min(max(1, round(_GAP / 2 * self.size_m / self.footprint_m)), _MOST_REACH_PX)
+        seen = np.pad((self.image.inverse_depth > 0).view(np.uint8), reach)
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+        closed = cv2.morphologyEx(seen, cv2.MORPH_CLOSE, disc)
+        return (closed > seen)[reach:-reach, reach:-reach].ravel()
 
     @cached_property
     def line_means(self) -> tuple[LineMeans, LineMeans]:
