@@ -127,12 +127,14 @@ def test_the_targets_defaults_are_the_contracts() -> None:
 def test_what_is_known_of_the_range_sensor_reaches_the_core() -> None:
     values = {"range_noise": 0.004, "pixel_angle": 0.003125, "max_gap": 5, "min_points": 7}
     values["range_bias_sigma"] = 0.002
+    values["crop_max"] = [1, 2, 3.5]
     tracker = target_settings(values).pipeline.tracker
     assert tracker.registration.range_noise_m == 0.004
     assert tracker.registration.range_bias_sigma_m == 0.002
     assert tracker.registration.focal_px == pytest.approx(320.0)
     assert tracker.registration.min_points == 7
     assert tracker.max_gap_s == 5.0
+    assert tracker.crop.most_m == (1.0, 2.0, 3.5)
 
 
 @pytest.mark.parametrize(
@@ -146,6 +148,9 @@ def test_what_is_known_of_the_range_sensor_reaches_the_core() -> None:
         ({"target_frame": " "}, ["target_frame is empty"]),
         ({"target_frame": "/target"}, ["target_frame begins with a slash", "'/target'"]),
         ({"min_points": 2.5}, ["min_points must be an integer"]),
+        ({"crop_min": [0, 0]}, ["crop_min must be three numbers", "[0.0, 0.0]"]),
+        ({"crop_max": "far"}, ["crop_max must be a list of numbers"]),
+        ({"crop_min": [0, 0, 9], "crop_max": [1, 1, 9]}, ["crop_min must be below crop_max"]),
     ],
 )
 def test_the_targets_are_refused_likewise(values: dict, words: list[str]) -> None:

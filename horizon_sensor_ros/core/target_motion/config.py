@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from horizon_sensor_ros.core.target_motion.ranges.crop import Crop
+
 LEAST_POINTS = 4  # that may span a body
 
 
@@ -66,6 +68,7 @@ class TrackerConfig:
     keyframe_turn_rad : the target may turn so far from a keyframe before the cloud before becomes
         a new one.
     keyframe_overlap : and so much of the points must still overlap.
+    crop : the box in which points are of the target.
     """
 
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
@@ -73,6 +76,7 @@ class TrackerConfig:
     max_refused: int = 10
     keyframe_turn_rad: float = np.radians(20.0)
     keyframe_overlap: float = 0.6
+    crop: Crop = field(default_factory=Crop)
 
     def __post_init__(self) -> None:
         for name in ("max_gap_s", "max_refused", "keyframe_turn_rad"):

@@ -52,7 +52,7 @@ class TargetTracker:
         times_s: np.ndarray | None = None,
     ) -> TargetFix:
         """Take one cloud, (H, W, 3) organised or (N, 3) plain, metres, in the sensor frame, and
-        its stamp.
+        its stamp. What is outside `TrackerConfig.crop` is not looked at.
 
         times_s : (H, W) or (N,) when each point was measured, seconds from the stamp; None: all at
         the stamp. By the target's velocity, which the second cloud tells first, the points are
@@ -69,7 +69,7 @@ class TargetTracker:
         is where a new target frame begins. Raises ValueError for another shape.
         """
         # Before anything is kept: a caller's bug changes nothing.
-        points = cloud_of(points)
+        points = self.config.crop.of(cloud_of(points))
         if stamp_ns == self._stamp_ns:
             return TargetFix(Status.REPEATED_STAMP, "a cloud of this stamp was there", stamp_ns)
         sweep = None
@@ -79,7 +79,8 @@ class TargetTracker:
         velocity = None if anew else self._velocity_at(stamp_ns)
         view = self._view(points, sweep, velocity)
         if view.status is not Status.OK:
-            return self._refuse(view.status, view.reason, stamp_ns, view, None)
+            where = "" if self.config.crop.everywhere else ", within the box of the crop"
+            return self._refuse(view.status, f"{view.reason}{where}", stamp_ns, view, None)
         if anew:
             self.reset(anew)
         elif self._stamp_ns is not None and stamp_ns < self._stamp_ns:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from horizon_sensor_ros.core.target_motion.config import RegistrationConfig, TrackerConfig
+from horizon_sensor_ros.core.target_motion.ranges.crop import Crop
 from horizon_sensor_ros.ros.parameters.common import COMMON_PARAMETERS, NODE_PARAMETERS
 from horizon_sensor_ros.ros.parameters.parameter import Parameter
 
@@ -21,6 +22,23 @@ TARGET_PARAMETERS = (
         "Where points tell when they were measured (a lidar's field t, time, offset_time, "
         "time_offset or timestamp), the target's motion while the sensor swept its field is taken "
         "out of the cloud.",
+        live=True,
+    ),
+    Parameter(
+        "crop_min",
+        "double_array",
+        list(Crop.least_m),
+        "Corner x, y, z of the box to which clouds are cropped, in their own frame: all that is in "
+        "it is taken for the target. It should not cut the target.",
+        unit="m",
+        live=True,
+    ),
+    Parameter(
+        "crop_max",
+        "double_array",
+        list(Crop.most_m),
+        "The opposite corner of that box.",
+        unit="m",
         live=True,
     ),
     Parameter(

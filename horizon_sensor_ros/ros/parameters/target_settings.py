@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from horizon_sensor_ros.core.target_motion.config import RegistrationConfig, TrackerConfig
+from horizon_sensor_ros.core.target_motion.ranges.crop import Crop
 from horizon_sensor_ros.ros.parameters.common import COMMON_PARAMETERS
 from horizon_sensor_ros.ros.parameters.frame_name import frame_problems
 from horizon_sensor_ros.ros.parameters.parameter import (
@@ -31,6 +32,7 @@ _TRACKER_FIELDS = {
     "keyframe_turn": "keyframe_turn_rad",
     "keyframe_overlap": "keyframe_overlap",
 }
+_CROP_FIELDS = {"crop_min": "least_m", "crop_max": "most_m"}
 
 
 @dataclass(frozen=True)
@@ -69,10 +71,11 @@ def target_settings(values: Mapping[str, Any]) -> TargetSettings:
         )
         tracker = TrackerConfig(
             registration=registration,
+            crop=Crop(**{field: tuple(accepted[name]) for name, field in _CROP_FIELDS.items()}),
             **{field: accepted[name] for name, field in _TRACKER_FIELDS.items()},
         )
     except ValueError as error:
-        fields = {**_REGISTRATION_FIELDS, **_TRACKER_FIELDS}
+        fields = {**_REGISTRATION_FIELDS, **_TRACKER_FIELDS, **_CROP_FIELDS}
         raise ParameterError(with_parameter_names(str(error), fields)) from None
     return TargetSettings(
         pipeline=TargetPipelineSettings(accepted["target_frame"], accepted["point_times"], tracker),
