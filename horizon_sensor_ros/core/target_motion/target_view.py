@@ -8,6 +8,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.config import LEAST_POINTS, RegistrationConfig
+from horizon_sensor_ros.core.target_motion.ranges.cropped import with_cropped
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage, range_image
 from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView, surface_view
 
@@ -41,11 +42,18 @@ class TargetView:
         return wider < _OTHER_SCALE * finer
 
 
-def target_view(points: np.ndarray, config: RegistrationConfig | None = None) -> TargetView:
+def target_view(
+    points: np.ndarray,
+    config: RegistrationConfig | None = None,
+    cropped: np.ndarray | None = None,
+) -> TargetView:
     """Prepare a cloud, (H, W, 3) organised or (N, 3) plain, metres; bad data comes back as a
-    status."""
+    status. cropped : (M, 3) returns that were taken out of it."""
     config = RegistrationConfig() if config is None else config
-    return view_of_image(range_image(points, config.focal_px, config.min_points), config)
+    image = range_image(points, config.focal_px, config.min_points)
+    if cropped is not None:
+        image = with_cropped(image, cropped)
+    return view_of_image(image, config)
 
 
 def view_of_image(image: RangeImage, config: RegistrationConfig) -> TargetView:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.config import TrackerConfig
 from horizon_sensor_ros.core.target_motion.noise.temporal_filter import TemporalFilter
+from horizon_sensor_ros.core.target_motion.ranges.cropped import with_cropped
 from horizon_sensor_ros.core.target_motion.ranges.range_image import cloud_of
 from horizon_sensor_ros.core.target_motion.registration import Registration, register
 from horizon_sensor_ros.core.target_motion.sweeps.sweep import Sweep, sweep_of
@@ -69,15 +72,17 @@ class TargetTracker:
         is where a new target frame begins. Raises ValueError for another shape.
         """
         # Before anything is kept: a caller's bug changes nothing.
-        points = self.config.crop.of(cloud_of(points))
+        points, cropped = self.config.crop.split(cloud_of(points))
         if stamp_ns == self._stamp_ns:
             return TargetFix(Status.REPEATED_STAMP, "a cloud of this stamp was there", stamp_ns)
         sweep = None
         if times_s is not None:
             expected = self.config.registration
             sweep = sweep_of(points, times_s, expected.focal_px, expected.min_points)
+            if sweep is not None:
+                sweep = replace(sweep, image=with_cropped(sweep.image, cropped))
         velocity = None if anew else self._velocity_at(stamp_ns)
-        view = self._view(points, sweep, velocity)
+        view = self._view(points, cropped, sweep, velocity)
         if view.status is not Status.OK:
             where = "" if self.config.crop.everywhere else ", within the box of the crop"
             return self._refuse(view.status, f"{view.reason}{where}", stamp_ns, view, None)
@@ -106,7 +111,7 @@ class TargetTracker:
                 return self._refuse(found.status, found.reason, stamp_ns, view, found)
         if sweep is not None and velocity is not None:
             # That was of a target which is lost.
-            untouched = self._view(points, sweep, None)
+            untouched = self._view(points, cropped, sweep, None)
             view = untouched if untouched.status is Status.OK else view
         return self._start(view, stamp_ns, why, sweep)
 
@@ -117,13 +122,17 @@ class TargetTracker:
         return self._track.velocity_at(stamp_ns, self.config.max_gap_s)
 
     def _view(
-        self, points: np.ndarray, sweep: Sweep | None, velocity: Velocity | None
+        self,
+        points: np.ndarray,
+        cropped: np.ndarray,
+        sweep: Sweep | None,
+        velocity: Velocity | None,
     ) -> TargetView:
         """A cloud as it would be, had it been measured at its stamp; as it came where that is not
         known."""
         config = self.config.registration
         if sweep is None:
-            return target_view(points, config)
+            return target_view(points, config, cropped)
         if velocity is None:
             return view_of_image(sweep.image, config)
         return stilled_view(sweep, velocity, config)

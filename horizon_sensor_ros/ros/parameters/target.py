@@ -29,7 +29,7 @@ TARGET_PARAMETERS = (
         "double_array",
         list(Crop.least_m),
         "Corner x, y, z of the box to which clouds are cropped, in their own frame: all that is in "
-        "it is taken for the target. It should not cut the target.",
+        "it is taken for the target, and what is outside may hide it.",
         unit="m",
         live=True,
     ),

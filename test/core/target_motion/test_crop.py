@@ -5,11 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from target_messages import CAMERA, scan, stamp_of
+from target_messages import CAMERA, scan, stamp_of, truth_at
 
+from horizon_sensor_ros.core.mathematics.rigid import inverse_pose, vector_from_rotation
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.config import TrackerConfig
 from horizon_sensor_ros.core.target_motion.ranges.crop import Crop
+from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 
 BEFORE_THE_WALL = Crop((-2.0, -2.0, 2.0), (2.0, 2.0, 5.5))
@@ -34,7 +36,8 @@ def test_what_is_outside_is_no_return_and_what_is_inside_stays(
     points: np.ndarray, least_m: tuple[float, ...], most_m: tuple[float, ...]
 ) -> None:
     before = points.copy()
-    cropped = Crop(least_m, most_m).of(points)
+    cropped, outside = Crop(least_m, most_m).split(points)
+    assert len(outside) == np.count_nonzero(np.isnan(cropped[:, 0]))
     for point, left in zip(points, cropped, strict=True):
         inside = all(a <= x <= b for a, x, b in zip(least_m, point, most_m, strict=True))
         assert np.array_equal(left, point if inside else [np.nan] * 3, equal_nan=True)
@@ -43,7 +46,7 @@ def test_what_is_outside_is_no_return_and_what_is_inside_stays(
 
 def test_without_a_box_the_cloud_is_not_copied() -> None:
     points = scan(0)
-    assert Crop().of(points) is points
+    assert Crop().split(points)[0] is points
 
 
 @pytest.mark.parametrize(
@@ -75,3 +78,59 @@ def test_a_box_with_nothing_in_it_is_said() -> None:
     fix = tracker.process(scan(0), stamp_of(0))
     assert fix.status is Status.TOO_FEW_POINTS
     assert "within the box of the crop" in fix.reason
+
+
+def behind_an_arm(nearer_m: float, farther_m: float) -> np.ndarray:
+    """A plate of 1.6 m, 4 m away, right third hidden by what is nearer, before what is farther."""
+    rays = CAMERA.rays()
+    across, down = np.moveaxis(rays[..., :2] / rays[..., 2:], -1, 0)
+    depth = np.where(np.maximum(np.abs(across), np.abs(down)) < 0.2, 4.0, farther_m)
+    depth = np.where(across > 0.07, nearer_m, depth)
+    depth += np.random.default_rng(3).normal(0.0, 0.004, depth.shape)
+    return np.stack([across * depth, down * depth, depth], axis=-1)
+
+
+def ends_at(points: np.ndarray, crop: Crop) -> np.ndarray:
+    """x/z of the places where the plate is taken to end at a side."""
+    kept, cropped = crop.split(points)
+    surface = target_view(kept, None, cropped).surface
+    assert surface is not None
+    edges = surface.edges
+    upright = np.abs(edges.directions[:, 1]) > 0.9
+    return np.asarray(edges.points[upright, 0] / edges.points[upright, 2])
+
+
+def test_what_hides_the_target_makes_no_end_of_it_and_what_is_behind_does() -> None:
+    crop = Crop((-3.0, -3.0, 3.0), (3.0, 3.0, 5.0))
+    at = ends_at(behind_an_arm(2.0, 7.0), crop)
+    assert np.count_nonzero(np.abs(at + 0.2) < 0.01) > 10
+    assert not (np.abs(at - 0.07) < 0.02).any()
+    # The same arm far behind the plate hides nothing: the plate ends before it.
+    at = ends_at(behind_an_arm(7.0, 7.0), crop)
+    assert np.count_nonzero(np.abs(at - 0.07) < 0.01) > 10
+
+
+def test_where_the_box_cuts_the_target_it_does_not_end() -> None:
+    at = ends_at(behind_an_arm(7.0, 7.0), Crop((-0.4, -3.0, 3.0), (3.0, 3.0, 5.0)))
+    assert not (np.abs(at + 0.1) < 0.02).any()
+    assert np.count_nonzero(np.abs(at - 0.07) < 0.01) > 10
+
+
+def test_a_target_behind_an_arm_that_is_cropped_is_followed() -> None:
+    tracker = TargetTracker(TrackerConfig(crop=Crop((-3.0, -3.0, 2.5), (3.0, 3.0, 6.0))))
+    rays = CAMERA.rays()
+    row, column = np.indices(rays.shape[:2])
+    frame = np.eye(4)
+    for index in range(10):
+        points = scan(index).copy()
+        along = np.radians(30.0 + 3.0 * index)
+        arm = np.abs((column - 47.5) * np.cos(along) + (row - 47.5) * np.sin(along)) < 4.0
+        points[arm] = 1.8 * rays[arm]
+        fix = tracker.process(points, stamp_of(index))
+        assert fix.status is Status.OK, fix.reason
+        if index == 0:
+            frame = inverse_pose(truth_at(0)) @ fix.pose_sensor_from_target
+        truth, found = truth_at(index) @ frame, fix.pose_sensor_from_target
+        turn = vector_from_rotation(truth[:3, :3] @ found[:3, :3].T)
+        error = np.concatenate([turn, truth[:3, 3] - found[:3, 3]])
+        assert error @ np.linalg.solve(fix.covariance, error) < 22.5  # 99.9 % of six unknowns

@@ -39,12 +39,14 @@ class Crop:
         """Whether nothing is cropped."""
         return min(self.most_m) == _NOWHERE_M and max(self.least_m) == -_NOWHERE_M
 
-    def of(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., 3) with NaN for those outside; the array itself where nothing is cropped."""
+    def split(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points (..., 3) with NaN for those outside, and those outside (N, 3); the array itself
+        where nothing is cropped. Those that are not finite are outside.
+        """
         if self.everywhere:
-            return points
+            return points, np.empty((0, 3))
         with np.errstate(invalid="ignore"):  # signalling NaN, of garbled messages
             inside = ((points >= self.least_m) & (points <= self.most_m)).all(axis=-1)
         kept = np.array(points, dtype=np.result_type(points, np.float32))
         kept[~inside] = np.nan
-        return kept
+        return kept, points[~inside]

@@ -87,6 +87,21 @@ class RangeImage:
             self.origin[1] + np.arange(height) / self.focal_px,
         )
 
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Which of the points (N, 3), metres, in the cloud's frame, fall into the image (M,), by
+        number; their flat pixels (M,) and depths (M,) in it.
+        """
+        with np.errstate(invalid="ignore", over="ignore"):  # of garbled messages
+            view = (points - self.sensor_m) @ self.rot_sensor_from_view
+            which = np.flatnonzero(view[:, 2] > 0.2 * np.abs(view).max(axis=1))
+        view = view[which]
+        column, row = (
+            np.rint((view[:, :2] / view[:, 2:] - self.origin) * self.focal_px).astype(np.int64).T
+        )
+        height, width = self.inverse_depth.shape
+        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        return which[inside], (row * width + column)[inside], view[inside, 2]
+
 
 def cloud_of(points: np.ndarray) -> np.ndarray:
     """Return points as an array; ValueError where they are neither (H, W, 3) nor (N, 3)."""

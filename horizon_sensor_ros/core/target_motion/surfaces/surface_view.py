@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.target_motion.noise.common_noise import LineMeans, line_means
+from horizon_sensor_ros.core.target_motion.ranges.nearest import nearest
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
 from horizon_sensor_ros.core.target_motion.surfaces.edges.detection import find_edges
 from horizon_sensor_ros.core.target_motion.surfaces.edges.edges import Edges
@@ -62,7 +63,7 @@ class SurfaceView:
     @cached_property
     def nearest(self) -> np.ndarray:
         """(H W) index of the nearest pixel with a plane; only a search asks for it."""
-        return _nearest(self.plane.reshape(self.image.inverse_depth.shape))
+        return nearest(self.plane.reshape(self.image.inverse_depth.shape))[1].ravel()
 
     @cached_property
     def closest_around(self) -> np.ndarray:
@@ -142,16 +143,3 @@ def surface_view(image: RangeImage, sigma_m: float | None = None) -> SurfaceView
         find_surfels(image, planes, tilt, noise), find_edges(image, planes),
         find_parts(image, planes),
     )  # fmt: skip
-
-
-def _nearest(plane: np.ndarray) -> np.ndarray:
-    """(H W) index of the nearest pixel with a plane; zeros where there is none at all."""
-    place = np.flatnonzero(plane)
-    if not len(place):
-        return np.zeros(plane.size, np.int64)
-    label = cv2.distanceTransformWithLabels(
-        (~plane).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )[1]
-    of_label = np.zeros(int(label.max()) + 1, np.int64)
-    of_label[label.ravel()[place]] = place
-    return of_label[label.ravel()]

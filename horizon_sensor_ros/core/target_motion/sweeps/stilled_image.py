@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target_motion.ranges.nearest import nearest
 from horizon_sensor_ros.core.target_motion.ranges.pixel_values import depth_in_middles
 from horizon_sensor_ros.core.target_motion.ranges.range_image import STEEPEST, RangeImage
 from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity
@@ -41,7 +41,7 @@ def stilled_image(
     shift = np.pad(shift, ((0, 0), (room, room), (room, room)))
     seen, unknown = np.pad(seen, room), np.pad(image.unknown, room, mode="edge")
     # What moves past an empty pixel moves as the nearest surface does.
-    source, off_px = _sources(shift.reshape(2, -1)[:, _nearest(seen)])
+    source, off_px = _sources(shift.reshape(2, -1)[:, nearest(seen)[1]])
     there = np.stack(np.nonzero(seen)[::-1]) + shift[:, seen]
     pixel = np.rint(there).astype(np.int64)
     index = pixel[1] * seen.shape[1] + pixel[0]
@@ -76,20 +76,15 @@ def _moved(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which pixels (H, W) have a return of a known time; and where those were at the stamp, (3, N)
     in the view frame."""
-    turn = image.rot_sensor_from_view
-    view = (points - image.sensor_m) @ turn
-    ahead = view[:, 2] > 0.2 * np.abs(view).max(axis=1)
-    tangent = view[ahead, :2] / view[ahead, 2:]
-    column, row = np.rint((tangent - image.origin) * image.focal_px).astype(np.int64).T
-    height, width = image.inverse_depth.shape
-    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-    times = np.full((height, width), np.nan)
-    times[row[inside], column[inside]] = times_s[ahead][inside]
+    which, index, _ = image.project(points)
+    times = np.full(image.inverse_depth.shape, np.nan)
+    times.ravel()[index] = times_s[which]
     seen = (image.inverse_depth > 0) & np.isfinite(times)
     tan_x, tan_y = image.tangents()
     place = np.nonzero(seen)
     depth = 1.0 / image.inverse_depth[seen].astype(np.float64)
     rays = np.stack([tan_x[place[1]], tan_y[place[0]], np.ones(len(depth))], axis=1)
+    turn = image.rot_sensor_from_view
     back = velocity.moved((rays * depth[:, None]) @ turn.T + image.sensor_m, -times[seen])
     return seen, ((back - image.sensor_m) @ turn).T
 
@@ -108,16 +103,6 @@ def _shifts(
     every = np.zeros((2, *seen.shape))
     every[:, row[stays], column[stays]] = shift[:, stays]
     return every, stays
-
-
-def _nearest(seen: np.ndarray) -> np.ndarray:
-    """(H, W) by number the nearest pixel that is seen."""
-    _, labels = cv2.distanceTransformWithLabels(
-        (~seen).view(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    number = np.zeros(labels.max() + 1, np.int64)
-    number[labels[seen]] = np.flatnonzero(seen)
-    return np.asarray(number[labels])
 
 
 def _sources(shift: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
