@@ -1,5 +1,7 @@
 """Clouds cropped to a box: nothing but what is in it is looked at."""
 
+import warnings
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,6 +13,8 @@ from horizon_sensor_ros.core.mathematics.rigid import inverse_pose, vector_from_
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.config import TrackerConfig
 from horizon_sensor_ros.core.target_motion.ranges.crop import Crop
+from horizon_sensor_ros.core.target_motion.ranges.cropped import with_cropped
+from horizon_sensor_ros.core.target_motion.ranges.range_image import range_image
 from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 
@@ -114,6 +118,17 @@ def test_where_the_box_cuts_the_target_it_does_not_end() -> None:
     at = ends_at(behind_an_arm(7.0, 7.0), Crop((-0.4, -3.0, 3.0), (3.0, 3.0, 5.0)))
     assert not (np.abs(at + 0.1) < 0.02).any()
     assert np.count_nonzero(np.abs(at - 0.07) < 0.01) > 10
+
+
+def test_garbled_bytes_outside_the_box_are_no_returns() -> None:
+    """Every kind of NaN, infinities, numbers of any size."""
+    image = range_image(scan(0))
+    rng = np.random.default_rng(8)
+    garbled = np.frombuffer(rng.bytes(12 * 100_000), np.float32).reshape(-1, 3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        unknown = with_cropped(image, garbled).unknown
+    assert np.count_nonzero(unknown & ~image.unknown) < 0.2 * unknown.size
 
 
 def test_a_target_behind_an_arm_that_is_cropped_is_followed() -> None:

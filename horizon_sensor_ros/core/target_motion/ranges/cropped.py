@@ -27,8 +27,9 @@ def with_cropped(image: RangeImage, cropped: np.ndarray) -> RangeImage:
     """
     if image.status is not Status.OK or not len(cropped):
         return image
-    # Zeros are no returns.
-    index, depth_m = image.project(cropped[cropped.any(axis=1)])[1:]
+    with np.errstate(invalid="ignore"):  # signalling NaN, of garbled messages
+        returned = cropped.any(axis=1)  # zeros are none
+    index, depth_m = image.project(cropped[returned])[1:]
     if not len(index):
         return image
     inverse = image.inverse_depth
