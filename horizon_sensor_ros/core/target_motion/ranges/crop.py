@@ -45,8 +45,12 @@ class Crop:
         """
         if self.everywhere:
             return points, np.empty((0, 3))
+        flat = points.reshape(-1, 3)
+        outside = np.zeros(len(flat), bool)
         with np.errstate(invalid="ignore"):  # signalling NaN, of garbled messages
-            inside = ((points >= self.least_m) & (points <= self.most_m)).all(axis=-1)
-        kept = np.array(points, dtype=np.result_type(points, np.float32))
-        kept[~inside] = np.nan
-        return kept, points[~inside]
+            for values, least, most in zip(flat.T, self.least_m, self.most_m, strict=True):
+                outside |= ~((values >= least) & (values <= most))
+        which = np.flatnonzero(outside)
+        kept = np.array(flat, dtype=np.result_type(points, np.float32))
+        kept[which] = np.nan
+        return kept.reshape(points.shape), flat.take(which, axis=0)

@@ -28,7 +28,8 @@ def with_cropped(image: RangeImage, cropped: np.ndarray) -> RangeImage:
     if image.status is not Status.OK or not len(cropped):
         return image
     with np.errstate(invalid="ignore"):  # signalling NaN, of garbled messages
-        returned = cropped.any(axis=1)  # zeros are none
+        # Zeros are none.
+        returned = (cropped[:, 0] != 0) | (cropped[:, 1] != 0) | (cropped[:, 2] != 0)
     index, depth_m = image.project(cropped[returned])[1:]
     if not len(index):
         return image

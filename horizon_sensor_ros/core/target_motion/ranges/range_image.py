@@ -92,15 +92,15 @@ class RangeImage:
         number; their flat pixels (M,) and depths (M,) in it.
         """
         with np.errstate(invalid="ignore", over="ignore"):  # of garbled messages
-            view = (points - self.sensor_m) @ self.rot_sensor_from_view
-            which = np.flatnonzero(view[:, 2] > 0.2 * np.abs(view).max(axis=1))
-        view = view[which]
-        column, row = (
-            np.rint((view[:, :2] / view[:, 2:] - self.origin) * self.focal_px).astype(np.int64).T
-        )
+            away = np.array(points.T, np.float64, order="C") - self.sensor_m[:, None]
+            x, y, z = self.rot_sensor_from_view.T @ away
+            which = np.flatnonzero(z > 0.2 * np.maximum(np.abs(x), np.abs(y)))
+        x, y, z = x[which], y[which], z[which]
+        column = np.rint((x / z - self.origin[0]) * self.focal_px).astype(np.int64)
+        row = np.rint((y / z - self.origin[1]) * self.focal_px).astype(np.int64)
         height, width = self.inverse_depth.shape
-        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-        return which[inside], (row * width + column)[inside], view[inside, 2]
+        inside = np.flatnonzero((row >= 0) & (row < height) & (column >= 0) & (column < width))
+        return which[inside], (row * width + column)[inside], z[inside]
 
 
 def cloud_of(points: np.ndarray) -> np.ndarray:
