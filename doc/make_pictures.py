@@ -17,6 +17,7 @@ FIGURES = (
     "registration",
     "one_body",
     "drift",
+    "cropped",
     "swept",
     "mounting",
     "edge",
