@@ -37,8 +37,8 @@ def run(options: Options, targets: Sequence[str] = tuple(MESHES)) -> list[Table 
     if "n5" in targets:
         sets.append(RandomSet("n5 disturbed", "n5", options, ToFDisturbances(0.1, 0.1)))
         sets.append(RandomSet("n5 mixed pixels", "n5", options, ToFDisturbances(mixed_pixels=True)))
-    for name in [name for name in targets if name in ("n1", "n5")]:
-        sets.append(RandomSet(f"{name} hidden", name, options, ToFDisturbances(0.0, 0.1)))
+    hidden = [name for name in targets if name in ("n1", "n5")]
+    sets += [RandomSet(f"{name} hidden", name, options, ToFDisturbances(0, 0.1)) for name in hidden]
     for each in sets:
         each.measure()
     tables += [pairs_table(sets), acceptance_table(sets), honesty_table(sets), time_table(sets)]

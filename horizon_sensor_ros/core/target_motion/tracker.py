@@ -55,7 +55,7 @@ class TargetTracker:
         times_s: np.ndarray | None = None,
     ) -> TargetFix:
         """Take one cloud, (H, W, 3) organised or (N, 3) plain, metres, in the sensor frame, and
-        its stamp. What is outside `TrackerConfig.crop` is not looked at.
+        its stamp. What is outside `TrackerConfig.crop` is no target, but may hide it.
 
         times_s : (H, W) or (N,) when each point was measured, seconds from the stamp; None: all at
         the stamp. By the target's velocity, which the second cloud tells first, the points are
@@ -72,9 +72,10 @@ class TargetTracker:
         is where a new target frame begins. Raises ValueError for another shape.
         """
         # Before anything is kept: a caller's bug changes nothing.
-        points, cropped = self.config.crop.split(cloud_of(points))
+        points = cloud_of(points)
         if stamp_ns == self._stamp_ns:
             return TargetFix(Status.REPEATED_STAMP, "a cloud of this stamp was there", stamp_ns)
+        points, cropped = self.config.crop.split(points)
         sweep = None
         if times_s is not None:
             expected = self.config.registration

@@ -11,6 +11,7 @@ import numpy as np
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.core.target_motion.alignment.consistency import (
     SCORE_LOST,
+    in_gaps,
     odd_share,
     view_consistency,
 )
@@ -182,7 +183,7 @@ class Finder:
         motion = refined.rotation[None], refined.translation_m[None]
         seen = view_consistency(self._a, self._b, *motion, _SAMPLES)
         if expected and not seen.score[0] >= self._config.min_score:
-            seen = view_consistency(self._a, self._b, *motion, _SAMPLES, gaps_tell=False)
+            seen = view_consistency(self._a, self._b, *motion, _SAMPLES, spared=in_gaps)
         return float(seen.score[0]), float(seen.overlap[0])
 
     def _hopeless(self, information: np.ndarray, pairs: Pairs, robust: np.ndarray) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,20 +55,26 @@ def view_consistency(
     samples: int,
     slack_px: float = 0.5,
     *,
-    gaps_tell: bool = True,
+    spared: Callable[[SurfaceView, Against], np.ndarray] | None = None,
 ) -> Consistency:
     """Judge candidate motions p_b = R p_a + t; ``rotations`` (C, 3, 3), ``translations`` (C, 3).
 
     samples : points tried of each view.  slack_px : tolerance beyond noise, in pixel widths.
-    gaps_tell : whether a point is contradicted where the other view has a gap amid the target.
+    spared : which points (C, N) are not contradicted by a view although it sees nothing there, of
+        what it says of them.
     """
     back = rotations.transpose(0, 2, 1)
-    there = _one_way(a, b, rotations, translations, samples, slack_px, gaps_tell)
+    there = _one_way(a, b, rotations, translations, samples, slack_px, spared)
     away = -np.einsum("cij,cj->ci", back, translations)
-    here = _one_way(b, a, back, away, samples, slack_px, gaps_tell)
+    here = _one_way(b, a, back, away, samples, slack_px, spared)
     confirmed, contradicted = there[0] + here[0], there[1] + here[1]
     decided = np.maximum(confirmed + contradicted, 1)
     return Consistency(confirmed / decided, confirmed / (there[2] + here[2]))
+
+
+def in_gaps(view: SurfaceView, seen: Against) -> np.ndarray:
+    """Which points (C, N) fall into gaps amid the target."""
+    return np.asarray(view.gaps[seen.index])
 
 
 def _one_way(
@@ -77,11 +84,11 @@ def _one_way(
     translations: np.ndarray,
     samples: int,
     slack_px: float,
-    gaps_tell: bool,
+    spared: Callable[[SurfaceView, Against], np.ndarray] | None,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     points, normals = a.sample(samples)
     seen = against(a, b, points, normals, rotations, translations, slack_px)
-    beside = seen.beside if gaps_tell else seen.beside & ~b.gaps[seen.index]
+    beside = seen.beside if spared is None else seen.beside & ~spared(b, seen)
     through = seen.before | beside
     return seen.confirmed.sum(axis=1), through.sum(axis=1), len(points)
 

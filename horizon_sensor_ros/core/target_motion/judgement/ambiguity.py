@@ -126,13 +126,14 @@ def ambiguity(
     doubt = _better(prisms, margins.of_prism)
     if doubt and doubt.turn_rad < likely_rad:
         return _tell_rival(doubt, found)
-    if not doubt and clear and within:
-        return ""
-    if not doubt and far and not clear:
-        return (
-            f"a turn by {np.degrees(turn):.0f} deg, beyond the search, with which the views agree"
-            f" to {found.score:.3f} only"
-        )
+    if not doubt:
+        if clear and within:
+            return ""
+        if far and not clear:
+            return (
+                f"a turn by {np.degrees(turn):.0f} deg, beyond the search, with which the views"
+                f" agree to {found.score:.3f} only"
+            )
     boxes = rivals(a, b, rotation, translation, still, right_turned(a, b, rotation))
     doubt = doubt or _better(boxes, margins.of_right_angles)
     if not doubt or (within and not doubted and _best_but_for_a_patch(found, a, b, prisms + boxes)):

@@ -28,8 +28,9 @@ def with_cropped(image: RangeImage, cropped: np.ndarray) -> RangeImage:
     if image.status is not Status.OK or not len(cropped):
         return image
     with np.errstate(invalid="ignore"):  # signalling NaN, of garbled messages
-        # Zeros are none.
+        # Zeros are none, and of an organised cloud most points.
         returned = (cropped[:, 0] != 0) | (cropped[:, 1] != 0) | (cropped[:, 2] != 0)
+        returned &= np.isfinite(cropped[:, 2])
     index, depth_m = image.project(cropped[returned])[1:]
     if not len(index):
         return image
