@@ -18,7 +18,7 @@ from horizon_sensor_ros.core.limb.lens_kinds import Known, of_either
 _EVEN_PX, UNEVEN_PX = 0.01, 0.3
 _UNEVEN_LENSES = 0.2
 _MEASURED_PX = 0.03  # error of what is told of a lens
-_MISJUDGED = 1.5  # how far off texture puts it, over what is claimed: it is no Gaussian process
+MISJUDGED = 1.5  # how far off texture puts it, over what is claimed: it is no Gaussian process
 
 
 def of_either_lens(seen_px: float, variance: float) -> tuple[float, float]:
@@ -26,12 +26,12 @@ def of_either_lens(seen_px: float, variance: float) -> tuple[float, float]:
 
     seen_px, variance : of it by what a limb shows, without anything known beforehand.
     """
-    variance *= _MISJUDGED**2
+    variance *= MISJUDGED**2
     even, uneven = (Known.of(seen_px, variance, sigma_px) for sigma_px in (_EVEN_PX, UNEVEN_PX))
     return of_either(even, uneven, math.log(_UNEVEN_LENSES / (1.0 - _UNEVEN_LENSES)))
 
 
 def of_measured_lens(seen_px: float, variance: float, told_px: float) -> tuple[float, float]:
     """The same of a lens of which it is told."""
-    known = Known.of(seen_px - told_px, variance * _MISJUDGED**2, _MEASURED_PX)
+    known = Known.of(seen_px - told_px, variance * MISJUDGED**2, _MEASURED_PX)
     return told_px + known.mean, known.variance

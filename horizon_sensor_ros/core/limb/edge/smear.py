@@ -2,6 +2,9 @@
 
 A motion by m pixels adds m^2 / 12 to the square of the edge's blur along itself and nothing across,
 so that the blur goes with twice the angle of the limb's normal.
+A lens that is uneven, and texture, do so by chance. How likely it is that motion did is a matter of
+odds, and what is not sure moves nothing, but is claimed.
+Source: derived here; for odds by Bayes factors see Kass & Raftery 1995.
 """
 
 from __future__ import annotations
@@ -12,7 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.lens_blur import UNEVEN_PX, of_either_lens, of_measured_lens
+from horizon_sensor_ros.core.limb.edge.lens_blur import (
+    MISJUDGED,
+    UNEVEN_PX,
+    of_either_lens,
+    of_measured_lens,
+)
 from horizon_sensor_ros.core.limb.edge.raster import BLUR_SIGMA_PX
 from horizon_sensor_ros.core.limb_points import CornerBlur
 from horizon_sensor_ros.core.mathematics.robust import starts_of_parts
@@ -24,11 +32,15 @@ _OF_SIXTHS = 1.5
 _SMEAR_SIGMA_PX = 0.3  # of what motion may add to it
 _LEAST_INFORMATION = 1e-3  # px^-2
 _PARTS = 12  # of a limb, in which edges may be wrong about their blur together
-_SURE = 40.0  # times its variance, the square of a smear that chance does not make
+_SMEARED = 0.1  # of all frames
+_SURE = 0.9  # from how likely on what is seen is taken for a smear, and not for a lens
+# By how much more of it edges of one limb may be wider than others: motion by 2.5 px does that, and
+# by more of it they are too wide to be looked at in the whole frame.
+_MOST_PX = 0.3
 # Blur that needs no motion: of optics and pixels, in a whole frame. What there is more of it may be
 # a smear's, and may go with the direction by so large a share.
 STILL_PX, _SMEARED_SHARE = 0.85, 0.5
-_UNTOLD = 3.0  # times its sigma, what texture may hide of a smear
+_UNTOLD = 2.0  # times its sigma, what texture may hide of a smear
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,18 +105,31 @@ def blur_along(
     if not told.total > 0.0:
         return Blur(np.zeros(len(lacking)), 0.0)
     lens = _of_lens(told, causes.corner_px)
-    corner: CornerBlur | None = lens.seen
-    found = _of_motion(told, lens.corners_px, assumed_px, with_lens=True)
-    if found.sure:
-        # What motion explains is not the lens's, which goes with the direction as much.
-        found = _of_motion(told, 0.0, assumed_px, with_lens=False)
-        corner = None
-    else:
-        found.amounts[_LENS] += lens.corners_px
-        found = found._replace(open_px=math.hypot(found.open_px, lens.open_px))
-    amounts = found.amounts
+    still = _of_motion(told, lens.corners_px, assumed_px, with_lens=True)
+    # What motion explains is not the lens's, which goes with the direction as much.
+    moved = _of_motion(told, 0.0, assumed_px, with_lens=False)
+    log_odds = still.log_odds()
+    if np.ptp(moved.smear[:_SEEN] @ causes.rows) < _MOST_PX:
+        log_odds = max(log_odds, moved.log_odds(lens.explained))
+    share = _likely(log_odds)
+    sure = share > _SURE
+    amounts = still.amounts
+    amounts[_LENS] += lens.corners_px
+    open2 = still.open_px**2 + lens.open_px**2
+    if share > 0.0:
+        off = moved.amounts + moved.smear - amounts
+        open2 += share * (moved.sigma_px**2 - open2)
+        if sure:
+            amounts = amounts + off
+        open2 += (1.0 - share if sure else share) * told.mean_square(off)
     amounts[_COMMON] -= amounts @ told.mean
-    return Blur(amounts[:_SEEN] @ causes.rows, found.open_px, corner)
+    return Blur(amounts[:_SEEN] @ causes.rows, math.sqrt(open2), None if sure else lens.seen)
+
+
+def _likely(log_odds: float) -> float:
+    """How likely it is that motion smears a limb; where nothing speaks for it, it does not."""
+    share = 0.5 + 0.5 * math.tanh(0.5 * log_odds)
+    return share if share > _SMEARED else 0.0
 
 
 class _Told:
@@ -132,6 +157,11 @@ class _Told:
         sums -= np.multiply.outer(self.mean, sums[_COMMON])
         self.parted = (sums / weight) @ sums.T
 
+    def mean_square(self, amounts: np.ndarray) -> float:
+        """Mean square of what amounts (6,) of the causes make along the limb, off its mean."""
+        off = amounts[:_SEEN]
+        return float(off @ self.square[:_SEEN, :_SEEN] @ off) / self.total
+
     def repetition(self, rest: np.ndarray) -> float:
         """How often edges say the same: what parts of a limb leave (6,), over chance."""
         return max(1.0, float(rest @ self.parted @ rest) / max(self._num - 3, 1))
@@ -140,11 +170,13 @@ class _Told:
 class _OfLens(NamedTuple):
     """corners_px : how much the lens adds to the blur in the corners. open_px : one sigma of the
     error that this leaves in common to a sixth of the limb. seen : by what the limb shows alone.
+    explained : of the cost of what is seen, by that.
     """
 
     corners_px: float
     open_px: float
     seen: CornerBlur
+    explained: float
 
 
 def _of_lens(told: _Told, corner_px: float | None) -> _OfLens:
@@ -155,21 +187,38 @@ def _of_lens(told: _Told, corner_px: float | None) -> _OfLens:
     rest = np.array([0.0, -pixels, -corners, 0.0, 0.0, 1.0])
     variance = told.repetition(rest) * a / (a * c - lens * lens)
     seen = CornerBlur(corners, math.sqrt(variance))
+    explained = pixels * raster_seen + corners * lens_seen - raster_seen**2 / a
     if corner_px is None:
         corners, variance = of_either_lens(corners, variance)
     else:
         corners, variance = of_measured_lens(corners, variance, corner_px)
-    return _OfLens(corners, _OF_SIXTHS * math.sqrt(variance * square / told.total), seen)
+    open_px = _OF_SIXTHS * math.sqrt(variance * square / told.total)
+    return _OfLens(corners, open_px, seen, explained)
 
 
 class _Motion(NamedTuple):
-    """Blur by all but the lens. amounts (6,) : of each cause, off its mean. open_px : as of `Blur`.
-    sure : whether motion smears the limb for sure.
+    """Blur by all but the lens, and by a smear.
+
+    amounts (6,) : of each cause but a smear, off its mean. open_px : as of `Blur`, without one.
+    smear (6,) : amounts by it. sigma_px : of what these add to the blur, RMS. explained : of the
+    cost of what is seen, by a smear. repeated : how often edges say the same of it. narrowed :
+    logarithm of what a smear may be beforehand, over what it may be by what is seen.
     """
 
     amounts: np.ndarray
     open_px: float
-    sure: bool
+    smear: np.ndarray
+    sigma_px: float
+    explained: float
+    repeated: float
+    narrowed: float
+
+    def log_odds(self, otherwise: float = 0.0) -> float:
+        """Logarithm of how much likelier this smear is than none, where something else explains so
+        much of the cost.
+        """
+        likelier = 0.5 * (self.explained - otherwise) / self.repeated
+        return math.log(_SMEARED / (1.0 - _SMEARED)) + likelier - self.narrowed
 
 
 def _of_motion(told: _Told, lens_px: float, assumed_px: float, *, with_lens: bool) -> _Motion:
@@ -205,21 +254,23 @@ def _of_motion(told: _Told, lens_px: float, assumed_px: float, *, with_lens: boo
     smears, rest = rows[:2], rows[2]
     (a, b, u), (_, c, v) = (smears @ told.square @ rows.T).tolist()
     smear = np.array(_solved(a + _LEAST_INFORMATION, b, c + _LEAST_INFORMATION, u, v))
-    repeated = told.repetition(rest - smear @ smears)
+    repeated = MISJUDGED**2 * told.repetition(rest - smear @ smears)
     before = repeated * _SMEAR_SIGMA_PX**-2.0
     along, across = _solved(a + before, b, c + before, u, v)
-    sure = along * u + across * v >= _SURE * repeated
-    more = assumed_px + level - STILL_PX
-    amounts = np.array([level, pixels, 0.0, 0.0, 0.0, 0.0])
-    if not sure and more <= 0.0:
-        return _Motion(amounts, 0.0, False)
     # Root of the mean variance of what a smear adds.
     size = (a + before) * (c + before) - b * b
     spread = (c + before) * a - 2.0 * b * b + (a + before) * c
-    open_px = math.sqrt(repeated * max(spread, 0.0) / (size * total))
-    if sure:
-        return _Motion(amounts + np.array([along, across]) @ smears, open_px, True)
-    return _Motion(amounts, min(_SMEARED_SHARE * more, _UNTOLD * open_px), False)
+    sigma_px = math.sqrt(repeated * max(spread, 0.0) / (size * total))
+    more = max(assumed_px + level - STILL_PX, 0.0)
+    return _Motion(
+        amounts=np.array([level, pixels, 0.0, 0.0, 0.0, 0.0]),
+        open_px=min(_SMEARED_SHARE * more, _UNTOLD * sigma_px),
+        smear=np.array([along, across]) @ smears,
+        sigma_px=sigma_px,
+        explained=along * u + across * v,
+        repeated=repeated,
+        narrowed=0.5 * math.log(size / before**2),
+    )
 
 
 def _solved(a: float, b: float, c: float, u: float, v: float) -> tuple[float, float]:
