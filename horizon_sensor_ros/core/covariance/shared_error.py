@@ -24,7 +24,9 @@ _NEGLIGIBLE = 0.02  # shared variance over the points' own that is not worth add
 _MEDIAN_VARIANCE = np.pi / 2.0  # of a median of normal errors, over that of their mean
 _NOT_A_LIMB_PX = 9.0  # bend of a limb to which no distance can be told: no limb bends so far
 _MOST_DARK = 4.0  # usual brightness over that of a place: less is not measured well
-_SURE = 2.0  # times the points' own variance: what chance makes of it
+# Times what is claimed of stretches and of their points, the square of a bend that chance makes:
+# six stretches less three unknowns show twice as much one time in nine.
+_BY_CHANCE = 2.0
 
 
 def with_shared_error(
@@ -94,14 +96,16 @@ class _Shared:
     def coherent2(
         self, fit: HorizonFit, order: np.ndarray, rows_px: np.ndarray, by_px: np.ndarray
     ) -> float:
-        """px^2 that a stretch is off by: what is claimed, or what the stretches show of it beyond
-        their points' own errors. order : (N,) of the points along the limb. rows_px : (N, 3) of the
-        design, in pixels. by_px : (N, 3) how a pixel of each point moves the fit.
+        """px^2 that a stretch is off by: what is claimed, and what the stretches show beyond what
+        chance makes of that and of their points' own errors. order : (N,) of the points along the
+        limb. rows_px : (N, 3) of the design, in pixels. by_px : (N, 3) how a pixel of each point
+        moves the fit.
         """
         if self.claimed2 == 0.0:
             return 0.0
         left = _left(rows_px[order], by_px[order])
-        return max(self.claimed2, bend_px(fit, self.rays) ** 2 / left - _SURE * self.own2)
+        beyond2 = bend_px(fit, self.rays) ** 2 / left - _BY_CHANCE * (self.claimed2 + self.own2)
+        return self.claimed2 + max(beyond2, 0.0)
 
     def of_the_limb(self, order: np.ndarray, by_px: np.ndarray) -> np.ndarray:
         """Covariance (3, 3) of what all points share, with no other limb's. order, by_px : as of

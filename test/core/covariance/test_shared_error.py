@@ -87,6 +87,31 @@ def test_errors_are_as_large_as_claimed(cameras: int, even: bool, slope_px: floa
     assert 1.8 < np.mean(nees) < 3.4
 
 
+@pytest.mark.parametrize("coherent_px", [0.1, 0.4])
+def test_what_chance_bends_a_limb_by_is_not_claimed_besides(coherent_px: float) -> None:
+    """It made claims that hold half as large again, in the mean of their variance."""
+    rng = np.random.default_rng(3)
+    exact = limb_of(0, shared=SharedError(coherent_px))
+
+    def claimed(seen: LimbObservation) -> float:
+        fit = with_shared_error(fit_horizon([seen], PLANET), [seen], PLANET)
+        return float(np.trace(cov_of_cone(fit.cov_nadir_altitude)))
+
+    by_chance = np.mean([claimed(drawn(exact, rng)) for _ in range(300)])
+    assert 1.0 < by_chance / claimed(exact) < 1.4
+
+
+def test_a_limb_that_bends_far_more_than_its_points_claim_is_claimed_to() -> None:
+    """Three degrees of freedom: the median is 2.4."""
+    rng, claims = np.random.default_rng(4), SharedError(0.15)
+    exact, nees = limb_of(0, shared=SharedError(1.5)), []
+    for _ in range(300):
+        seen = drawn(exact, rng)
+        seen = replace(seen, limb=replace(seen.limb, shared=claims))
+        nees.append(nees_of(with_shared_error(fit_horizon([seen], PLANET), [seen], PLANET)))
+    assert np.median(nees) < 4.0
+
+
 def log_scale(seen: LimbObservation) -> np.ndarray:
     """(N,) logarithm of pixels to a radian: by how far two rays beside each point are apart."""
     px, normal_px = seen.limb.px, seen.limb.normal_px
