@@ -32,8 +32,9 @@ _OF_SIXTHS = 1.5
 _SMEAR_SIGMA_PX = 0.3  # of what motion may add to it
 _LEAST_INFORMATION = 1e-3  # px^-2
 _PARTS = 12  # of a limb, in which edges may be wrong about their blur together
-_SMEARED = 0.1  # of all frames
-_SURE = 0.9  # from how likely on what is seen is taken for a smear, and not for a lens
+# How likely a smear is beforehand, and from how likely on what is seen is taken for one, not for an
+# uneven lens.
+_BEFOREHAND, _SURE = 0.1, 0.9
 # By how much more of it edges of one limb may be wider than others: motion by 2.5 px does that, and
 # by more of it they are too wide to be looked at in the whole frame.
 _MOST_PX = 0.3
@@ -119,9 +120,8 @@ def blur_along(
     if share > 0.0:
         off = moved.amounts + moved.smear - amounts
         open2 += share * (moved.sigma_px**2 - open2)
-        if sure:
-            amounts = amounts + off
         open2 += (1.0 - share if sure else share) * told.mean_square(off)
+        amounts += sure * off
     amounts[_COMMON] -= amounts @ told.mean
     return Blur(amounts[:_SEEN] @ causes.rows, math.sqrt(open2), None if sure else lens.seen)
 
@@ -129,7 +129,7 @@ def blur_along(
 def _likely(log_odds: float) -> float:
     """How likely it is that motion smears a limb; where nothing speaks for it, it does not."""
     share = 0.5 + 0.5 * math.tanh(0.5 * log_odds)
-    return share if share > _SMEARED else 0.0
+    return share if share > _BEFOREHAND else 0.0
 
 
 class _Told:
@@ -160,7 +160,7 @@ class _Told:
     def mean_square(self, amounts: np.ndarray) -> float:
         """Mean square of what amounts (6,) of the causes make along the limb, off its mean."""
         off = amounts[:_SEEN]
-        return float(off @ self.square[:_SEEN, :_SEEN] @ off) / self.total
+        return max(float(off @ self.square[:_SEEN, :_SEEN] @ off), 0.0) / self.total
 
     def repetition(self, rest: np.ndarray) -> float:
         """How often edges say the same: what parts of a limb leave (6,), over chance."""
@@ -218,7 +218,7 @@ class _Motion(NamedTuple):
         much of the cost.
         """
         likelier = 0.5 * (self.explained - otherwise) / self.repeated
-        return math.log(_SMEARED / (1.0 - _SMEARED)) + likelier - self.narrowed
+        return math.log(_BEFOREHAND / (1.0 - _BEFOREHAND)) + likelier - self.narrowed
 
 
 def _of_motion(told: _Told, lens_px: float, assumed_px: float, *, with_lens: bool) -> _Motion:
