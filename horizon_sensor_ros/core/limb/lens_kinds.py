@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from horizon_sensor_ros.core.mathematics.odds import share_of
+
 
 @dataclass(frozen=True)
 class Known:
@@ -38,7 +40,7 @@ def of_either(usual: Known, other: Known, log_odds: float) -> tuple[float, float
     log_odds : logarithm of how much likelier the other kind is, before anything is seen.
     """
     log_odds += other.log_likelihood - usual.log_likelihood
-    share = 0.5 + 0.5 * math.tanh(0.5 * log_odds)
+    share = share_of(log_odds)
     off = other.mean - usual.mean
     variance = usual.variance + share * (other.variance - usual.variance)
     return usual.mean + share * off, variance + share * (1.0 - share) * off**2

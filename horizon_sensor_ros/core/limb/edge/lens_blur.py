@@ -9,9 +9,8 @@ Source: derived here.
 
 from __future__ import annotations
 
-import math
-
 from horizon_sensor_ros.core.limb.lens_kinds import Known, of_either
+from horizon_sensor_ros.core.mathematics.odds import log_odds_of
 
 # One sigma of the blur added in the corners, pixels: by lenses that blur evenly, and by the others;
 # and how many are of these.
@@ -28,7 +27,7 @@ def of_either_lens(seen_px: float, variance: float) -> tuple[float, float]:
     """
     variance *= MISJUDGED**2
     even, uneven = (Known.of(seen_px, variance, sigma_px) for sigma_px in (_EVEN_PX, UNEVEN_PX))
-    return of_either(even, uneven, math.log(_UNEVEN_LENSES / (1.0 - _UNEVEN_LENSES)))
+    return of_either(even, uneven, log_odds_of(_UNEVEN_LENSES))
 
 
 def of_measured_lens(seen_px: float, variance: float, told_px: float) -> tuple[float, float]:

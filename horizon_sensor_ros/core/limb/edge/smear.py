@@ -23,6 +23,7 @@ from horizon_sensor_ros.core.limb.edge.lens_blur import (
 )
 from horizon_sensor_ros.core.limb.edge.raster import BLUR_SIGMA_PX
 from horizon_sensor_ros.core.limb_points import CornerBlur
+from horizon_sensor_ros.core.mathematics.odds import log_odds_of, share_of
 from horizon_sensor_ros.core.mathematics.robust import starts_of_parts
 
 _BLUR_SIGMA_PX = 0.03  # how well a limb's blur is known beforehand
@@ -32,9 +33,9 @@ _OF_SIXTHS = 1.5
 _SMEAR_SIGMA_PX = 0.3  # of what motion may add to it
 _LEAST_INFORMATION = 1e-3  # px^-2
 _PARTS = 12  # of a limb, in which edges may be wrong about their blur together
-# How likely a smear is beforehand, and from how likely on what is seen is taken for one, not for an
-# uneven lens.
-_BEFOREHAND, _SURE = 0.1, 0.9
+# Odds of a smear beforehand, and from how likely on what is seen is taken for one, not for an
+# uneven lens. Where what is seen speaks against a smear there is none.
+_LOG_ODDS, _SURE = log_odds_of(0.1), 0.9
 # By how much more of it edges of one limb may be wider than others: motion by 2.5 px does that, and
 # by more of it they are too wide to be looked at in the whole frame.
 _MOST_PX = 0.3
@@ -109,10 +110,10 @@ def blur_along(
     still = _of_motion(told, lens.corners_px, assumed_px, with_lens=True)
     # What motion explains is not the lens's, which goes with the direction as much.
     moved = _of_motion(told, 0.0, assumed_px, with_lens=False)
-    log_odds = still.log_odds()
+    evidence = still.evidence()
     if np.ptp(moved.smear[:_SEEN] @ causes.rows) < _MOST_PX:
-        log_odds = max(log_odds, moved.log_odds(lens.explained))
-    share = _likely(log_odds)
+        evidence = max(evidence, moved.evidence(lens.explained))
+    share = share_of(_LOG_ODDS + evidence) if evidence >= 0.0 else 0.0
     sure = share > _SURE
     amounts = still.amounts
     amounts[_LENS] += lens.corners_px
@@ -124,12 +125,6 @@ def blur_along(
         amounts += sure * off
     amounts[_COMMON] -= amounts @ told.mean
     return Blur(amounts[:_SEEN] @ causes.rows, math.sqrt(open2), None if sure else lens.seen)
-
-
-def _likely(log_odds: float) -> float:
-    """How likely it is that motion smears a limb; where nothing speaks for it, it does not."""
-    share = 0.5 + 0.5 * math.tanh(0.5 * log_odds)
-    return share if share > _BEFOREHAND else 0.0
 
 
 class _Told:
@@ -213,12 +208,11 @@ class _Motion(NamedTuple):
     repeated: float
     narrowed: float
 
-    def log_odds(self, otherwise: float = 0.0) -> float:
-        """Logarithm of how much likelier this smear is than none, where something else explains so
-        much of the cost.
+    def evidence(self, otherwise: float = 0.0) -> float:
+        """Logarithm of how much likelier this smear makes what is seen than none does, where
+        something else explains so much of the cost.
         """
-        likelier = 0.5 * (self.explained - otherwise) / self.repeated
-        return math.log(_BEFOREHAND / (1.0 - _BEFOREHAND)) + likelier - self.narrowed
+        return 0.5 * (self.explained - otherwise) / self.repeated - self.narrowed
 
 
 def _of_motion(told: _Told, lens_px: float, assumed_px: float, *, with_lens: bool) -> _Motion:

@@ -14,6 +14,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.limb.air import FADING_SIGMA
 from horizon_sensor_ros.core.limb.lens_kinds import Known, of_either
+from horizon_sensor_ros.core.mathematics.odds import log_odds_of
 
 # One in so many lenses fades; the others lose light in the corners by so much, in its logarithm.
 _FADING_LENSES, _EVEN_SIGMA = 0.1, 0.02
@@ -35,7 +36,7 @@ def either_lens(mean: float, variance: float) -> tuple[float, float]:
     even, fading = (Known.of(seen, variance, sigma) for sigma in (_EVEN_SIGMA, FADING_SIGMA))
     # Twice the share of the law that lies above zero.
     above = math.erfc(-fading.mean / math.sqrt(2.0 * fading.variance))
-    log_odds = math.log(_FADING_LENSES / (1.0 - _FADING_LENSES)) + math.log(max(above, _NEVER))
+    log_odds = log_odds_of(_FADING_LENSES) + math.log(max(above, _NEVER))
     return of_either(even, fading, log_odds)
 
 
