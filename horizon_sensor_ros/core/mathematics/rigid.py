@@ -53,10 +53,18 @@ def inverse_left_jacobian(vector_rad: np.ndarray) -> np.ndarray:
     return np.asarray(np.eye(3) - across / 2 + share * across @ across)
 
 
+def turn_and_shift(rotation: np.ndarray) -> np.ndarray:
+    """(6, 6) by which a turn and a shift, one below the other, are told about other axes: rotation
+    (3, 3) from the old ones, or what changes with it."""
+    both = np.zeros((6, 6))
+    both[:3, :3] = both[3:, 3:] = rotation
+    return both
+
+
 def rotated_covariance(covariance: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """A covariance (6, 6) of turn and shift about other axes, rotation (3, 3) from the old ones."""
-    turn = np.kron(np.eye(2), rotation)
-    return np.asarray(turn @ covariance @ turn.T)
+    both = turn_and_shift(rotation)
+    return np.asarray(both @ covariance @ both.T)
 
 
 def pose_matrix(rotation: np.ndarray, translation_m: np.ndarray) -> np.ndarray:

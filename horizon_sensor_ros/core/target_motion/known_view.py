@@ -8,7 +8,9 @@ import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import (
     inverse_pose,
+    rotated_covariance,
     skew,
+    turn_and_shift,
 )
 from horizon_sensor_ros.core.target_motion.config import RegistrationConfig
 from horizon_sensor_ros.core.target_motion.registration import Registration
@@ -44,9 +46,9 @@ class KnownView:
         pose = motion.pose_b_from_a @ keyframe.pose
         by_bias = motion.by_bias_at(pose[:3, 3])
         step = motion.covariance_at(pose[:3, 3]) - np.outer(by_bias, by_bias)
-        turn = np.kron(np.eye(2), motion.pose_b_from_a[:3, :3])
-        covariance = step + turn @ keyframe.covariance @ turn.T
-        by_bias = by_bias + turn @ keyframe.by_bias
+        rotation = motion.pose_b_from_a[:3, :3]
+        covariance = step + rotated_covariance(keyframe.covariance, rotation)
+        by_bias = by_bias + turn_and_shift(rotation) @ keyframe.by_bias
         return cls(view, stamp_ns, pose, covariance, by_bias, keyframe.stamp_ns, step)
 
     @property
@@ -89,11 +91,11 @@ def delta_covariance(last: KnownView, now: KnownView) -> np.ndarray:
         total = (now.step_covariance + move @ last.step_covariance @ move.T) / 2
     else:
         total = now.covariance + move @ last.covariance @ move.T
-    back = np.kron(np.eye(2), last.pose[:3, :3].T)
+    back = turn_and_shift(last.pose[:3, :3].T)
     covariance = back @ total @ back.T
     if now.keyframe_ns in (last.stamp_ns, last.keyframe_ns):
         delta = inverse_pose(last.pose) @ now.pose
-        turned = np.kron(np.eye(2), delta[:3, :3] - np.eye(3))
+        turned = turn_and_shift(delta[:3, :3] - np.eye(3))
         turned[3:, :3] = skew(delta[:3, 3])
         turned = turned @ back
         covariance += turned @ last.covariance @ turned.T
