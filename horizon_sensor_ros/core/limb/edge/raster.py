@@ -68,6 +68,12 @@ class Raster:
         """Variances (N,) of the blur, likewise."""
         return _BLUR_REST_PX**2 * self._alike
 
+    def unshaped(self, step: float) -> np.ndarray:
+        """Shares (N,) of what profiles' shapes tell that is not the raster's: it shows the more of
+        itself, the larger the step is over their noise.
+        """
+        return np.asarray(1.0 / (1.0 + np.square(_BLUR_REST_PX * step * self.size)))
+
     @cached_property
     def _alike(self) -> np.ndarray:
         """Squares of the phases, times the stretches of the same: these count as one."""

@@ -49,7 +49,6 @@ _NO_TEXTURE = 5.0  # log odds beforehand of a limb without texture, to any one t
 # Of brightness's deviation along the limb over the noise: no ground follows the textures' law more
 # finely. With less noise errors stay, as measured down to .4 DN, what they are with 2 DN.
 _MOST_TEXTURE = 64.0
-_PHASE_WEIGHT = 3.0  # by which a stretch's phase in the raster takes from what it says of texture
 _SHAPE_ERROR = 0.003  # over the step; no edge is quite the model's
 
 
@@ -94,7 +93,7 @@ def krige_edges(
     usual = ground_texture.likely(bright.deviation / bright.noise)
     unknowns, edge, blur = _on_one_limb(found, usual, limb, tables)
     evidence = -0.5 * (_cost(scaled, edge / over_step, blur / over_step, tables) + tables.log_det)
-    share = _shares(evidence, limb.sure(bright.step) / bright.noise, limb)
+    share = _shares(evidence, bright, limb)
     place, spread2, lacking = _averaged(found, share, limb, tables)
     chi2 = _cost(scaled, place / over_step, lacking.lacking_px / over_step, tables)
     misfit = (share * chi2).sum(axis=1) / (scaled.shape[1] - 3)
@@ -217,16 +216,15 @@ def _on_one_limb(
     return unknowns, stretches.base @ unknowns + error * raster.place, blur
 
 
-def _shares(evidence: np.ndarray, step: np.ndarray, limb: _Limb) -> np.ndarray:
+def _shares(evidence: np.ndarray, bright: _Brightness, limb: _Limb) -> np.ndarray:
     """How likely (N, S) each texture is beside each stretch, by what it and its neighbours say.
 
     evidence : (N, S) log likelihood of their profiles, to which that of their brightness is added.
-    step : of the good ones, over the noise.
     """
     # What the raster does to a profile is not texture.
     nearby = nearness(len(limb.good), max(_LEAST_WINDOW, _WINDOW / limb.ground)) + _ANYWHERE
-    nearby *= limb.telling * np.maximum(1.0 - _PHASE_WEIGHT * limb.raster.size, 0.0)
-    level = level_evidence(step, limb.ground)
+    nearby *= limb.telling * limb.raster.unshaped(bright.usual / bright.noise)
+    level = level_evidence(limb.sure(bright.step) / bright.noise, limb.ground)
     if limb.every:
         evidence += level
     else:
