@@ -91,6 +91,23 @@ def test_the_moonlit_ground_is_the_limb(seed: int) -> None:
     assert abs(fix.fit.altitude_m - ALTITUDE_M) < max(5.0 * sigma_m, 10e3)
 
 
+@pytest.mark.parametrize("few", [1, 4, 8])
+def test_a_few_edges_in_a_dark_frame_do_not_hide_the_layer(few: int) -> None:
+    frames = draw(VIEWS, ALTITUDE_M, night(1, night_light=0.5), NOISE)
+    candidates = [space_boundary_candidates(frame.image) for frame in frames]
+    found = rays_of_candidates(VIEWS, candidates)
+    before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
+    first, second = (each.working for each in candidates)
+    dark = replace(second, gray=np.full_like(second.gray, second.space_level))
+    inliers = before.inliers & (found.camera == 0)
+    of_dark = np.flatnonzero(before.inliers & (found.camera == 1))
+    inliers[of_dark[len(of_dark) // 2 :][:few]] = True
+    glimpsed = replace(before, inliers=inliers)
+    after = ground_under_airglow(VIEWS, [first, dark], found, glimpsed, PLANET)
+    assert after.layer_rad > 0.0
+    assert abs(PLANET.altitude_from_rho(after.rho_rad) - ALTITUDE_M) < 30e3
+
+
 def test_the_layers_edge_is_left_for_the_grounds() -> None:
     before, after = searched(night(1, night_light=0.5))
     assert PLANET.altitude_from_rho(before.rho_rad) < ALTITUDE_M - 60e3

@@ -40,6 +40,28 @@ def test_nothing_is_told_where_little_is_clipped_or_nearly_all() -> None:
     assert black_of(np.zeros(4000, dtype=np.uint8)) is None
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_nothing_is_told_by_white_pixels(dtype: type[np.unsignedinteger]) -> None:
+    """What does not follow zero but white, as of 1-bit video: how bright it was is not known."""
+    most = np.iinfo(dtype).max
+    space = np.zeros(1000, dtype=dtype)
+    space[:300] = most
+    assert black_of(space) is None
+    space[:300] = most - 1
+    found = black_of(space)
+    assert found is None or 0.0 < found.sigma < 2.0 * most
+
+
+def test_white_dots_in_dark_sky_do_not_stop_the_search() -> None:
+    views = limb_views(800e3)
+    image = draw(views, 800e3, None, Imaging(noise_dn=2.0), 3)[0].image
+    dots = np.random.default_rng(0).random(image.shape)
+    for share in (0.02, 0.1, 0.3):
+        dotted = np.where(image > 60, 255, np.where(dots < share, 255, 0)).astype(np.uint8)
+        fix = HorizonSensor().process(as_frames(views[:1], [dotted]))
+        assert fix.ok or fix.reason
+
+
 def test_means_of_clipped_samples_are_taken_back() -> None:
     rng = np.random.default_rng(3)
     black = Black(-4.0, 4.0)

@@ -53,8 +53,9 @@ def black_of(space: np.ndarray) -> Black | None:
     zeros = 1.0 - len(lit) / len(space)
     if not _FEWEST < zeros < _MOST:
         return None
-    value = lit[len(lit) // 2]
-    if lit[int(_TAIL * len(lit))] > _LONGEST_TAIL * value:
+    value = int(lit[len(lit) // 2])
+    # Of white ones nothing tells how much brighter they are.
+    if value == np.iinfo(space.dtype).max or lit[int(_TAIL * len(lit))] > _LONGEST_TAIL * value:
         return None
     law, share, _ = _normal_law()
     below, middle = np.interp([zeros, 0.5 * (1.0 + zeros)], share, law).tolist()

@@ -254,6 +254,8 @@ def may_be_cut_off(
         if num <= cut_off:
             continue
         _, level = bundled(some[reach >= num], level[reach >= num, :num])
+        if len(level) < FEW:
+            continue
         share = level / np.maximum(level.max(axis=1, keepdims=True), 1e-6)
         usual = np.median(share, axis=0)
         behind = usual.argmax()
