@@ -6,7 +6,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, skew
+from horizon_sensor_ros.core.mathematics.rigid import (
+    pose_matrix,
+    rotated_covariance,
+    skew,
+    turn_and_shift,
+)
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.alignment.attempts import Finder, Found
 from horizon_sensor_ros.core.target_motion.alignment.consistency import (
@@ -195,11 +200,9 @@ def _judge(
         reason = f"views agree to {found.score:.3f} over {found.overlap:.2f} of the points"
         return replace(known, status=Status.POOR_FIT, reason=reason)
     turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
-    both = np.zeros((6, 6))
-    both[:3, :3] = both[3:, 3:] = turn_b
     judged = found.uncertainty
-    by_bias = config.range_bias_sigma_m * both @ judged.by_range
-    covariance = both @ judged.covariance @ both.T + np.outer(by_bias, by_bias)
+    by_bias = config.range_bias_sigma_m * turn_and_shift(turn_b) @ judged.by_range
+    covariance = rotated_covariance(judged.covariance, turn_b) + np.outer(by_bias, by_bias)
     known = replace(known, rms_residual_m=judged.rms_residual_m)
     weak = weak_directions(covariance, config.max_rotation_std_rad, config.max_shift_std_m)
     if len(weak):

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.config import TrackerConfig
 from horizon_sensor_ros.core.target_motion.noise.temporal_filter import TemporalFilter
-from horizon_sensor_ros.core.target_motion.ranges.cropped import with_cropped
 from horizon_sensor_ros.core.target_motion.ranges.range_image import cloud_of
 from horizon_sensor_ros.core.target_motion.registration import Registration, register
 from horizon_sensor_ros.core.target_motion.sweeps.sweep import Sweep, sweep_of
@@ -79,9 +76,7 @@ class TargetTracker:
         sweep = None
         if times_s is not None:
             expected = self.config.registration
-            sweep = sweep_of(points, times_s, expected.focal_px, expected.min_points)
-            if sweep is not None:
-                sweep = replace(sweep, image=with_cropped(sweep.image, cropped))
+            sweep = sweep_of(points, times_s, expected.focal_px, expected.min_points, cropped)
         velocity = None if anew else self._velocity_at(stamp_ns)
         view = self._view(points, cropped, sweep, velocity)
         if view.status is not Status.OK:

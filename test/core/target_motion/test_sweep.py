@@ -100,12 +100,34 @@ def errors(fixes: list[TargetFix], deg_s: float, name: str) -> list[tuple[float,
     for k, fix in enumerate(fixes[1:], start=1):
         if fix.status is not Status.OK:
             continue
-        true = pose(k * PERIOD_S) @ frame
-        turn = vector_from_rotation(true[:3, :3] @ fix.pose_sensor_from_target[:3, :3].T)
-        shift = true[:3, 3] - fix.pose_sensor_from_target[:3, 3]
-        off = np.concatenate([turn, shift])
-        off_m = np.sqrt(shift @ shift + 0.25 * turn @ turn)
-        found.append((float(off @ np.linalg.solve(fix.covariance, off)), 1e3 * float(off_m)))
+        off = off_by(fix.pose_sensor_from_target, pose(k * PERIOD_S) @ frame)
+        off_m = np.sqrt(off[3:] @ off[3:] + 0.25 * off[:3] @ off[:3])
+        found.append((nees(off, fix.covariance), 1e3 * float(off_m)))
+    return found
+
+
+def off_by(pose: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """(6,) turn and shift from a pose to the true one."""
+    turn = vector_from_rotation(true[:3, :3] @ pose[:3, :3].T)
+    return np.concatenate([turn, true[:3, 3] - pose[:3, 3]])
+
+
+def nees(off: np.ndarray, covariance: np.ndarray) -> float:
+    return float(off @ np.linalg.solve(covariance, off))
+
+
+def step_nees(fixes: list[TargetFix], deg_s: float, name: str) -> list[float]:
+    """NEES of each step from one fix to the next."""
+    pose = pose_at(deg_s, name)
+    frame = inverse_pose(pose(0.0)) @ fixes[0].pose_sensor_from_target
+    found = []
+    for k, fix in enumerate(fixes[1:], start=1):
+        if fix.delta_previous_from_now is None:
+            continue
+        assert fix.delta_covariance is not None
+        since = k - round(fix.delta_s / PERIOD_S)
+        true = inverse_pose(pose(since * PERIOD_S) @ frame) @ pose(k * PERIOD_S) @ frame
+        found.append(nees(off_by(fix.delta_previous_from_now, true), fix.delta_covariance))
     return found
 
 
@@ -136,6 +158,15 @@ def test_a_sweep_is_taken_out_of_clouds_on_a_grid(name: str) -> None:
     assert told[:, 0].max() < 20.0
     assert np.median(untold[:, 0]) > 20.0
     assert np.median(told[:, 1]) < np.median(untold[:, 1])
+
+
+@pytest.mark.parametrize("name", ["n5", "winged_cylinder"])
+def test_the_step_of_a_swept_target_claims_what_the_sweeps_leave(name: str) -> None:
+    fixes = tracked(swept(30.0, name, 8), True, WIDE)
+    steps = step_nees(fixes, 30.0, name)
+    assert len(steps) >= 5
+    # Of six unknowns; without the sweeps' part 13 to 14.
+    assert np.median(steps) < 7.0
 
 
 def test_by_default_no_more_is_left_than_is_allowed() -> None:
@@ -174,6 +205,28 @@ def test_a_sweep_is_taken_out_of_clouds_on_no_grid() -> None:
     assert len(told) >= 4
     assert np.median(told[:, 0]) < 12.0
     assert np.median(told[:, 1]) < np.median(untold[:, 1])
+
+
+@pytest.mark.parametrize("roll", [False, True], ids=["grid", "no grid"])
+def test_what_a_cropped_arm_hides_is_not_known_of_stilled_clouds_either(roll: bool) -> None:
+    name = "winged_cylinder"
+    rng = np.random.default_rng(1)
+    cloud = swept_scan(
+        CAMERA, TARGETS[name](), pose_at(10.0, name), 0.0, PERIOD_S, rng,
+        roll_rad=0.3 if roll else 0.0,
+    )  # fmt: skip
+    points = cloud.points.reshape(-1, 3)
+    arm = (points[:, 2] > 0.0) & (np.abs(points[:, 0]) < 0.02 * points[:, 2])
+    before = points[arm] * (3.0 / points[arm, 2:])
+    points[arm] = np.nan
+    velocity = Velocity(np.radians([0.0, 10.0, 0.0]), np.zeros(3), NONE)
+    unknown = []
+    for cropped in (before, None):
+        sweep = sweep_of(cloud.points, cloud.times_s, cropped=cropped)
+        assert sweep is not None
+        assert sweep.image.on_grid is not roll
+        unknown.append(np.count_nonzero(sweep.stilled(velocity).unknown))
+    assert unknown[0] - unknown[1] > 0.1 * np.count_nonzero(arm)
 
 
 def test_the_same_sweep_again_is_refused() -> None:

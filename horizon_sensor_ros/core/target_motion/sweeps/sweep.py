@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from horizon_sensor_ros.core.target_motion.ranges.cropped import with_cropped
 from horizon_sensor_ros.core.target_motion.ranges.own_frame import MOST_M
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage, range_image
 from horizon_sensor_ros.core.target_motion.sweeps.stilled_image import stilled_image
@@ -21,11 +22,13 @@ _LEAST_S = 1e-6  # times that differ by less are the same
 @dataclass(frozen=True, eq=False)
 class Sweep:
     """Returns (N, 3) of a cloud, metres, sensor frame, and when each was measured (N,), seconds
-    from the cloud's stamp; and the image of the cloud as it came."""
+    from the cloud's stamp; the image of the cloud as it came, and the returns (M, 3) that were
+    cropped from it."""
 
     points: np.ndarray
     times_s: np.ndarray
     image: RangeImage
+    cropped: np.ndarray
 
     @property
     def rms_s(self) -> float:
@@ -50,7 +53,8 @@ class Sweep:
         if self.image.on_grid:
             return stilled_image(self.image, self.points, self.times_s, velocity, min_points)
         moved = velocity.moved(self.points, -self.times_s)
-        return range_image(moved, focal_px, min_points)
+        # What is no target does not move as one.
+        return with_cropped(range_image(moved, focal_px, min_points), self.cropped)
 
     def error_by(self, velocity: Velocity) -> np.ndarray:
         """(6, 6) covariance of the pose of a cloud that was stilled, by that of the velocity."""
@@ -66,12 +70,14 @@ def sweep_of(
     times_s: np.ndarray,
     focal_px: float | None = None,
     min_points: int = 100,
+    cropped: np.ndarray | None = None,
 ) -> Sweep | None:
     """Return the returns of a cloud with their times; None where these are all the same, none is
     known, or the cloud is of no use.
 
     points : (H, W, 3) or (N, 3); focal_px, min_points : as of `range_image`.  times_s : (H, W) or
-    (N,) seconds from the stamp; a point whose time is not finite is left out.
+    (N,) seconds from the stamp; a point whose time is not finite is left out. cropped : (M, 3)
+    returns that were taken out of the cloud.
     Raises ValueError for times of another shape.
     """
     times_s = np.asarray(times_s)
@@ -85,5 +91,6 @@ def sweep_of(
     flat, times = flat[used].astype(np.float64), times[used].astype(np.float64)
     if float(np.ptp(times)) <= _LEAST_S:
         return None
-    image = range_image(points, focal_px, min_points)
-    return Sweep(flat, times, image) if image.num_used else None
+    cropped = np.empty((0, 3)) if cropped is None else cropped
+    image = with_cropped(range_image(points, focal_px, min_points), cropped)
+    return Sweep(flat, times, image, cropped) if image.num_used else None
