@@ -32,8 +32,9 @@ class _Dated:
 class CoarsePoses:
     """Keeps, in the order in which they came, the poses that may count for the next set of frames.
 
-    The latest counts of those whose stamps are near the set's: one of another time takes no good
-    one's place. It waits until a later one counts, since time may jump to it.
+    The one whose stamp is nearest to the set's counts, and of equals the last that came: one that
+    was held up on its way takes no fresher one's place, and neither does one of another time. That
+    waits until a later one counts, since time may jump to it.
     """
 
     def __init__(self) -> None:
@@ -54,15 +55,22 @@ class CoarsePoses:
         near = [abs(stamp - each.stamp) <= max_age_ns for each in self._poses]
         if not any(near):
             return Chosen(stamp - self._poses[-1].stamp, self._poses[-1].pose)
-        counts = max(index for index, is_near in enumerate(near) if is_near)
+        counts = min(
+            (i for i, is_near in enumerate(near) if is_near),
+            key=lambda i: (abs(stamp - self._poses[i].stamp), -i),
+        )
         new = 0
         for index, each in enumerate(self._poses):
             if not (near[index] or each.told):
                 self._poses[index] = replace(each, told=True)
                 # One that counted before has only grown old.
                 new += index > 0
-        del self._poses[:counts]
-        return Chosen(stamp - self._poses[0].stamp, self._poses[0].pose, new)
+        chosen = self._poses[counts]
+        # Of those that came before it one of later may yet be the nearest.
+        earlier = [each for i, each in enumerate(self._poses[:counts]) if near[i]]
+        later = [each for each in earlier if each.stamp > chosen.stamp]
+        self._poses = [chosen, *later, *self._poses[counts + 1 :]]
+        return Chosen(stamp - chosen.stamp, chosen.pose, new)
 
     def drop(self, is_of_before: Callable[[int], bool]) -> None:
         """Drop poses by their stamps."""

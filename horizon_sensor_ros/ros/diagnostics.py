@@ -19,6 +19,7 @@ OK, WARN, ERROR, STALE = (
     DiagnosticStatus.STALE,
 )
 _LATENCIES = 100
+_RATE_OVER_NS = 5 * NANOSECONDS
 # What a clock with `use_sim_time` shows before it has heard of any time.
 _NO_TIME = 0
 _NO_CLOCK = (
@@ -49,8 +50,8 @@ class Pace:
         """Take note of an estimate that went out; none where the clock shows no time yet."""
         if now == _NO_TIME:
             return
-        self._latencies_ns.append(now - stamp)
         self._forget_later_than(now)
+        self._latencies_ns.append(now - stamp)
         self._published_ns.append(now)
 
     def values(self, now: int) -> dict[str, str]:
@@ -65,17 +66,22 @@ class Pace:
         return {**values, "rate_hz": f"{self._rate_hz(now):.2f}"}
 
     def _rate_hz(self, now: int) -> float:
-        """Estimates a second, over the last ones; falls when they stop coming."""
+        """Estimates a second, over the last ones; falls when they stop coming, and does not
+        remember how long none had come before these.
+        """
         self._forget_later_than(now)
-        times = self._published_ns
-        if len(times) < 2 or now == times[0]:
+        times = list(self._published_ns)
+        # Slow ones are further apart than that: the last two tell.
+        recent = [each for each in times[:-2] if now - each <= _RATE_OVER_NS] + times[-2:]
+        if len(recent) < 2 or now == recent[0]:
             return 0.0
-        return (len(times) - 1) * NANOSECONDS / (now - times[0])
+        return (len(recent) - 1) * NANOSECONDS / (now - recent[0])
 
     def _forget_later_than(self, now: int) -> None:
         """Begin anew where the clock was set back, as in a bag that is looped: all was before."""
         if self._published_ns and self._published_ns[-1] > now:
             self._published_ns.clear()
+            self._latencies_ns.clear()
 
 
 class Monitor(Generic[Pipeline]):

@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
@@ -92,8 +93,11 @@ def run(names: Sequence[str] = ()) -> int:
 
     Without names this is the executable `horizon_sensor`: its parameter `nodes` names them.
     """
+    _open_closed_streams()
     if {"-h", "--help"} & set(sys.argv[1:]):
-        print(_help(names[0] if names else ONE_PROCESS), end="")
+        # Who closes its end has read enough, and a full disk is not the node's to tell.
+        with suppress(OSError):
+            print(_help(names[0] if names else ONE_PROCESS), end="", flush=True)
         return 0
     end = _QuietEnd()
     # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
@@ -145,6 +149,22 @@ def run(names: Sequence[str] = ()) -> int:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _open_closed_streams() -> None:
+    """Open on nothing what the launcher has closed of input, output and errors: the middleware's
+    sockets would get their numbers, and with them what is printed. rclpy needs all three.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    # Python has None for a stream that was closed when it started.
+    if sys.stdout is None:
+        sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
+    if sys.stderr is None:
+        sys.stderr = open(2, "w", closefd=False)  # noqa: SIM115
 
 
 def _help(name: str) -> str:

@@ -6,7 +6,7 @@ import errno
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -56,9 +56,22 @@ def written_whole(*paths: Path) -> Iterator[tuple[Path, ...]]:
     finally:
         for directory in directories.values():
             _remove(directory)
-        for directory in reversed(made):
-            with suppress(OSError):
-                directory.rmdir()
+        remove_folders(made)
+
+
+def make_folders(folder: Path, made: list[Path]) -> None:
+    """Make a folder and those it is in, as far as they are missing, and add them to `made`."""
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    for each in reversed(missing):
+        each.mkdir(exist_ok=True)
+        made.append(each)
+
+
+def remove_folders(made: Sequence[Path]) -> None:
+    """Remove folders that were made, in that order, and stayed empty."""
+    for each in reversed(made):
+        with suppress(OSError):
+            each.rmdir()
 
 
 def remove_unfinished() -> None:
@@ -76,10 +89,7 @@ def _beside(path: Path, directories: dict[Path, Path], made: list[Path]) -> Path
     # On the same file system, where a file takes another's place at once.
     parent = path.resolve().parent
     if parent not in directories:
-        missing = [each for each in (parent, *parent.parents) if not each.exists()]
-        for each in reversed(missing):
-            each.mkdir(exist_ok=True)
-            made.append(each)
+        make_folders(parent, made)
         directories[parent] = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=parent))
         _unfinished.add(directories[parent])
     return directories[parent] / path.name

@@ -228,6 +228,17 @@ def test_a_jump_back_drops_the_pose_of_the_time_before() -> None:
     assert aiding.of_set(START_NS).coarse_pose is not None
 
 
+def test_a_pose_that_was_held_up_takes_no_fresher_ones_place() -> None:
+    aiding = sources()
+    for second, place in ((50, 1), (-5, 2), (49, 3), (20, 4)):
+        aiding.on_coarse_pose(coarse_pose_of(START_NS + second * S, place * POSITION, ROTATION))
+    for second, place in ((51, 1), (51, 1), (21, 4), (52, 1)):
+        pose = aiding.of_set(START_NS + second * S).coarse_pose
+        assert pose is not None
+        np.testing.assert_array_equal(pose.position_ecef_m, place * POSITION)
+        assert aiding.words["coarse_pose"] == "used"
+
+
 @pytest.mark.parametrize("off_s", [-3600, 3600])
 def test_a_pose_of_another_time_takes_no_good_ones_place(off_s: int) -> None:
     aiding = sources()

@@ -306,6 +306,32 @@ def test_the_rate_of_a_looped_bag_is_that_of_the_loop() -> None:
     assert values_of(monitor, 3 * S)["rate_hz"] == "0.00"
 
 
+@pytest.mark.parametrize("silent_s", [3, 20, 2000])
+def test_the_rate_after_an_outage_is_that_of_now(silent_s: int) -> None:
+    monitor = monitor_of()
+    for i in range(40):
+        monitor.on_published(i * S // 10, i * S // 10)
+    after = (4 + silent_s) * S
+    assert float(values_of(monitor, after)["rate_hz"]) < 0.6 * 10.0
+    for i in range(52):
+        monitor.on_published(after + i * S // 10, after + i * S // 10)
+    assert values_of(monitor, after + 51 * S // 10)["rate_hz"] == "10.00"
+
+
+def test_the_rate_of_slow_estimates_is_told() -> None:
+    monitor = monitor_of()
+    for i in range(4):
+        monitor.on_published(20 * i * S, 20 * i * S)
+    assert values_of(monitor, 60 * S)["rate_hz"] == "0.05"
+
+
+def test_latencies_of_a_clock_that_was_set_back_are_forgotten() -> None:
+    monitor = monitor_of()
+    monitor.on_published(97 * S, 100 * S)
+    monitor.on_published(2 * S - S // 100, 2 * S)
+    assert float(values_of(monitor, 2 * S)["latency_max_ms"]) == 10.0
+
+
 def test_a_replay_says_nothing_of_the_machine() -> None:
     pipeline = HorizonPipeline(horizon_settings(PARAMETERS).pipeline)
     monitor = monitor_of(live=False)

@@ -415,6 +415,35 @@ def test_what_stands_where_ros_takes_no_parameters_is_said(
     assert words in last
 
 
+CLOSED = """
+import os, sys
+for number in {numbers}:
+    os.close(number)
+module = "horizon_sensor_ros.ros.attitude_node"
+os.execv(sys.executable, [sys.executable, "-m", module, *sys.argv[1:]])
+"""
+
+
+@pytest.mark.parametrize("numbers", [(2,), (0, 1, 2)])
+def test_a_node_starts_without_standard_streams(
+    start: Callable[..., Program], craft: Craft, params: list[str], numbers: tuple[int, ...]
+) -> None:
+    """As some launchers have them."""
+    program = start("attitude_node", *params, before=["-c", CLOSED.format(numbers=numbers)])
+    craft.match(("attitude_node",))
+    assert program.end() == (0, "")
+
+
+def test_help_into_a_full_disk_is_no_traceback() -> None:
+    command = [sys.executable, "-m", "horizon_sensor_ros.ros.attitude_node", "--help"]
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        done = subprocess.run(
+            command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60.0, check=False
+        )
+    assert done.stderr == ""
+    assert done.returncode == 0
+
+
 def test_an_argument_that_ros_does_not_know_is_said(start: Callable[..., Program]) -> None:
     code, errors = start("attitude_node", "--bad").wait()
     assert code == 1

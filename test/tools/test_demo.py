@@ -34,8 +34,9 @@ from horizon_sensor_ros.ros.messages.estimates import pose_message, twist_messag
 from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.replay import main as replay
 from horizon_sensor_ros.tools.demo import processes as demo_processes
-from horizon_sensor_ros.tools.demo.demo import slower_than
-from horizon_sensor_ros.tools.demo.processes import NodeFailedError, running_nodes
+from horizon_sensor_ros.tools.demo.failures import NodeFailedError
+from horizon_sensor_ros.tools.demo.flight_past_nodes import slower_than
+from horizon_sensor_ros.tools.demo.processes import running_nodes
 from horizon_sensor_ros.tools.demo.recording import DemoBag
 from horizon_sensor_ros.tools.private_domain import private_domain
 from horizon_sensor_ros.tools.report.attitude import attitudes
@@ -483,6 +484,23 @@ def test_what_came_to_the_bag_s_place_during_the_flight_stays(tmp_path: Path) ->
     assert [each.name for each in tmp_path.iterdir()] == ["demo"]
 
 
+def test_interrupt_while_it_is_loaded_is_no_traceback(tmp_path: Path) -> None:
+    """Sent by what is loaded first of all that takes time."""
+    (tmp_path / "numpy.py").write_text(
+        "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(30)\n"
+    )
+    done = subprocess.run(
+        command(tmp_path / "output"),
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 130
+    assert done.stderr == "horizon_demo: interrupted\n"
+
+
 def test_interrupt_leaves_no_process(tmp_path: Path) -> None:
     token = uuid.uuid4().hex
     with subprocess.Popen(
@@ -510,8 +528,8 @@ def test_interrupt_leaves_no_process(tmp_path: Path) -> None:
 
 def test_node_that_refuses_its_parameters_fails_the_demo(tmp_path: Path) -> None:
     script = (
-        "import sys; from horizon_sensor_ros.tools.demo import demo\n"
-        "demo._node_arguments = lambda params: []\n"
+        "import sys; from horizon_sensor_ros.tools.demo import demo, flight_past_nodes\n"
+        "flight_past_nodes._node_arguments = lambda params: []\n"
         "sys.exit(demo.main())"
     )
     done = subprocess.run(

@@ -39,7 +39,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.interfaces import QosReliability
 from rosbags.rosbag2 import Reader
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CompressedImage, Image, Imu
 from std_msgs.msg import String
 
 from horizon_sensor_ros.core.planet import Planet
@@ -867,6 +867,27 @@ def test_a_full_disk_is_said_and_nothing_left(
     assert list(small_disk.iterdir()) == []
 
 
+def test_a_bag_of_aiding_alone_is_no_error(
+    tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_bag(tmp_path / "in", [("/imu", START_NS, Imu())])
+    assert run(bag, tmp_path / "out", "--params", params) == 0
+    assert read(tmp_path / "out")["/attitude"] == []
+    assert "camera_1/image_raw" in capsys.readouterr().err
+
+
+def test_a_folder_that_is_gone_is_no_place_that_a_bag_is_in(
+    tmp_path: Path, flight: Path, params: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(flight, tmp_path / "out", "--params", params) == 0
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert run(flight, tmp_path / "out", "--params", params, "--force") == 0
+    monkeypatch.chdir(tmp_path)
+
+
 @pytest.mark.parametrize("redirected", ["2>&-", "2>/dev/full", "2>&1 | head -c 1"])
 def test_what_cannot_be_printed_costs_no_result(
     tmp_path: Path, flight: Path, params: Path, redirected: str
@@ -882,7 +903,8 @@ def test_what_cannot_be_printed_costs_no_result(
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_it_leaves_nothing_behind(tmp_path: Path, params: Path, how: int) -> None:
     bag = write_bag(tmp_path / "in", recording(4) * 30)
-    arguments = [str(bag), str(tmp_path / "out"), "--params", str(params)]
+    out = tmp_path / "new" / "folder" / "out"
+    arguments = [str(bag), str(out), "--params", str(params)]
     process = subprocess.Popen(
         [sys.executable, "-m", "horizon_sensor_ros.tools.bags.replay", *arguments],
         stderr=subprocess.PIPE,
@@ -890,7 +912,7 @@ def test_interrupted_it_leaves_nothing_behind(tmp_path: Path, params: Path, how:
         env=dict(os.environ),
     )
     deadline = time.monotonic() + 20
-    while not list(tmp_path.glob(".out-*")):
+    while not list(out.parent.glob(".out-*")):
         assert time.monotonic() < deadline
         assert process.poll() is None
     process.send_signal(how)

@@ -198,11 +198,17 @@ def _inputs_of(
     return _of_each(values, inputs)
 
 
-def _taking_part(inputs: dict[str, frozenset[_Input]], recorded: InputBag) -> list[str]:
-    """Nodes that the bag has a topic for; what it has not is said."""
+def _taking_part(
+    inputs: dict[str, frozenset[_Input]], aiding: frozenset[_Input], recorded: InputBag
+) -> list[str]:
+    """Nodes that the bag has a topic for; what it has not is said.
+
+    aiding : what the horizon's nodes take besides; of a bag with nothing else they take part.
+    """
     present = {(c.topic, c.msgtype) for c in recorded.connections}
     wanted = frozenset[_Input]().union(*inputs.values())
-    if not present & wanted:
+    aided = [node for node in inputs if node in HORIZON_NODES] if present & aiding else []
+    if not present & wanted and not aided:
         looked_for = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(wanted))
         there = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(present)) or "  nothing"
         lines = [looked_for, "It has:", there, *advice(wanted, present)]
@@ -211,7 +217,7 @@ def _taking_part(inputs: dict[str, frozenset[_Input]], recorded: InputBag) -> li
         print(lacking(topic, kind, recorded), file=sys.stderr)
     for line in advice(wanted - present, present - wanted):
         print(line, file=sys.stderr)
-    return [node for node, listened_to in inputs.items() if listened_to & present]
+    return [node for node, listened_to in inputs.items() if listened_to & present] or aided
 
 
 def _read_values(params: Path | None, namespace: str) -> dict[str, dict[str, Any]]:
@@ -294,7 +300,7 @@ def replay(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) ->
         raise BagError(str(error)) from None
     recorded = open_bag(arguments.in_bag)
     try:
-        nodes = _taking_part(_inputs_of(values, names), recorded)
+        nodes = _taking_part(_inputs_of(values, names), frozenset(_aiding_inputs(names)), recorded)
         plan = _plan({node: values[node] for node in nodes})
         if plan.horizon:
             for line in of_other_types(_aiding_inputs(names), recorded):

@@ -25,6 +25,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.message_types import type_name
+from horizon_sensor_ros.tools.output_files import make_folders, remove_folders
 
 # The bag's own name is in its bytes; with a fixed one they do not depend on where it is written.
 _BAG_NAME = "horizon"
@@ -50,8 +51,9 @@ class OutputBag:
         self._path = path
         self._typestore = get_typestore(Stores.ROS2_JAZZY)
         self._connections: dict[tuple[str, type], Connection] = {}
+        self._made: list[Path] = []
         with self._writing():
-            path.parent.mkdir(parents=True, exist_ok=True)
+            make_folders(path.parent, self._made)
             self._directory = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
         self._writer = Writer(self._directory / _BAG_NAME, version=9, storage_plugin=storage)
         try:
@@ -102,10 +104,11 @@ class OutputBag:
         shutil.rmtree(self._directory, ignore_errors=True)
 
     def discard(self) -> None:
-        """Remove what was written."""
+        """Remove what was written, and the folders that were made for it."""
         with suppress(Exception):
             self._writer.abort()
         shutil.rmtree(self._directory, ignore_errors=True)
+        remove_folders(self._made)
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -125,12 +128,20 @@ def check_replaceable(path: Path, *sources: Path, force: bool) -> None:
         return
     if not force:
         raise BagError(f"{path} exists; choose another, or --force to replace it")
-    here = Path.cwd()
-    if path.resolve() in (here, *here.parents):
+    here = _current_folder()
+    if here is not None and path.resolve() in (here, *here.parents):
         raise BagError(f"{path} is not replaced: the current folder is in it; run from another one")
     if any(path.resolve() in (s.resolve(), *s.resolve().parents) for s in sources):
         raise BagError(f"{path} is not replaced: only another bag is, and the input is in it")
     _require_bag(path)
+
+
+def _current_folder() -> Path | None:
+    """None where it was removed."""
+    try:
+        return Path.cwd()
+    except OSError:
+        return None
 
 
 def check_own(path: Path) -> None:

@@ -28,6 +28,7 @@ from horizon_sensor_ros.ros.messages.sensors import (
 from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
 from horizon_sensor_ros.ros.participant_end import on_one_core
 from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
+from horizon_sensor_ros.tools.demo.failures import LinkTimeoutError
 
 VERTICAL_TOPIC, ATTITUDE_TOPIC = "local_vertical", "attitude"
 DIAGNOSTICS_TOPIC = "/diagnostics"
@@ -40,10 +41,6 @@ OUTPUT_TOPICS: dict[str, type] = {
 # Frame of the clouds.
 RANGE_CAMERA_FRAME = "tof_optical"
 _PATIENCE_S = 30.0  # with nodes that come up
-
-
-class LinkTimeoutError(RuntimeError):
-    """The nodes did not come up or did not connect in time."""
 
 
 def input_topics(cameras: Sequence[str]) -> dict[str, type]:
@@ -90,8 +87,12 @@ class DemoLink:
         self._record = record
         self._context = rclpy.Context()
         # The demo handles signals itself: it has child processes to end.
+        # Its arguments are not the command line's.
         rclpy.init(
-            context=self._context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO
+            args=[],
+            context=self._context,
+            domain_id=domain,
+            signal_handler_options=SignalHandlerOptions.NO,
         )
         self._node = rclpy.create_node("horizon_demo", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)

@@ -12,14 +12,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from horizon_sensor_ros.tools.demo.failures import NodeFailedError
+
 # A node ends within a second or two; a machine with other work may keep it from that for a while.
 _PATIENCE_S = 20.0
 _LAST_WORDS_S = 2.0
 _SHOWN_LINES = 25
-
-
-class NodeFailedError(RuntimeError):
-    """A node did not start, ended early or badly; the message ends with what it last said."""
 
 
 @dataclass(frozen=True)

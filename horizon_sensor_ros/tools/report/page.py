@@ -81,7 +81,8 @@ def write_page(
         sections=[section for section in sections if section is not None],
     )
     with written_whole(path) as (fresh,):
-        fresh.write_text(page, encoding="utf-8")
+        # Of paths that are no UTF-8.
+        fresh.write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
 def _parameter_values(params: Path | None, namespace: str) -> list[dict[str, Any]] | None:

@@ -16,7 +16,7 @@ from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage,
 from horizon_sensor_ros.core.target_motion.sweeps.stilled_image import stilled_image
 from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity
 
-_LEAST_S = 1e-6  # times that differ by less are the same
+_LEAST_S = 1e-6  # times so near the stamp are the stamp
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ def sweep_of(
     min_points: int = 100,
     cropped: np.ndarray | None = None,
 ) -> Sweep | None:
-    """Return the returns of a cloud with their times; None where these are all the same, none is
+    """Return the returns of a cloud with their times; None where these are all the stamp, none is
     known, or the cloud is of no use.
 
     points : (H, W, 3) or (N, 3); focal_px, min_points : as of `range_image`.  times_s : (H, W) or
@@ -89,7 +89,7 @@ def sweep_of(
     if not used.any():
         return None
     flat, times = flat[used].astype(np.float64), times[used].astype(np.float64)
-    if float(np.ptp(times)) <= _LEAST_S:
+    if float(np.abs(times).max()) <= _LEAST_S:
         return None
     cropped = np.empty((0, 3)) if cropped is None else cropped
     image = with_cropped(range_image(points, focal_px, min_points), cropped)
