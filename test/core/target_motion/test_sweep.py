@@ -62,11 +62,24 @@ def test_the_velocity_between_two_poses_leads_from_one_to_the_other(
 
 def test_times_that_tell_nothing() -> None:
     points = swept(0.0)[0].points
-    everywhere = np.full(points.shape[:2], 0.03)
-    assert sweep_of(points, everywhere) is None
-    assert sweep_of(points, everywhere * np.nan) is None
+    at_the_stamp = np.full(points.shape[:2], 1e-7)
+    assert sweep_of(points, at_the_stamp) is None
+    assert sweep_of(points, at_the_stamp * np.nan) is None
     with pytest.raises(ValueError, match=r"times_s must be \(128, 128\); got \(3,\)"):
         sweep_of(points, np.zeros(3))
+
+
+def test_points_of_one_time_are_brought_to_the_stamp_all_the_same() -> None:
+    """As of a flash lidar, whose clouds are stamped when they are sent."""
+    points = swept(0.0)[0].points
+    sweep = sweep_of(points, np.full(points.shape[:2], -0.3))
+    assert sweep is not None
+    shift_m_s = np.array([0.0, 0.0, 0.2])
+    stilled = sweep.stilled(Velocity(np.zeros(3), shift_m_s, NONE))
+    # About the sensor's own axes: what is in view turns them in which an image is made.
+    moved_m = stilled.centroid_m @ stilled.rot_sensor_from_view.T
+    moved_m = moved_m - sweep.image.centroid_m @ sweep.image.rot_sensor_from_view.T
+    np.testing.assert_allclose(moved_m, 0.3 * shift_m_s, atol=0.005)
 
 
 def pose_at(deg_s: float, name: str = "n5") -> Callable[[float], np.ndarray]:

@@ -23,6 +23,7 @@ from horizon_sensor_ros.core.target_motion.surfaces.edges.places import (
     places_of_ends,
 )
 from horizon_sensor_ros.core.target_motion.surfaces.edges.runs import find_runs
+from horizon_sensor_ros.core.target_motion.surfaces.fading_limb import fading_limb, lost_beyond
 from horizon_sensor_ros.core.target_motion.surfaces.planes import Planes
 
 # A plate's rim, of unknown thickness and seen at the cosine c, moves the face's end by as much as
@@ -54,6 +55,8 @@ def find_ends(image: RangeImage, planes: Planes) -> Edges:
     straight = (sums.n >= _FEWEST_ON_LINE) & (wide < WIDEST_LINE) & (long > _SHORTEST_LINE)
     k = np.flatnonzero(straight & (np.abs(turn) > 0.3))
     limb, normal = _before_end(planes, places.pixel[k], across[:, k])
+    run, *off_px = find_runs(places, angle, i, j)
+    limb |= _not_seen_to_end(image, planes, places, k, across[:, k], run)
     edge = ~(limb & places.sharp[k])
     k, normal = k[edge], normal[:, edge]
     sums, long, along, across = sums.take(k), long[k], along[:, k], across[:, k]
@@ -78,7 +81,6 @@ def find_ends(image: RangeImage, planes: Planes) -> Edges:
     edge_px = np.where(sharp, end_px, THIN_EDGE_PX)
     edge_px = np.where(oblique[k], np.maximum(edge_px, _OBLIQUE_EDGE_PX), edge_px)
     sigma = edge_px / (smooth * image.focal_px)
-    run, *off_px = find_runs(places, angle, i, j)
     alike, leaning = (each[k] / (smooth * image.focal_px) for each in off_px)
     half_width = _half_widths_px(image, planes, places, angle, run)[k] / (smooth * image.focal_px)
     creases = np.zeros(len(k), bool)
@@ -86,6 +88,23 @@ def find_ends(image: RangeImage, planes: Planes) -> Edges:
         points.T, side.T, direction.T, sigma, front.T, rough, tilt, half_width, creases, run[k],
         alike, leaning,
     )  # fmt: skip
+
+
+def _not_seen_to_end(
+    image: RangeImage,
+    planes: Planes,
+    places: Places,
+    k: np.ndarray,
+    across: np.ndarray,
+    run: np.ndarray,
+) -> np.ndarray:
+    """Which of the places k (N,) are where the sensor has lost a curved surface, or what such a one
+    may hide; across : (2, N). run : (P,) of all places."""
+    pixel = places.pixel[k]
+    step = (WAYS @ (1, planes.found.shape[1]))[places.way[k]]
+    fades = fading_limb(planes, pixel, across, run[k])
+    lost = lost_beyond(image.inverse_depth.ravel(), pixel[fades], step[fades], planes.radius_px)
+    return fades | lost[pixel + step]
 
 
 def _scatter_m(
