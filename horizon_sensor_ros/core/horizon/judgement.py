@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from horizon_sensor_ros.core.covariance.shared_error import bend_px
-from horizon_sensor_ros.core.fits.assessment import MIN_POINTS, root_mean_square
+from horizon_sensor_ros.core.fits.assessment import MIN_POINTS, inliers, root_mean_square
 from horizon_sensor_ros.core.fits.maximum_likelihood import METHOD
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
@@ -192,27 +192,48 @@ def _of_edges(
     config: HorizonConfig,
 ) -> tuple[Status, str] | None:
     """`refusal` by edges that bend, or scatter, as no limb's do."""
+    uneven, knowing, even = [], 0, False
     for observation in observations if fit.method == METHOD else ():
-        if not _to_be_held(observation, fit):
+        if observation.view.name not in fit.cameras:
             continue
-        bends = _bends(observation, _by_itself(observation, alone) or fit)
+        one = _by_itself(observation, alone)
+        held = _to_be_held(observation, fit)
+        bends = _bends(observation, one or fit) if held else ""
         if bends:
             return Status.POOR_FIT, bends
-        if len(fit.cameras) > 1 or layered:
-            continue
-        name, limb = observation.view.name, observation.limb
-        sigma_px = median(gather([observation]).sigma_px)
-        scatter = fit.rms_residual_px / sigma_px
-        if not limb.modelled and scatter > _MOST_SCATTER:
-            return Status.POOR_FIT, f"the edge in {name} follows no model of one, and hardly a limb"
-        shared_px = math.hypot(sigma_px, limb.shared.coherent_px)
-        uneven = scatter > _UNEVEN and fit.rms_residual_px > _UNEVEN_BESIDE_SHARED * shared_px
-        if limb.modelled and uneven and config.limb_unevenness_m == 0.0:
-            return Status.POOR_FIT, (
-                f"the edge in {name} is {scatter:.1f} times as uneven as it is sharp: cloud, ice, "
-                "a part of the craft, or mountains (limb_unevenness)?"
-            )
-    return None
+        uneven.append(_uneven(observation, fit, one, config) if held and not layered else "")
+        if one is not None and nadir_sigma_rad(one) <= config.max_nadir_sigma_rad:
+            knowing += 1
+            even |= not uneven[-1]
+    # Two that know nadir by themselves check each other, and an even one checks the others; but two
+    # pieces of edges that are no limb's bear out any common cone.
+    why = next(filter(None, uneven), "")
+    checked = len(fit.cameras) > 1 and (even or knowing > 1)
+    return (Status.POOR_FIT, why) if why and not checked else None
+
+
+def _uneven(
+    observation: LimbObservation, fit: HorizonFit, one: HorizonFit | None, config: HorizonConfig
+) -> str:
+    """Why a camera's edge is too uneven for a limb; empty if it is not. one : fit of that alone."""
+    name, limb = observation.view.name, observation.limb
+    rays = gather([observation])
+    rms_px = (one or fit).rms_residual_px
+    if one is None and len(fit.cameras) > 1:
+        residual = rays.residuals_px(fit.nadir_base, fit.rho_rad)
+        rms_px = root_mean_square(residual[inliers(residual)])
+    sigma_px = median(rays.sigma_px)
+    scatter = rms_px / sigma_px
+    if not limb.modelled and scatter > _MOST_SCATTER:
+        return f"the edge in {name} follows no model of one, and hardly a limb"
+    shared_px = math.hypot(sigma_px, limb.shared.coherent_px)
+    uneven = scatter > _UNEVEN and rms_px > _UNEVEN_BESIDE_SHARED * shared_px
+    if limb.modelled and uneven and config.limb_unevenness_m == 0.0:
+        return (
+            f"the edge in {name} is {scatter:.1f} times as uneven as it is sharp: cloud, ice, "
+            "a part of the craft, or mountains (limb_unevenness)?"
+        )
+    return ""
 
 
 def _of_glow(fit: HorizonFit, glow_over_usual: float) -> tuple[Status, str] | None:

@@ -55,7 +55,8 @@ def test_one_cameras_edges_that_follow_neither_a_model_nor_a_limb(
     observations = seen(scatter_px, modelled, cameras)
     fit = fit_horizon(observations, PLANET)
     assert fit.ok
-    found = refusal(fit, observations, HorizonConfig())
+    alone = [fit_horizon([each], PLANET) for each in observations]
+    found = refusal(fit, observations, HorizonConfig(), alone=alone)
     if refused:
         assert found is not None
         status, reason = found
@@ -81,7 +82,29 @@ def test_one_cameras_edge_is_as_even_as_it_is_sharp() -> None:
     ]
     assert refusal(fit, shared, HorizonConfig()) is None
     pair = seen(0.5, True, 2)
-    assert refusal(fit_horizon(pair, PLANET), pair, HorizonConfig()) is None
+    alone = [fit_horizon([each], PLANET) for each in pair]
+    assert refusal(fit_horizon(pair, PLANET), pair, HorizonConfig(), alone=alone) is None
+
+
+def test_two_pieces_of_uneven_edges_do_not_check_each_other() -> None:
+    """Two limbs that were refused alone were published together, 1.1 deg off at 0.1 claimed."""
+    pieces = []
+    for each in seen(0.4, False, 2):
+        limb = each.limb
+        half = np.arange(len(limb.px)) < 0.25 * len(limb.px)
+        pieces.append(LimbObservation(each.view, limb.take(half)))
+    fit = fit_horizon(pieces, PLANET)
+    assert fit.ok
+    unsure = [fit_horizon([each], PLANET) for each in pieces]
+    unsure = [replace(one, cov_nadir_altitude=100.0 * one.cov_nadir_altitude) for one in unsure]
+    found = refusal(fit, pieces, HorizonConfig(), alone=[one for one in unsure if one.ok])
+    assert found is not None
+    assert "follows no model" in found[1]
+    # One that is even, and knows nadir by itself, does.
+    even = seen(0.1, True, 2)[1]
+    mixed = [pieces[0], even]
+    alone = [fit_horizon([even], PLANET)]
+    assert refusal(fit_horizon(mixed, PLANET), mixed, HorizonConfig(), alone=alone) is None
 
 
 def test_what_lies_under_a_layer_of_airglow_all_along_is_a_limb() -> None:
