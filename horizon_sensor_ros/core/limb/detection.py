@@ -36,7 +36,8 @@ class LimbState:
     """What the limb looked like in simultaneous frames: what following it starts from.
 
     One per frame, in order: sees : whether the frame shows the limb. looks, factors, smears,
-    steepness : as of `Detection`. above_m : of all frames, as of `LimbPoints`.
+    steepness : as of `Detection`. above_m : of all frames, as of `LimbPoints`. white : whether the
+    limb is overexposed, so that its foot alone tells of its edge's look.
     """
 
     sees: tuple[bool, ...]
@@ -45,6 +46,7 @@ class LimbState:
     smears: tuple[Smear | None, ...]
     steepness: tuple[np.ndarray, ...]
     above_m: float
+    white: tuple[bool, ...]
 
     def of(self, frames: Sequence[int]) -> LimbState:
         """That of some of the frames, by number."""
@@ -56,14 +58,17 @@ class LimbState:
             tuple(self.smears[i] for i in frames if self.smears),
             tuple(self.steepness[i] for i in frames if self.steepness),
             self.above_m,
+            tuple(self.white[i] for i in frames),
         )
 
     def with_looks(self, frames: Sequence[int], found: Detection) -> LimbState:
         """The same, of a limb that looks in these frames as was found in them."""
         looks = dict(zip(frames, found.looks, strict=True))
         steepness = dict(zip(frames, found.steepness, strict=True)) if found.steepness else {}
+        white = dict(zip(frames, found.state.white, strict=True))
         return replace(
             self,
+            white=tuple(white.get(i, before) for i, before in enumerate(self.white)),
             looks=tuple(looks.get(i, before) for i, before in enumerate(self.looks)),
             steepness=tuple(steepness.get(i, before) for i, before in enumerate(self.steepness)),
         )
@@ -116,7 +121,10 @@ class Detection:
         """What the limb looks like, to follow it from."""
         sees = tuple(limb.status is Status.OK for limb in self.limbs)
         above_m = max((limb.above_m for limb in self.limbs), default=0.0)
-        return LimbState(sees, self.looks, self.factors, self.smears, self.steepness, above_m)
+        white = tuple(limb.shared.white_px > 0.0 for limb in self.limbs)
+        return LimbState(
+            sees, self.looks, self.factors, self.smears, self.steepness, above_m, white
+        )
 
     @cached_property
     def agreed(self) -> RayCandidates | None:

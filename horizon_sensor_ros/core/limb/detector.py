@@ -207,6 +207,9 @@ def follow_limb(
             if separated is None or separated.state.sees != before.sees:
                 continue
             found = separated
+        if start is before.looks and found.state.white != before.white:
+            # Exposed otherwise: what it looked like then was told by less of it, or by more.
+            continue
         if found.modelled and found.on_course:
             if not smeared_alike(views, images, found, before.smears):
                 return None

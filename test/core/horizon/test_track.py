@@ -24,7 +24,7 @@ from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.planet_figure import disc_of, mean_sphere
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import render_views
-from horizon_sensor_ros.sim.earth_scene import Imaging
+from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.poses import rot_from_axis
 
 ALTITUDE_M = 500e3
@@ -112,7 +112,7 @@ def test_a_limb_is_moved_on_by_three_steps_at_most(since_s: float | None, steps:
     before, rho_rad, growth_rad = np.array([0.36, 0.48, 0.8]), 1.1, 2e-4
     track = Track(
         views=(), cameras=(), nadir_base=step.apply(before), rho_rad=rho_rad,
-        state=LimbState((), (), (), (), (), 0.0), working=(), layer_rad=0.0, airglow=False,
+        state=LimbState((), (), (), (), (), 0.0, ()), working=(), layer_rad=0.0, airglow=False,
         outside={}, elsewhere={}, step=ConeStep(before, rho_rad - growth_rad, 0.1),
     )  # fmt: skip
     nadir, rho = track.predicted_cone(None, since_s)
@@ -178,7 +178,7 @@ def test_edges_in_air_that_is_hardly_any_keep_their_own_blur(blur_px: float) -> 
     # As a fit leaves it that began with another blur, as all do that separate a limb from thin air.
     air = Air(0.0013, np.array([0.5, 0.0, 0.0]), 0.5, 0.75, 6.0, 0.75, faint=True)
     held = EdgeLook(0.75, 1.0, air=air)
-    before = LimbState((True,), ((held,),), (1,), (None,), (np.empty(0),), 0.0)
+    before = LimbState((True,), ((held,),), (1,), (None,), (np.empty(0),), 0.0, (False,))
     found = follow_limb([view], [drawn.image], sphere, cone, before)
     assert found is not None
     look = found.looks[0][0]
@@ -324,3 +324,19 @@ def test_a_search_now_and_then(searches: list[int]) -> None:
     for _ in range(100):
         assert sensor.process(frames).ok
     assert 2 * 2 <= len(searches) <= 2 * 10
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_what_an_overexposed_edge_looked_like_is_not_kept(seed: int) -> None:
+    """By turns of whiter than white and of well exposed frames each tells of its own edge."""
+    views = limb_views(600e3, roll_rad=0.2 + 0.3 * seed)
+    imaging = Imaging(noise_dn=2.0, psf_sigma_px=1.0)
+    ground = EarthScene(texture="smooth", texture_seed=seed, smooth_contrast=0.1)
+    sensor = HorizonSensor()
+    for k in range(6):
+        scene = replace(ground, uniform_dn=120.0 if k % 2 else 900.0)
+        frames = as_frames(views, draw(views, 600e3, scene, imaging, 100 * seed + k))
+        fix = sensor.process(frames)
+        if k % 2:
+            blur_px = HorizonSensor(SEARCHING).process(frames).limbs[0].blur_px
+            assert fix.limbs[0].blur_px == pytest.approx(blur_px, abs=0.05)
