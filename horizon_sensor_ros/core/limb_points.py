@@ -34,6 +34,7 @@ class SharedError(NamedTuple):
     dark_px : of a place that is as bright as is usual along the limb (`LimbPoints.step`), and more
     where it is darker. Air that passes for blur lifts edges the more, the less light the ground
     beside it gives.
+    fields_px : of each of two fields of a frame, one outwards and one inwards.
     """
 
     coherent_px: float = 0.0

@@ -180,8 +180,7 @@ class StretchedEllipsoid:
         up = self._inverse @ -nadir_base
         up /= np.linalg.norm(up)
         coarse_up = _up(self._pose)
-        axis, cosine = np.cross(coarse_up, up), float(coarse_up @ up)
-        off = np.arctan2(np.linalg.norm(axis), cosine)
+        off = np.arctan2(np.linalg.norm(np.cross(coarse_up, up)), float(coarse_up @ up))
         age = self._pose.age_s
         turned = age * float(np.linalg.norm(self._rate.rate_base_rad_s))
         sigma = math.hypot(
@@ -192,8 +191,7 @@ class StretchedEllipsoid:
         if off > min(_CONTRADICTION_SIGMAS * sigma + turned + 1e-3, 0.9 * np.pi):
             why = f"the coarse pose is {np.degrees(off):.0f} deg off the limb's vertical"
             return MeanSphere(self._planet, self._vertical, why)
-        pole = self._pose.rot_ecef_from_base[2]
-        pole = cosine * pole + np.cross(axis, pole) + axis * (axis @ pole) / (1.0 + cosine)
+        pole = _shortest_rotation(coarse_up, up) @ self._pose.rot_ecef_from_base[2]
         about = float(off) * math.sqrt(0.5)
         return StretchedEllipsoid(
             self._planet, self._vertical, self._pose, -up, pole, about, self._rate

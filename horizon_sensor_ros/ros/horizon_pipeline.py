@@ -123,6 +123,7 @@ class HorizonPipeline:
         for name, state in other._cameras.items():
             known = self._cameras[name]
             state.info_key, state.camera = known.info_key, known.camera
+            state.white = known.white
         other.aiding = self.aiding.with_settings(
             settings.aiding, settings.sensor.planet, settings.base_frame
         )

@@ -120,6 +120,23 @@ def test_encoded_light_is_undone_too_once_the_bits_change() -> None:
         assert angle_deg(step.results[0].fix.fit.nadir_base, nadir_of(0, 0)) < 0.1
 
 
+def test_the_scale_of_encoded_light_outlasts_dim_frames_and_other_settings() -> None:
+    """Of twelve bits in sixteen: a dim frame would be of ten by itself."""
+    pipeline = ready(**{"cameras": ["camera_2"], "camera_2.gamma": 2.2})
+    light = horizon_gray("camera_2", nadir_of(0, 0)) / 255.0
+    levels = []
+    for index, white in enumerate([4095, 900, 900]):
+        if index == 2:
+            pipeline = pipeline.with_settings(replace(pipeline.settings, slop_ns=1))
+        gray = np.rint(white * light ** (1.0 / 2.2)).astype(np.uint16)
+        stamp = START_NS + index * PERIOD_NS
+        step = pipeline.on_image("camera_2", image_of(gray, stamp, "camera_2"))
+        (result,) = step.results
+        levels.append(np.median(result.fix.limbs[0].step))
+    assert levels[1] == pytest.approx(levels[0] * (900 / 4095) ** 2.2, rel=0.05)
+    assert levels[2] == pytest.approx(levels[1], rel=0.05)
+
+
 def test_without_camera_info_a_frame_is_refused_by_name() -> None:
     pipeline = pipeline_of()
     step = pipeline.on_image("camera_1", good("camera_1", 0))

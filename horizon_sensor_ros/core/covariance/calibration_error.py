@@ -34,6 +34,7 @@ def with_calibration_error(
     lens_sigma_px: float = 0.0,
     limb_height_sigma_m: float = 0.0,
     limb_unevenness_m: float = 0.0,
+    with_rate: bool = True,
 ) -> HorizonFit:
     """Return the fit with these errors added to its covariance.
 
@@ -42,12 +43,12 @@ def with_calibration_error(
     corners of its frame. limb_height_sigma_m : of the height of the visible limb, the same all
     along it; limb_unevenness_m : of what that differs by from place to place. Zero: taken to be
     exact. The rate at which cameras turn between the time of the set and that at which they see
-    a point (`CameraView.rate`) is the same for all.
+    a point (`CameraView.rate`) is the same for all; with_rate : whether its error is added, too.
     A camera's turn turns the nadir that it would find by itself; of several cameras these are
     weighted by their information. First order; derived here, from the information form of least
     squares.
     """
-    turning = any(seen_late(seen.view) for seen in observations)
+    turning = with_rate and any(seen_late(seen.view) for seen in observations)
     of_cameras = mounting_sigma_rad + lens_sigma_px + limb_unevenness_m > 0.0 or turning
     if not of_cameras and limb_height_sigma_m == 0.0:
         return fit

@@ -75,7 +75,10 @@ def with_contradiction(
     birge = birge_factor(worst.chi2_altitude(), 1) if unlikely else 1.0
     fit = replace(fit, cov_nadir_altitude=birge * fit.cov_nadir_altitude)
     turned_rad = worst.turned_rad(birge)
-    fit = with_calibration_error(fit, observations, sphere, mounting_sigma_rad=turned_rad)
+    # The rate's part is in the fit already.
+    fit = with_calibration_error(
+        fit, observations, sphere, mounting_sigma_rad=turned_rad, with_rate=False
+    )
     return fit, worst.words()
 
 

@@ -88,6 +88,23 @@ def test_one_camera_turns_nadir_with_it() -> None:
     np.testing.assert_allclose(added[3], 0.0, atol=1e-6)
 
 
+def test_the_rates_part_is_added_but_once() -> None:
+    """A fit that has it is enlarged by what cameras contradict each other by."""
+    rate = TurnRate(np.zeros(3), 0.01)
+    seen = [
+        replace(each, view=replace(each.view, readout_s=0.02, rate=rate))
+        for each in exact_limbs((0.0, 90.0))
+    ]
+    fit = fitted(seen)
+    once = with_calibration_error(fit, seen, PLANET)
+    assert np.trace(once.cov_nadir_altitude) > np.trace(fit.cov_nadir_altitude)
+    turned_rad = 1e-12
+    again = with_calibration_error(
+        once, seen, PLANET, mounting_sigma_rad=turned_rad, with_rate=False
+    )
+    np.testing.assert_allclose(again.cov_nadir_altitude, once.cov_nadir_altitude, rtol=1e-6)
+
+
 def _with_other_lens(view: CameraView, focal_px: float, distortion_px: float) -> CameraView:
     """A camera whose corners are off by so much, by focal length and by distortion."""
     camera = view.camera
