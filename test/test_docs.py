@@ -198,6 +198,14 @@ def test_commands_and_topics_of_pages_exist() -> None:
             assert name == "NAME" or name in benchmarks, f"{page.name}: {name}"
 
 
+def test_every_cause_of_a_refusal_is_explained() -> None:
+    written = "\n".join(path.read_text() for path in (ROOT / "horizon_sensor_ros").rglob("*.py"))
+    causes = set(re.findall(r'Refusal\(\s*"([a-z_]+)"', written))
+    assert {"bad_data", "zero_size", "no_camera_info"} <= causes
+    page = text_of("conventions.md")
+    assert [cause for cause in sorted(causes) if f"`{cause}`" not in page] == []
+
+
 # ---------------------------------------------------------------------------- conventions
 
 

@@ -35,6 +35,8 @@ _MOST_SCATTER = 1.5
 # nearest), nor are those of real frames (2.8 and 1.5, uncalibrated); of another renderer's 49
 # decks of cloud that were taken for a limb 29 are beyond.
 _UNEVEN, _UNEVEN_BESIDE_SHARED = 4.0, 2.0
+# Who knows nadir so well by itself, one sigma, checks the other cameras.
+_KNOWS_RAD = np.radians(0.5)
 # Heights of the airglow's edge above a limb: 76 to 99 km in photographs in which that was the
 # ground's, 91 to 110 in simulated frames, whose layer is at 95.
 _LAYER_HEIGHTS_M = 60e3, 120e3
@@ -202,7 +204,7 @@ def _of_edges(
         if bends:
             return Status.POOR_FIT, bends
         uneven.append(_uneven(observation, fit, one, config) if held and not layered else "")
-        if one is not None and nadir_sigma_rad(one) <= config.max_nadir_sigma_rad:
+        if one is not None and nadir_sigma_rad(one) <= _KNOWS_RAD:
             knowing += 1
             even |= not uneven[-1]
     # Two that know nadir by themselves check each other, and an even one checks the others; but two

@@ -1,12 +1,14 @@
 """Where a sensor loses a curved surface: seen too much at a slant it gives no return.
 
-That is no edge of the body: it stays where it is seen while the body turns under it.
+That is no edge of the body: it stays where it is seen while the body turns under it. Nor is the end
+of what such a surface hides.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
 from horizon_sensor_ros.core.target_motion.surfaces.body_limb import LIMB_BEND, limb_reach_px
 from horizon_sensor_ros.core.target_motion.surfaces.planes import Planes
 
@@ -22,7 +24,9 @@ _OFF = 3.0  # of one surface, times what noise and its bend may make
 _FEWEST = 8  # ends that fade for sure, of a sensor that loses surfaces at all
 # Reaches of `limb_reach_px`, so far in, and so far a surface may go on unseen.
 _FARTHER_IN = 2, 3
-_FARTHER_OUT = 7
+_FARTHER_OUT, _BESIDE = 5, 2
+# Of a return before a face: times noise, and pixels' widths.
+_NEARER, _NEARER_PX = 4.0, 2.0
 
 
 def fading_limb(
@@ -85,19 +89,28 @@ def fading_limb(
     return fades
 
 
-def lost_beyond(
-    inverse_depth: np.ndarray, pixel: np.ndarray, step: np.ndarray, radius_px: int
+def may_be_hidden(
+    image: RangeImage, planes: Planes, pixel: np.ndarray, step: np.ndarray, *, fading: bool
 ) -> np.ndarray:
-    """Flat pixels, bool, without a return, in which a surface that fades may go on unseen, and hide
-    what then seems to end at them.
+    """Which ends of faces (N,) something nearer may hide that is seen beyond a gap: it may go on in
+    the gap, unseen.
 
-    inverse_depth : flat, 0 without a return. pixel, step : (N,) last ones of the surface, and from
-    each to the next one outwards.
+    pixel, step : (N,) flat indices at the ends, and from each to the next pixel outwards. fading :
+    whether the sensor is known to lose surfaces: gaps may be wide then.
     """
-    lost = np.zeros(len(inverse_depth), bool)
-    for _ in range(_FARTHER_OUT * limb_reach_px(radius_px)):
-        pixel = np.clip(pixel + step, 0, len(inverse_depth) - 1)
-        none = inverse_depth[pixel] == 0
-        pixel, step = pixel[none], step[none]
-        lost[pixel] = True
-    return lost
+    inverse = image.inverse_depth.ravel()
+    level, noise = planes.level.ravel()[pixel], planes.noise.ravel()[pixel]
+    slopes = np.where(
+        np.abs(step) == 1, planes.slope_u.ravel()[pixel], planes.slope_v.ravel()[pixel]
+    )
+    slopes = slopes * np.sign(step)
+    nearer = level * np.float32(1 + _NEARER_PX / image.focal_px) + _NEARER * noise
+    hidden = np.zeros(len(pixel), bool)
+    gap = np.flatnonzero(inverse[pixel + step] == 0)
+    farthest = (_FARTHER_OUT if fading else _BESIDE) * limb_reach_px(planes.radius_px)
+    for away in range(2, farthest + 1):
+        at = np.clip(pixel[gap] + away * step[gap], 0, len(inverse) - 1)
+        seen = inverse[at] > 0
+        hidden[gap] = seen & (inverse[at] > nearer[gap] + away * slopes[gap])
+        gap = gap[~seen]
+    return hidden

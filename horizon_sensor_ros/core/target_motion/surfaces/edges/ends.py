@@ -23,7 +23,7 @@ from horizon_sensor_ros.core.target_motion.surfaces.edges.places import (
     places_of_ends,
 )
 from horizon_sensor_ros.core.target_motion.surfaces.edges.runs import find_runs
-from horizon_sensor_ros.core.target_motion.surfaces.fading_limb import fading_limb, lost_beyond
+from horizon_sensor_ros.core.target_motion.surfaces.fading_limb import fading_limb, may_be_hidden
 from horizon_sensor_ros.core.target_motion.surfaces.planes import Planes
 
 # A plate's rim, of unknown thickness and seen at the cosine c, moves the face's end by as much as
@@ -103,8 +103,7 @@ def _not_seen_to_end(
     pixel = places.pixel[k]
     step = (WAYS @ (1, planes.found.shape[1]))[places.way[k]]
     fades = fading_limb(planes, pixel, across, run[k])
-    lost = lost_beyond(image.inverse_depth.ravel(), pixel[fades], step[fades], planes.radius_px)
-    return fades | lost[pixel + step]
+    return fades | may_be_hidden(image, planes, pixel, step, fading=bool(fades.any()))
 
 
 def _scatter_m(
