@@ -16,7 +16,7 @@ from horizon_sensor_ros.core.horizon.fix import HorizonFix
 from horizon_sensor_ros.core.limb.air import usual_length_px
 from horizon_sensor_ros.core.limb.edge.smear import STILL_PX
 from horizon_sensor_ros.core.limb_points import CornerBlur, LimbPoints
-from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.attitude import tangent_basis, unit_direction
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.planet_figure import MeanSphere
 
@@ -69,10 +69,19 @@ class CameraHorizon:
 class NadirReference:
     """Nadir (3,) in the base frame from another instrument, with its sigma in any direction: of an
     error that may be the same all along.
+
+    Raises ValueError for a nadir that is no unit vector, or a sigma that is not positive.
     """
 
     nadir_base: np.ndarray
     sigma_rad: float
+
+    def __post_init__(self) -> None:
+        nadir = unit_direction(self.nadir_base, "nadir_base")
+        if not np.allclose(nadir, self.nadir_base, atol=1e-6):
+            raise ValueError(f"nadir_base must be a unit vector, got {self.nadir_base.tolist()}")
+        if not (np.isfinite(self.sigma_rad) and self.sigma_rad > 0):
+            raise ValueError(f"sigma_rad must be positive, got {self.sigma_rad}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -190,3 +190,16 @@ def test_six_stretches_bend_a_limb_as_a_parabola_through_their_middles() -> None
     assert pytest.approx(slope, abs=0.01) == SLOPE_OF_STRETCHES
     assert pytest.approx(bend, abs=0.01) == BEND_OF_STRETCHES
     assert pytest.approx(6**-0.5, abs=0.01) == MEAN_OF_STRETCHES
+
+
+def test_points_that_scatter_more_than_they_claim_are_believed_as_much_less() -> None:
+    """What all of a limb shares is added to the variance that the fit found, not to the claims."""
+    observations = [limb_of(camera, shared=SharedError(0.0, 0.05)) for camera in range(2)]
+    fit = fit_horizon(observations, PLANET)
+    scattered = replace(fit, cov_nadir_altitude=4.0 * fit.cov_nadir_altitude)
+    said, more = (
+        cov_of_cone(with_shared_error(each, observations, PLANET).cov_nadir_altitude)
+        for each in (fit, scattered)
+    )
+    own = cov_of_cone(fit.cov_nadir_altitude)
+    np.testing.assert_allclose(more - said, 3.0 * own, atol=0.1 * np.abs(own).max())

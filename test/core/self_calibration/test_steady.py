@@ -59,6 +59,22 @@ def test_a_reference_that_is_mounted_otherwise_turns_all_cameras() -> None:
     assert np.mean(squares) / 3 == pytest.approx(1.0, abs=0.4)
 
 
+@pytest.mark.parametrize(
+    ("nadir", "sigma_rad", "named"),
+    [
+        ((0.0, 0.0, 2.0), 0.01, "nadir_base"),
+        ((0.0, 0.0, np.nan), 0.01, "nadir_base"),
+        ((0.0, 0.0, 1.0), 0.0, "sigma_rad"),
+        ((0.0, 0.0, 1.0), np.nan, "sigma_rad"),
+    ],
+)
+def test_a_reference_that_makes_no_sense_is_refused(
+    nadir: tuple[float, float, float], sigma_rad: float, named: str
+) -> None:
+    with pytest.raises(ValueError, match=named):
+        NadirReference(np.array(nadir), sigma_rad)
+
+
 def test_how_many_sets_are_alike_is_a_sum_over_all_pairs() -> None:
     times = rng(0).uniform(0.0, 300.0, 200)
     pairs = np.exp(-np.abs(times[:, None] - times) / 60.0)
