@@ -11,7 +11,6 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
@@ -95,9 +94,12 @@ def run(names: Sequence[str] = ()) -> int:
     """
     _open_closed_streams()
     if {"-h", "--help"} & set(sys.argv[1:]):
-        # Who closes its end has read enough, and a full disk is not the node's to tell.
-        with suppress(OSError):
+        try:
             print(_help(names[0] if names else ONE_PROCESS), end="", flush=True)
+        except OSError:
+            # Who closes its end has read enough, and a full disk is not the node's to tell. What is
+            # still held back would fail again when the interpreter ends.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 0
     end = _QuietEnd()
     # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
