@@ -9,7 +9,7 @@ them too.
 Every node: ``managed_node`` (lifecycle, ``parameters``), ``parameter_requests``, ``sim_time``,
 ``reporting_node``, ``state_log``, ``diagnostics`` (with ``horizon_diagnostics``, ``own_counts`` and
 ``target_diagnostics``), ``qos``.
-Processes: ``executable``, ``interruption``, ``participant_end``, ``node_names``, and the
-executables ``local_vertical_node``, ``attitude_node``, ``target_pose_node`` and, all in one,
-``horizon_sensor``. Files: ``yaml_file``, ``resources`` (named by parameters).
+Processes: ``executable``, ``interruption``, ``closed_streams``, ``participant_end``,
+``node_names``, and the executables ``local_vertical_node``, ``attitude_node``, ``target_pose_node``
+and, all in one, ``horizon_sensor``. Files: ``yaml_file``, ``resources`` (named by parameters).
 """

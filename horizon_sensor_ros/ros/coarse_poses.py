@@ -67,8 +67,8 @@ class CoarsePoses:
                 new += index > 0
         chosen = self._poses[counts]
         # Of those that came before it one of later may yet be the nearest.
-        earlier = [each for i, each in enumerate(self._poses[:counts]) if near[i]]
-        later = [each for each in earlier if each.stamp > chosen.stamp]
+        before = zip(self._poses[:counts], near, strict=False)
+        later = [each for each, is_near in before if is_near and each.stamp > chosen.stamp]
         self._poses = [chosen, *later, *self._poses[counts + 1 :]]
         return Chosen(stamp - chosen.stamp, chosen.pose, new)
 

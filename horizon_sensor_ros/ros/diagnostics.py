@@ -19,7 +19,7 @@ OK, WARN, ERROR, STALE = (
     DiagnosticStatus.STALE,
 )
 _LATENCIES = 100
-_RATE_OVER_NS = 5 * NANOSECONDS
+_RATE_OVER_NS = 5 * NANOSECONDS  # the rate is that of estimates no older, or of the last two
 # What a clock with `use_sim_time` shows before it has heard of any time.
 _NO_TIME = 0
 _NO_CLOCK = (

@@ -17,6 +17,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from horizon_sensor_ros.ros.closed_streams import open_closed_streams, write_to_nothing
 from horizon_sensor_ros.ros.interruption import END
 from horizon_sensor_ros.ros.node_names import (
     HORIZON_NODES,
@@ -92,14 +93,13 @@ def run(names: Sequence[str] = ()) -> int:
 
     Without names this is the executable `horizon_sensor`: its parameter `nodes` names them.
     """
-    _open_closed_streams()
+    _with_all_streams()
     if {"-h", "--help"} & set(sys.argv[1:]):
         try:
             print(_help(names[0] if names else ONE_PROCESS), end="", flush=True)
         except OSError:
-            # Who closes its end has read enough, and a full disk is not the node's to tell. What is
-            # still held back would fail again when the interpreter ends.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            # Who closes its end has read enough, and a full disk is not the node's to tell.
+            write_to_nothing(1)
         return 0
     end = _QuietEnd()
     # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
@@ -153,15 +153,9 @@ def run(names: Sequence[str] = ()) -> int:
     return 0
 
 
-def _open_closed_streams() -> None:
-    """Open on nothing what the launcher has closed of input, output and errors: the middleware's
-    sockets would get their numbers, and with them what is printed. rclpy needs all three.
-    """
-    for number in range(3):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)
+def _with_all_streams() -> None:
+    """Have input, output and errors, whatever the launcher has closed: rclpy needs all three."""
+    open_closed_streams()
     # Python has None for a stream that was closed when it started.
     if sys.stdout is None:
         sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
+from horizon_sensor_ros.ros.closed_streams import open_closed_streams, write_to_nothing
+
 
 class StandardStream:
     """A stream to whose end one may write whatever happens.
@@ -39,11 +41,8 @@ class StandardStream:
             do(*arguments)
         except OSError as error:
             self.error = self.error or error
-            # What is still held back would fail again when the interpreter ends.
             with suppress(OSError, ValueError):
-                nothing = os.open(os.devnull, os.O_WRONLY)
-                os.dup2(nothing, self._stream.fileno())
-                os.close(nothing)
+                write_to_nothing(self._stream.fileno())
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
@@ -56,11 +55,7 @@ def lasting_streams() -> Iterator[StandardStream]:
     Closed streams are opened on nothing: a file of the command's would get their number, and with
     it what libraries write there.
     """
-    for number in range(3):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)
+    open_closed_streams()
     before = sys.stdout, sys.stderr
     # Python has None for a stream that was closed when it started.
     opened = [open(os.devnull, "w", encoding="utf-8") for each in before if each is None]  # noqa: SIM115

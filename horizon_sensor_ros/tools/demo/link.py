@@ -86,8 +86,7 @@ class DemoLink:
         self._listeners = listeners
         self._record = record
         self._context = rclpy.Context()
-        # The demo handles signals itself: it has child processes to end.
-        # Its arguments are not the command line's.
+        # The demo handles signals itself, as it has child processes to end, and its command line.
         rclpy.init(
             args=[],
             context=self._context,

@@ -1,14 +1,12 @@
 """Where a sensor loses a curved surface: seen too much at a slant it gives no return.
 
-That is no edge of the body: it stays where it is seen while the body turns under it. Nor is the end
-of what such a surface hides.
+That is no edge of the body: it stays where it is seen while the body turns under it.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
 from horizon_sensor_ros.core.target_motion.surfaces.body_limb import LIMB_BEND, limb_reach_px
 from horizon_sensor_ros.core.target_motion.surfaces.planes import Planes
 
@@ -22,11 +20,7 @@ _SURE, _LEAST_RAD = 3.0, np.radians(1.0)
 _PERHAPS, _MOST_RAD = 2.0, np.radians(8.0)
 _OFF = 3.0  # of one surface, times what noise and its bend may make
 _FEWEST = 8  # ends that fade for sure, of a sensor that loses surfaces at all
-# Reaches of `limb_reach_px`, so far in, and so far a surface may go on unseen.
-_FARTHER_IN = 2, 3
-_FARTHER_OUT, _BESIDE = 5, 2
-# Of a return before a face: times noise, and pixels' widths.
-_NEARER, _NEARER_PX = 4.0, 2.0
+_FARTHER_IN = 2, 3  # reaches of `limb_reach_px`
 
 
 def fading_limb(
@@ -63,54 +57,28 @@ def fading_limb(
         return across[0] * planes.slope_u.ravel()[at] + across[1] * planes.slope_v.ravel()[at]
 
     level, noise = planes.level.ravel(), planes.noise.ravel()
-    sure, perhaps = np.zeros((2, int(run.max()) + 1), bool)
+    count = np.bincount(run)
+    sure, perhaps = np.zeros((2, len(count)), bool)
     for reach in _FARTHER_IN:
-        du, dv = np.rint(across * reach * limb_reach_px(planes.radius_px)).astype(np.int64)
+        away_px = reach * limb_reach_px(planes.radius_px)
+        du, dv = np.rint(across * away_px).astype(np.int64)
         inwards = np.clip(pixel - (dv * planes.found.shape[1] + du), 0, planes.found.size - 1)
         # On one surface, without a step, the falls at both ends tell what lies between.
-        away_px = reach * limb_reach_px(planes.radius_px)
         falls = fall(pixel), fall(inwards)
         off = level[inwards] - level[pixel] + away_px * 0.5 * (falls[0] + falls[1])
         may_be = _OFF * (noise[pixel] + 0.1 * away_px * np.abs(falls[0] - falls[1]))
         bend = np.einsum("ij,ij->i", planes.normals[pixel], planes.normals[inwards])
         known = planes.found.ravel()[inwards] & (bend > LIMB_BEND[1]) & (np.abs(off) < may_be)
-        num = np.bincount(run, known, len(sure))
+        num = np.bincount(run, known, len(count))
         turned = known * (slant(pixel) - slant(inwards))
-        mean = np.bincount(run, turned, len(sure)) / np.maximum(num, 1)
+        mean = np.bincount(run, turned, len(count)) / np.maximum(num, 1)
         # Windows side by side share their returns.
         independent = np.maximum(num / (2 * planes.radius_px + 1), 1)
         sigma = planes.normal_noise_rad * np.sqrt(2 / independent)
-        told = num > 0.5 * np.bincount(run)
+        told = num > 0.5 * count
         sure |= told & (mean > np.maximum(_SURE * sigma, _LEAST_RAD))
         perhaps |= ~told | (mean + _PERHAPS * sigma > _MOST_RAD)
     # Where nothing fades for sure faces are as steep as they are.
     fading = np.count_nonzero(sure[run]) >= _FEWEST
     fades[steep] = (sure | perhaps)[run] if fading else False
     return fades
-
-
-def may_be_hidden(
-    image: RangeImage, planes: Planes, pixel: np.ndarray, step: np.ndarray, *, fading: bool
-) -> np.ndarray:
-    """Which ends of faces (N,) something nearer may hide that is seen beyond a gap: it may go on in
-    the gap, unseen.
-
-    pixel, step : (N,) flat indices at the ends, and from each to the next pixel outwards. fading :
-    whether the sensor is known to lose surfaces: gaps may be wide then.
-    """
-    inverse = image.inverse_depth.ravel()
-    level, noise = planes.level.ravel()[pixel], planes.noise.ravel()[pixel]
-    slopes = np.where(
-        np.abs(step) == 1, planes.slope_u.ravel()[pixel], planes.slope_v.ravel()[pixel]
-    )
-    slopes = slopes * np.sign(step)
-    nearer = level * np.float32(1 + _NEARER_PX / image.focal_px) + _NEARER * noise
-    hidden = np.zeros(len(pixel), bool)
-    gap = np.flatnonzero(inverse[pixel + step] == 0)
-    farthest = (_FARTHER_OUT if fading else _BESIDE) * limb_reach_px(planes.radius_px)
-    for away in range(2, farthest + 1):
-        at = np.clip(pixel[gap] + away * step[gap], 0, len(inverse) - 1)
-        seen = inverse[at] > 0
-        hidden[gap] = seen & (inverse[at] > nearer[gap] + away * slopes[gap])
-        gap = gap[~seen]
-    return hidden

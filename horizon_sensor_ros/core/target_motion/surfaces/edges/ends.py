@@ -8,6 +8,7 @@ from horizon_sensor_ros.core.mathematics.columns import column_crosses, column_d
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
 from horizon_sensor_ros.core.target_motion.surfaces.body_limb import LIMB_BEND, limb_reach_px
 from horizon_sensor_ros.core.target_motion.surfaces.edges.edges import Edges, in_space, no_edges
+from horizon_sensor_ros.core.target_motion.surfaces.edges.hidden_ends import may_be_hidden
 from horizon_sensor_ros.core.target_motion.surfaces.edges.lines import (
     WIDEST_LINE,
     Sums,
@@ -23,7 +24,7 @@ from horizon_sensor_ros.core.target_motion.surfaces.edges.places import (
     places_of_ends,
 )
 from horizon_sensor_ros.core.target_motion.surfaces.edges.runs import find_runs
-from horizon_sensor_ros.core.target_motion.surfaces.fading_limb import fading_limb, may_be_hidden
+from horizon_sensor_ros.core.target_motion.surfaces.fading_limb import fading_limb
 from horizon_sensor_ros.core.target_motion.surfaces.planes import Planes
 
 # A plate's rim, of unknown thickness and seen at the cosine c, moves the face's end by as much as
@@ -100,10 +101,9 @@ def _not_seen_to_end(
 ) -> np.ndarray:
     """Which of the places k (N,) are where the sensor has lost a curved surface, or what such a one
     may hide; across : (2, N). run : (P,) of all places."""
-    pixel = places.pixel[k]
-    step = (WAYS @ (1, planes.found.shape[1]))[places.way[k]]
+    pixel, way = places.pixel[k], places.way[k]
     fades = fading_limb(planes, pixel, across, run[k])
-    return fades | may_be_hidden(image, planes, pixel, step, fading=bool(fades.any()))
+    return fades | may_be_hidden(image, planes, pixel, way, fading=bool(fades.any()))
 
 
 def _scatter_m(
