@@ -81,6 +81,7 @@ class _QuietEnd:
         """Take no more signals: Python, as it ends, drops its handlers, and one would kill it. And
         let the end take no longer than `_END_S`.
         """
+        sys.unraisablehook = _unless_a_late_signal
         for number in _SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         # Should the middleware be stuck all the same (`participant_end`), no Python runs any more.
@@ -161,6 +162,12 @@ def _with_all_streams() -> None:
         sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
     if sys.stderr is None:
         sys.stderr = open(2, "w", closefd=False)  # noqa: SIM115
+
+
+def _unless_a_late_signal(what: Any) -> None:
+    """Say nothing of a signal that came just as signals began to be ignored, as Python does."""
+    if not str(what.exc_value).endswith("ignored due to race condition"):
+        sys.__unraisablehook__(what)
 
 
 def _help(name: str) -> str:

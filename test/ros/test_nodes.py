@@ -298,8 +298,34 @@ def test_signals_that_come_again_while_a_node_ends_do_not_kill_it(
     craft.wait(craft.statuses, "diagnostics")
     while program.process.poll() is None:
         program.process.send_signal(how)
-        time.sleep(0.002)
+        time.sleep(0.0001)
     assert program.end(how) == (0, "")
+
+
+# Ends again and again beneath signals that never pause: of 300 ends some meet one halfway.
+_ENDS = """
+import os, signal, subprocess, sys, time
+from horizon_sensor_ros.ros.executable import _QuietEnd
+hammer = "import os, signal, sys\\nwhile True: os.kill(int(sys.argv[1]), signal.SIGINT)"
+end = _QuietEnd()
+end.immediately = False
+hammers = [subprocess.Popen([sys.executable, "-c", hammer, str(os.getpid())]) for _ in range(2)]
+time.sleep(0.3)
+for _ in range(300):
+    end.begin()
+    signal.signal(signal.SIGINT, end._on_signal)
+    time.sleep(0.001)
+end.begin()
+for each in hammers:
+    each.kill()
+"""
+
+
+def test_a_signal_just_as_signals_begin_to_be_ignored_is_not_told() -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", _ENDS], check=False, capture_output=True, text=True, timeout=60
+    )
+    assert (run.returncode, run.stderr) == (0, "")
 
 
 @pytest.mark.parametrize(

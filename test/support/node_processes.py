@@ -29,6 +29,10 @@ GOALS = {
     Transition.TRANSITION_CLEANUP: State.PRIMARY_STATE_UNCONFIGURED,
     Transition.TRANSITION_ACTIVE_SHUTDOWN: State.PRIMARY_STATE_FINALIZED,
 }
+# What rclpy says where the client had not been found yet: it asks once more (`Listener.ask`).
+_ANSWER_LOST = re.compile(
+    r"^.+: RuntimeWarning: failed to send response (?:to \S+ )?\(timeout\): .+\n(?:  .+\n)?", re.M
+)
 _STATE = re.compile(r"\[[A-Z]+\] \[[\d.]+\] \[[\w.]+\]: now [a-z_]+: ")
 
 
@@ -55,13 +59,15 @@ class Program:
         )
 
     def end(self, how: int = signal.SIGTERM) -> tuple[int, str]:
-        """Signal the process; exit code and what it wrote to stderr beside its nodes' states."""
+        """Signal the process; exit code and what it wrote to stderr beside its nodes' states and
+        answers that were lost.
+        """
         self.process.send_signal(how)
         return self.wait()
 
     def wait(self) -> tuple[int, str]:
         _, errors = self.process.communicate(timeout=PATIENCE_S)
-        lines = errors.splitlines(keepends=True)
+        lines = _ANSWER_LOST.sub("", errors).splitlines(keepends=True)
         self.states += [line for line in lines if _STATE.match(line)]
         return self.process.returncode, "".join(line for line in lines if not _STATE.match(line))
 
