@@ -114,6 +114,33 @@ def test_what_hides_the_target_makes_no_end_of_it_and_what_is_behind_does() -> N
     assert np.count_nonzero(np.abs(at - 0.07) < 0.01) > 10
 
 
+@pytest.mark.parametrize("mixes", [True, False])
+def test_an_outline_that_mixed_pixels_draw_in_is_claimed_for_it(*, mixes: bool) -> None:
+    """A plate 4 m away before a wall at 7 m, its right side moved through a pixel. The range of one
+    that shows both lies between, and is cropped; or is that of what it shows more of.
+    """
+    rays = CAMERA.rays()
+    across, down = np.moveaxis(rays[..., :2] / rays[..., 2:], -1, 0)
+    pitch = across[0, 1] - across[0, 0]
+    crop = Crop((-3.0, -3.0, 3.0), (3.0, 3.0, 4.1))
+    off_sigma = []
+    for right in 0.1 + pitch * np.linspace(0.0, 1.0, 21):
+        covered = np.clip((right - across) / pitch + 0.5, 0.0, 1.0)
+        covered *= np.maximum(np.abs(down), -across) < 0.2
+        covered = covered if mixes else covered > 0.5
+        depth = 4.0 * covered + 7.0 * (1.0 - covered)
+        depth += np.random.default_rng(3).normal(0.0, 0.004, depth.shape)
+        kept, cropped = crop.split(np.stack([across * depth, down * depth, depth], axis=-1))
+        surface = target_view(kept, None, cropped).surface
+        assert surface is not None
+        edges = surface.edges
+        at = edges.points[:, 0] / edges.points[:, 2]
+        of_side = (np.abs(edges.directions[:, 1]) > 0.9) & (at > 0.0)
+        assert np.count_nonzero(of_side) > 20
+        off_sigma.append(4.0 * (at[of_side] - right).mean() / edges.alike_m[of_side].mean())
+    assert 0.7 < np.sqrt(np.mean(np.square(off_sigma))) < 1.3
+
+
 def test_where_the_box_cuts_the_target_it_does_not_end() -> None:
     at = ends_at(behind_an_arm(7.0, 7.0), Crop((-0.4, -3.0, 3.0), (3.0, 3.0, 5.0)))
     assert not (np.abs(at + 0.1) < 0.02).any()

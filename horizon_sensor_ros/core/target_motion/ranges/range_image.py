@@ -40,6 +40,8 @@ class RangeImage:
     inverse_depth : (H, W) float32, 1/m; 0 where there is no return.
     unknown : (H, W) bool, where nothing may be concluded from a missing return: speckle that was
         taken out, and directions outside the sensor's frame.
+    mixed : (H, W) bool, beside returns, where one that lay between them and what is behind was
+        cropped: a surface that ends before it covers a part of that pixel.
     focal_px : pixels of this image a unit of (x/z, y/z).
     origin : (x/z, y/z) of pixel (column 0, row 0).
     num_points : returns in the cloud, see `range_image`.  num_used : pixels with a return.
@@ -59,6 +61,7 @@ class RangeImage:
     reason: str
     inverse_depth: np.ndarray
     unknown: np.ndarray
+    mixed: np.ndarray
     focal_px: float
     origin: np.ndarray
     num_points: int
@@ -196,6 +199,7 @@ def _refused(status: Status, reason: str, num_points: int) -> RangeImage:
         reason,
         empty,
         empty > 0,
+        empty > 0,
         1.0,
         np.zeros(2),
         num_points,
@@ -269,6 +273,7 @@ def _assemble(
         "",
         inverse,
         unknown,
+        np.zeros((height, width), bool),
         focal,
         corner,
         num_points,

@@ -60,11 +60,12 @@ def stilled_image(
         seen.shape,
         STEEPEST / image.focal_px,
     )
-    unknown &= levels == 0
+    mixed = np.pad(image.mixed, room)[source]
     return replace(
         image,
         inverse_depth=levels,
-        unknown=unknown,
+        unknown=unknown & (levels == 0),
+        mixed=mixed & (levels == 0),
         origin=image.origin - room / image.focal_px,
         num_used=int(np.count_nonzero(levels)),
         centroid_m=moved_m.mean(axis=1),

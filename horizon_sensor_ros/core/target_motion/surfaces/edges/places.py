@@ -33,7 +33,7 @@ class Places:
     WAYS leads outwards, (P,), in the order of the ways; pixel coordinates (2, P); inverse depth,
     and how much more it is a pixel inwards, NaN where the surface is one pixel wide; whether it is
     a face's; how many pixels wide the surface is there, along the way; 0 where it is more than a
-    few."""
+    few; whether the next pixel, which it covers in part, was cropped for what lies behind."""
 
     pixel: np.ndarray
     way: np.ndarray
@@ -42,6 +42,7 @@ class Places:
     inwards: np.ndarray
     sharp: np.ndarray
     width_px: np.ndarray
+    mixed: np.ndarray
 
     @property
     def thin(self) -> np.ndarray:
@@ -96,7 +97,8 @@ def places_of_ends(image: RangeImage, planes: Planes) -> Places:
     spot = np.array([column, row]) + 0.5 * WAYS[way].T
     end = np.where(sharp, own[keep] + 0.5 * slope[keep], inverse[k]).astype(float)
     inwards = np.where(gap[0], np.nan, inverse[k - step[keep]] - inverse[k]).astype(float)
-    return Places(k, way, spot, end, inwards, sharp, width_px)
+    mixed = image.mixed.ravel()[q[keep]]
+    return Places(k, way, spot, end, inwards, sharp, width_px, mixed)
 
 
 def _falling_back(image: RangeImage, planes: Planes) -> tuple[np.ndarray, np.ndarray]:

@@ -20,6 +20,9 @@ _LATTICE_PX = np.where(_LATTICE.all(axis=1), 2**0.5, 1.0) / np.hypot(*_LATTICE.T
 # And it may lean: without a step to the next lattice line its ends are anything up to a pixel
 # apart, small slopes the likelier; this is one standard deviation of that.
 _LEANING_PX = 6**-0.5
+# Where pixels that mix a surface with what is behind are cropped, the end is drawn in by what it
+# covers of them: by half a pixel where all of them are.
+_DRAWN_IN_PX = 0.5
 # Cosine between the lines through two places of one run.
 _SAME_RUN = np.cos(np.radians(10.0))
 
@@ -56,6 +59,8 @@ def find_runs(
     own = np.bincount(run, edge_px * edge_px) / np.bincount(run) ** 2
     alike = np.sqrt(np.maximum(alike * alike - own, 0))
     leaning = np.sqrt(np.maximum(leaning * leaning - 12 * own, 0))
+    mixed = np.bincount(run, places.mixed) / np.bincount(run)
+    alike = np.hypot(alike, _DRAWN_IN_PX * np.minimum(2 * mixed, 1.0))
     return run, alike[run], leaning[run] * _along_run(places.spot, angle, run)
 
 
