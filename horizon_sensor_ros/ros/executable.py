@@ -96,11 +96,7 @@ def run(names: Sequence[str] = ()) -> int:
     """
     _with_all_streams()
     if {"-h", "--help"} & set(sys.argv[1:]):
-        try:
-            print(_help(names[0] if names else ONE_PROCESS), end="", flush=True)
-        except OSError:
-            # Who closes its end has read enough, and a full disk is not the node's to tell.
-            write_to_nothing(1)
+        _print_help(names[0] if names else ONE_PROCESS)
         return 0
     end = _QuietEnd()
     # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
@@ -170,14 +166,19 @@ def _unless_a_late_signal(what: Any) -> None:
         sys.__unraisablehook__(what)
 
 
-def _help(name: str) -> str:
+def _print_help(name: str) -> None:
     clouds = name == TARGET_NODE
     remap = (
         "-r target/points:=/tof/points"
         if clouds
         else "-r camera_1/image_raw:=/left/image -r camera_1/camera_info:=/left/info"
     )
-    return _HELP.format(name=name, what=_WHAT[name], remap=f" \\\n      {remap}")
+    text = _HELP.format(name=name, what=_WHAT[name], remap=f" \\\n      {remap}")
+    try:
+        print(text, end="", flush=True)
+    except OSError:
+        # Who closes its end has read enough, and a full disk is not the node's to tell.
+        write_to_nothing(1)
 
 
 def _in_words(error: Exception) -> str:

@@ -214,20 +214,30 @@ def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool
             # No descent left: at the minimum to within rounding, or lost.
             return cone, length2 < 1e-3 * max(1.0, scale * scale), np.array(history)
         if count >= _PATIENCE and not newton:
-            # Along a valley reweighted steps creep: the same way on, while it leads downwards.
-            while np.abs(step).max() < 0.5 * _MAX_STEP_RAD:
-                far = sight.moved(new, basis, step)
-                far_agreement = _agreement(_rest(far.chi, scale))
-                if not (0 < far.rho < np.pi and far_agreement > new_agreement):
-                    break
-                new, new_agreement = far, far_agreement
-                step *= 2.0
+            new = _along_valley(sight, new, basis, step, scale)
         cone = new
         history.append(cone.state)
         if length2 < (_NEAR_ENOUGH if newton else _CONVERGED) * max(1.0, scale * scale):
             return cone, True, np.array(history)
     near = scale < np.inf and length2 < _NEAR_ENOUGH * max(1.0, scale * scale)
     return cone, near, np.array(history)
+
+
+def _along_valley(
+    sight: _Sight, cone: _Cone, basis: np.ndarray, step: np.ndarray, scale: float
+) -> _Cone:
+    """Where the way of a step (3,), in the basis (3, 2), leads on from a cone: along a valley
+    reweighted steps creep, so it is gone on, ever farther, while it leads downwards.
+    """
+    agreement = _agreement(_rest(cone.chi, scale))
+    while np.abs(step).max() < 0.5 * _MAX_STEP_RAD:
+        far = sight.moved(cone, basis, step)
+        far_agreement = _agreement(_rest(far.chi, scale))
+        if not (0 < far.rho < np.pi and far_agreement > agreement):
+            break
+        cone, agreement = far, far_agreement
+        step = 2.0 * step
+    return cone
 
 
 def _assess(

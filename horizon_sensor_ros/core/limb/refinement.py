@@ -95,11 +95,9 @@ def refine_limb(
         looks = (look,)
         edges = modelled_edges(sample, look, edges, rho_rad, step) or edges
     if separate and looks and enough and looks[0].glow_px == 0.0:
-        found = joint.of_thin_air(looks[0], edges, sample.light_beyond(good))
+        found = joint.of_thin_air(looks[0], edges, sample, good)
         if found is not None:
-            # Where light ends, as along a terminator, glow may be fitted to how it fades.
-            rises = beside_over_deep(profiles[good], grid)
-            return replace(found[0], beside_over_deep=rises), found[1]
+            return found
     return limb_of_edges(sample, edges, steepest, looks, view, rho_rad, step, uneven=joint.uneven)
 
 
@@ -204,24 +202,32 @@ class _JointFit:
         points = replace(points, offset_px=rays_of(view, points).residuals_px(*cone))
         return points, (replace(look, air=limb.air),)
 
-    def of_thin_air(self, look: EdgeLook, edges: LimbEdges, beyond: float) -> _Refined | None:
+    def of_thin_air(
+        self, look: EdgeLook, edges: LimbEdges, sample: LimbSample, good: np.ndarray
+    ) -> _Refined | None:
         """`of` where edges show no glow, but may all the same lie in it.
 
         From far away air is as thin as the blur, and either no edge quite looks like one of them,
-        or it passes for blur, and lifts the edges. look : of these. beyond :
-        `LimbSample.light_beyond`.
+        or it passes for blur, and lifts the edges. look : of these, which are good (N,) of the
+        sample's.
         """
         length_px = usual_length_px(self._view, self._cone[1], self._step.factor)
         blurred = (
             look.psf_px > MOST_IN_FOCUS_PX
             and _passes_for_blur(length_px, self._step)
-            and (length_px < _SHINES_PX or beyond > _SHINES)
             and not self._step.expected
+            and (length_px < _SHINES_PX or sample.light_beyond(good) > _SHINES)
         )
         if not (blurred or (edges.model_free and length_px > _THINNEST_PX)):
             return None
         # Where a model fits edges as well, it may be clouds beside a soft lens that look like air.
-        return self.of_air_as_thin_as(length_px, edges.jumps_px, surely=not edges.model_free)
+        surely = not edges.model_free
+        found = self.of_air_as_thin_as(length_px, edges.jumps_px, surely=surely)
+        if found is None:
+            return None
+        # Where light ends, as along a terminator, glow may be fitted to how it fades.
+        rises = beside_over_deep(sample.profiles[good], sample.grid)
+        return replace(found[0], beside_over_deep=rises), found[1]
 
     def of_air_as_thin_as(
         self, length_px: float, jumps_px: float, *, surely: bool

@@ -156,11 +156,18 @@ class Track:
         self._refused, self._missed = 0, 0
         self._doubted = self._strayed = False
         return TargetFix(
-            Status.OK, "", stamp_ns, pose,
-            now.covariance + np.outer(now.by_bias, now.by_bias) + of_sweeps, delta, of_delta,
-            (stamp_ns - last.stamp_ns) * 1e-9, False, found,
-            len(self.keyframes), step.view.image.num_points,
-        )  # fmt: skip
+            Status.OK,
+            "",
+            stamp_ns,
+            pose_sensor_from_target=pose,
+            covariance=now.covariance + np.outer(now.by_bias, now.by_bias) + of_sweeps,
+            delta_previous_from_now=delta,
+            delta_covariance=of_delta,
+            delta_s=(stamp_ns - last.stamp_ns) * 1e-9,
+            registration=found,
+            num_keyframes=len(self.keyframes),
+            num_points=step.view.image.num_points,
+        )
 
     def _motion_to(
         self,

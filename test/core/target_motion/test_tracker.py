@@ -43,6 +43,21 @@ def tumbling(
     return [CAMERA.scan(MESHES[name], pose, rng).points for pose in poses], poses
 
 
+def test_a_defect_of_ours_leaves_no_track(monkeypatch: pytest.MonkeyPatch) -> None:
+    clouds, _ = tumbling(3, 4)
+    tracker = TargetTracker()
+    assert tracker.process(clouds[0], 0).new_frame
+    assert not tracker.process(clouds[1], STEP_NS).new_frame
+    with monkeypatch.context() as broken:
+        broken.setattr(track_module, "register", lambda *_, **__: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            tracker.process(clouds[2], 2 * STEP_NS)
+    fix = tracker.process(clouds[3], 3 * STEP_NS)
+    assert fix.status is Status.OK
+    assert fix.new_frame
+    assert "internal error" in fix.reason
+
+
 def angle_deg(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.degrees(np.linalg.norm(vector_from_rotation(a[:3, :3].T @ b[:3, :3]))))
 

@@ -66,9 +66,16 @@ def modelled_edges(
         fits = believable(likely)
     if sharp and jumps_px < _STEADY_PX and _drift_px(likely, places, good & fits) > _DRIFT_PX:
         return None
-    if found is None:
-        return LimbEdges(likely, fits, False, of_sharpness(steepest.shared, look))
-    return LimbEdges(likely, fits, False, of_sharpness(found.shared, look), found.corner_blur)
+    shared, corner_blur = steepest.shared, None
+    if found is not None:
+        shared, corner_blur = found.shared, found.corner_blur
+    return LimbEdges(
+        likely,
+        fits,
+        model_free=False,
+        shared=of_sharpness(shared, look),
+        corner_blur=corner_blur,
+    )
 
 
 def of_sharpness(shared: SharedError, look: EdgeLook) -> SharedError:

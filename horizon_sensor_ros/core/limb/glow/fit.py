@@ -171,8 +171,7 @@ def _fitted(
         keep = keep & ~outlying
         air = air.changed(stride.change)
         pinned = pinned + 1 if settled and air.psf_px in BLURS_PX else 0
-        moved += stride.far_px
-        since += stride.far_px
+        moved, since = moved + stride.far_px, since + stride.far_px
         if pinned == _PINNED or moved > most_px:
             return None
         nadir_base = nadir_base + tangent_basis(nadir_base) @ stride.change[:2]

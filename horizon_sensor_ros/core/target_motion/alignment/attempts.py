@@ -127,7 +127,7 @@ class Finder:
         a, b, config = self._a, self._b, self._config
         tried = []
         if prior is not None:
-            tried.append(self._regained(self._finish(*prior, False, prior[0]), *prior))
+            tried.append(self._regained(self._finish(*prior, prior[0], searched=False), *prior))
             # What a good start leads to need not be better than what is accepted in the end.
             good = tried[-1].score >= config.min_score and tried[-1].refined.converged
             if good and tried[-1].expected:
@@ -135,7 +135,7 @@ class Finder:
         still = self._still
         shift = b.image.centroid_m - still @ a.image.centroid_m
         first = align_batch(a, b, still[None], shift[None], b.size_m * _SINGLE_GATES, 250)
-        tried.append(self._settle(first[0][0], first[1][0], False))
+        tried.append(self._settle(first[0][0], first[1][0], searched=False))
         sure = _SURE - SCORE_LOST * self._odd
         if tried[-1].score >= sure and tried[-1].refined.converged:
             # Of a shift that is not known well enough another start may know more.
@@ -145,7 +145,7 @@ class Finder:
         # A second candidate, and another reach, only where there is no likely answer yet.
         for reach in (_FIRST_GATES, _WIDE_GATES):
             for rotation, translation in _search(a, b, still, config.search_rad, reach):
-                tried.append(self._settle(rotation, translation, True))
+                tried.append(self._settle(rotation, translation, searched=True))
                 if tried[-1].score >= _LIKELY and tried[-1].sound(config):
                     return max(tried, key=lambda found: found.merit)
         return max(tried, key=lambda found: found.merit)
@@ -157,15 +157,16 @@ class Finder:
         if not (good and _lost(found.uncertainty.covariance, b.size_m, self._config)):
             return found
         start = align_batch(a, b, rotation[None], translation[None], b.size_m * _SINGLE_GATES, 250)
-        again = self._finish(start[0][0], start[1][0], False, rotation)
+        again = self._finish(start[0][0], start[1][0], rotation, searched=False)
         return again if again.merit > found.merit and again.refined.converged else found
 
     def _finish(
         self,
         rotation: np.ndarray,
         translation: np.ndarray,
-        searched: bool,
         prior_rotation: np.ndarray | None = None,
+        *,
+        searched: bool,
     ) -> Found:
         refined = refine(self._matcher, rotation, translation, self._gates, self._hopeless)
         expected = prior_rotation is not None and _near(refined.rotation, prior_rotation)
@@ -198,10 +199,10 @@ class Finder:
         worst = worst_known(covariance, config.max_rotation_std_rad, config.max_shift_std_m)
         return worst > _HOPELESS and not _lost(covariance, self._b.size_m, config)
 
-    def _settle(self, rotation: np.ndarray, translation: np.ndarray, searched: bool) -> Found:
+    def _settle(self, rotation: np.ndarray, translation: np.ndarray, *, searched: bool) -> Found:
         """Refine; where a direction is not known well, or the views do not quite agree, look along
         the weakest direction for what agrees better."""
-        found = self._finish(rotation, translation, searched)
+        found = self._finish(rotation, translation, searched=searched)
         sound = found.sound(self._config)
         clear = sound and found.score > BEYOND_DOUBT - SCORE_LOST * self._odd
         if clear and found.worst(self._config) < _FIRM:
@@ -211,7 +212,7 @@ class Finder:
         score = view_consistency(self._a, self._b, rotations, translations, 300).score
         best = int(np.argmax(score))
         if score[best] > score[count] + (_CLEARER if clear else _BETTER):
-            again = self._finish(rotations[best], translations[best], searched)
+            again = self._finish(rotations[best], translations[best], searched=searched)
             if again.score > found.score and again.sound(self._config):
                 found = again
         return self._deepest(found)
@@ -230,7 +231,7 @@ class Finder:
         best = int(np.argmin(losses))
         if losses[best] > _LESS * loss:
             return found
-        again = self._finish(*motions[best], found.searched)
+        again = self._finish(*motions[best], searched=found.searched)
         closer = self._loss(again.refined.rotation, again.refined.translation_m) < loss
         agrees = again.score > found.score - _BETTER and again.sound(self._config)
         return again if closer and agrees else found
