@@ -2,7 +2,9 @@
 
 A missed bar is marked MISSED in its row and does not change the exit code; a part that breaks does.
 Beside it are commands of their own: ros_latency.py, transport.py and two_hosts.py (live nodes),
-soak.py (a million pairs and clouds), demo_flights.py (the demo's flight, and others like it).
+soak.py (a million pairs and clouds), demo_flights.py (the demo's flight, and others like it),
+target_claims.py (claims of pairs of random bodies), target_beside.py (clouds of more than the
+target).
 """
 
 from __future__ import annotations

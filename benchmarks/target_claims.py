@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from scipy.stats import chi2
 from tables import Options, Table, number
-from target_pairs import nees, random_poses
+from target_pairs import BEYOND_NEES, nees, random_poses
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.mathematics.rigid import inverse_pose
@@ -24,7 +24,6 @@ from horizon_sensor_ros.sim.tof_camera import ToFCamera
 _NOISE_M = (0.002, 0.005, 0.010)
 # And of noise that grows as one over the cosine of the slant, where seen squarely.
 _SLANT_NOISE_M = (0.005, 0.010)
-_THREE_SIGMA = 0.9973
 _UNKNOWNS = 6
 
 
@@ -90,7 +89,7 @@ def _row(noise: str, found: list[float], pairs: int) -> tuple[str, ...]:
     if not found:
         return noise, str(pairs), "0", "-", "-", "-"
     middle, most = np.quantile(found, (0.5, 0.9))
-    beyond = np.mean(np.array(found) > chi2.ppf(_THREE_SIGMA, _UNKNOWNS))
+    beyond = np.mean(np.array(found) > BEYOND_NEES)
     through, share = str(len(found)), f"{100 * beyond:.2f} %"
     return noise, str(pairs), through, number(middle, 2), number(most, 1), share
 

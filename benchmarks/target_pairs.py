@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from horizon_sensor_ros.core.mathematics.rigid import (
     inverse_pose,
@@ -18,6 +19,8 @@ from horizon_sensor_ros.core.mathematics.rigid import (
 from horizon_sensor_ros.sim.shapes import TARGETS
 from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFDisturbances, ToFScan
 
+# Squared error of six unknowns in sigmas, as rare as three sigma of one.
+BEYOND_NEES = float(chi2.ppf(0.9973, 6))
 MESHES = {name: build() for name, build in TARGETS.items()}
 
 
