@@ -80,7 +80,6 @@ class EdgeTable:
     ``step[e] @ I``.
     """
 
-    e_px: np.ndarray
     residual: np.ndarray
     log_det: np.ndarray
     step: np.ndarray
@@ -241,7 +240,6 @@ def tables_of(
         return values.reshape(-1, *values.shape[2:]).astype(dtype)
 
     return EdgeTable(
-        e_px,
         stacked(rotated[..., free:, :], np.float32),
         stacked(np.asarray(log_det), np.float64),
         stacked(step, np.float32),

@@ -46,7 +46,7 @@ class Smear:
     where it is smallest. lacking_px2 : (2, 2) covariance, x right and y down, of the extra blur
     that makes the frame's blur equal in all directions. open_px2 : one sigma of what is then still
     unequal, as a variance. boxed : the edge falls as under a constant motion, not as with soft
-    optics. told : it is known from exposure and angular rate, not from the frame.
+    optics.
     """
 
     across_px: float
@@ -54,7 +54,6 @@ class Smear:
     lacking_px2: np.ndarray
     open_px2: float
     boxed: bool = False
-    told: bool = False
 
     @property
     def sure_px(self) -> float:

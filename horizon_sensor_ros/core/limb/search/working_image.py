@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -23,10 +23,10 @@ class WorkingImage:
     its one sigma of noise, as the search measured them.
     """
 
-    gray: np.ndarray = field(default_factory=lambda: np.empty((0, 0), dtype=np.float32))
-    factor: int = 1
-    space_level: float = np.nan
-    noise: float = np.nan
+    gray: np.ndarray
+    factor: int
+    space_level: float
+    noise: float
 
     @classmethod
     def of(cls, gray: np.ndarray, mask: Mask | None = None) -> WorkingImage:
