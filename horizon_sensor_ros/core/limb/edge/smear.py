@@ -24,7 +24,7 @@ from horizon_sensor_ros.core.limb.edge.lens_blur import (
 from horizon_sensor_ros.core.limb.edge.raster import BLUR_SIGMA_PX
 from horizon_sensor_ros.core.limb_points import CornerBlur
 from horizon_sensor_ros.core.mathematics.odds import log_odds_of, share_of
-from horizon_sensor_ros.core.mathematics.robust import starts_of_parts
+from horizon_sensor_ros.core.mathematics.parts import starts_of_parts
 
 _BLUR_SIGMA_PX = 0.03  # how well a limb's blur is known beforehand
 # Error in common to a sixth of the limb, over one sigma of the lens's part: 2.4 would allow for its

@@ -26,7 +26,8 @@ from horizon_sensor_ros.core.limb.profiles import ProfileGrid, space_mean
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
 from horizon_sensor_ros.core.mathematics.normal_law import normal_cdf
-from horizon_sensor_ros.core.mathematics.robust import median, starts_of_parts
+from horizon_sensor_ros.core.mathematics.parts import starts_of_parts
+from horizon_sensor_ros.core.mathematics.robust import median
 
 _STRETCHES = 12
 # Brightness lost from beside the edge to farther in, over that beside it, from which on it counts:

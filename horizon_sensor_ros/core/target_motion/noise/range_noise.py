@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.robust import least_share
+from horizon_sensor_ros.core.mathematics.robust import lower_quantile
 from horizon_sensor_ros.core.target_motion.noise.mixed_differences import mixed_differences
 from horizon_sensor_ros.core.target_motion.noise.repeated_returns import are_repeated
 from horizon_sensor_ros.core.target_motion.noise.smoothed_noise import (
@@ -145,7 +145,7 @@ def _range_noise(inverse: np.ndarray, seen: np.ndarray) -> float:
         return 0.0
     # The lower quarter, as edges and thin parts bend as well: 0.319 standard deviations of a
     # normal distribution.
-    return least_share(bend / inverse[:, 1:-1][three] ** 2, 0.25) / (0.3186 * np.sqrt(6))
+    return lower_quantile(bend / inverse[:, 1:-1][three] ** 2, 0.25) / (0.3186 * np.sqrt(6))
 
 
 def _stepped_noise(inverse: np.ndarray, seen: np.ndarray, step_m: float) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.robust import least_share
+from horizon_sensor_ros.core.mathematics.robust import lower_quantile
 from horizon_sensor_ros.core.target_motion.noise.range_noise import ReturnNoise, noise_of_returns
 from horizon_sensor_ros.core.target_motion.noise.smoothed_noise import (
     within_surfaces,
@@ -152,7 +152,7 @@ def _fit_and_noise(
     image: RangeImage, seen: np.ndarray, sigma_m: float | None
 ) -> tuple[PlaneFit, _Noise]:
     """Planes in windows as wide as the noise asks for, and what they tell of it."""
-    middle = least_share(image.inverse_depth[seen], 0.5)
+    middle = lower_quantile(image.inverse_depth[seen], 0.5)
     footprint = 1 / (middle * image.focal_px)
     told = noise_of_returns(image) if sigma_m is None else ReturnNoise(sigma_m)
     least = 1e-3 * footprint
