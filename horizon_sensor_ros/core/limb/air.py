@@ -24,6 +24,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.planet import EARTH_RADIUS_M
 
 LIMB, BACKGROUND, BLUR, LOG_GLOW, LOG_HEIGHT, SHARE, FADING = slice(3), 3, 4, slice(5, 8), 8, 9, 10
 STRAY = slice(11, 13)
@@ -36,7 +37,7 @@ KEPT_LIMB, KEPT_BLUR, KEPT_LOG_GLOW = np.arange(3), 3, np.arange(4, 7)
 _LOGS = slice(5, 9)
 _OF_AIR = slice(5, 11)
 # What is known beforehand of each unknown: its usual value, and one sigma.
-USUAL_HEIGHT = 8.5e3 / 6371e3  # of the Earth's air, over its radius
+USUAL_HEIGHT = 8.5e3 / EARTH_RADIUS_M  # of the Earth's air, over its radius
 _HEIGHT_SIGMA = 0.15  # of the logarithm
 BLUR_SIGMA_PX = 0.1  # about the blur of the edges found one by one
 USUAL_SHARE = 0.5

@@ -15,6 +15,7 @@ from horizon_sensor_ros.core.mathematics.rigid import (
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.alignment.attempts import Finder, Found
 from horizon_sensor_ros.core.target_motion.alignment.consistency import (
+    SAMPLES,
     SCORE_LOST,
     odd_share,
     view_consistency,
@@ -26,8 +27,6 @@ from horizon_sensor_ros.core.target_motion.judgement.layers import Layer, layer_
 from horizon_sensor_ros.core.target_motion.judgement.one_body import part_off_m
 from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 from horizon_sensor_ros.core.target_motion.target_view import TargetView
-
-_SAMPLES = 600  # points of each view that a score is of
 
 
 def _nan(*shape: int) -> np.ndarray:
@@ -135,7 +134,7 @@ def gainsaid(
     assert a.surface is not None
     assert b.surface is not None
     rotation, shift = _in_views(pose_b_from_a, a, b)
-    seen = view_consistency(a.surface, b.surface, rotation[None], shift[None], _SAMPLES)
+    seen = view_consistency(a.surface, b.surface, rotation[None], shift[None], SAMPLES)
     known = Registration(
         Status.POOR_FIT, "", score=float(seen.score[0]), overlap=float(seen.overlap[0])
     )

@@ -263,7 +263,7 @@ def straight_curve(count: int, angle_rad: float) -> LimbCurve:
     normal = np.array([np.cos(angle_rad), np.sin(angle_rad)])
     along = np.array([-normal[1], normal[0]])
     px = np.array([100.0, 80.0]) + np.arange(-count // 2, count // 2)[:, None] * along
-    return LimbCurve(px, np.tile(normal, (len(px), 1)))
+    return LimbCurve(px, np.tile(normal, (len(px), 1)), spacing_px=1.0)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.4, 2.0, -1.3])
