@@ -411,7 +411,7 @@ def test_likelihood_against_generalised_least_squares(texture: Texture) -> None:
     for place in GRID.e_px:
         x = d_px - place
         rise = ndtr(-x / SHARP.psf_px)
-        cov = np.eye(len(x)) + np.diag((edge_model._SHAPE_ERROR * level * rise) ** 2)
+        cov = np.eye(len(x)) + np.diag((edge_model.SHAPE_ERROR * level * rise) ** 2)
         unit = texture_covariance(x, SHARP.psf_px, texture.rough)
         cov += (texture.amplitude * level) ** 2 * unit
         design = np.column_stack([np.ones_like(x), rise])
