@@ -31,15 +31,14 @@ def by_night(found: Detection) -> Detection:
     simulated limbs.
     """
     beside_dark = _beside_dark_limb(found)
-    below_layer = found.layer_rad > 0.0
 
     def known(limb: LimbPoints) -> LimbPoints:
         if limb.glow_separated or limb.modelled:
-            doubted = beside_dark or (below_layer and not limb.glow_separated)
+            doubted = beside_dark or (found.below_layer and not limb.glow_separated)
             fading = isinstance(limb, GlowPoints) and limb.twilit
             times = _FADING_BESIDE_DARK if fading else _MODELLED
             return limb.with_shared_errors_times(times) if doubted else limb
-        if below_layer:
+        if found.below_layer:
             height_px = math.hypot(limb.shared.height_px, _HEIGHT_PX)
             enlarged = limb.with_shared_errors_times(_BELOW_LAYER)
             return replace(enlarged, shared=enlarged.shared._replace(height_px=height_px))

@@ -80,7 +80,7 @@ class HorizonSearch:
             disc.rho_rad,
             self._rho_max,
         )
-        if larger_rad == 0.0:
+        if larger_rad is None:
             return None
         small, large = np.degrees([disc.rho_rad, larger_rad])
         reason = f"a moon's limb? It is {small:.2g} deg in radius, a disc beside it {large:.2g}"

@@ -250,7 +250,7 @@ class HorizonSensor:
     ) -> Track:
         """Track from a search. views : of the frames that were looked at. frames : all of them."""
         cameras = fix.cameras_on_cone(views)
-        shows = detection.layer_rad > 0.0 or fix.airglow is not None
+        shows = detection.below_layer or fix.airglow is not None
         by_name = {frame.view.name: frame for frame in frames}
         outside = [view.name for view in views if view.name not in cameras]
         limbs = dict(zip(by_name, fix.limbs, strict=True))

@@ -24,6 +24,7 @@ from horizon_sensor_ros.core.limb.detector import joined
 from horizon_sensor_ros.core.limb.search.columns import LAYER_M
 from horizon_sensor_ros.core.limb.search.selection import Consensus
 from horizon_sensor_ros.core.limb_curve import limb_in_sight
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.core.planet_figure import disc_of
 from horizon_sensor_ros.core.status import Status
 
@@ -119,8 +120,8 @@ class SingleCameras:
             if fix.limbs[i].status is Status.BAD_IMAGE:
                 continue
             by_itself = self.judged(i).fix
-            apart_rad = disagreement_rad(by_itself.fit, fix.fit) if by_itself.ok else 0.0
-            if apart_rad > 0.0:
+            apart_rad = disagreement_rad(by_itself.fit, fix.fit) if by_itself.ok else None
+            if apart_rad is not None:
                 yield i, apart_rad
 
     def refusing(self, fix: HorizonFix) -> HorizonFix | None:
@@ -142,7 +143,7 @@ class SingleCameras:
         others = max((self._on_cone_of(elsewhere, i) for i in elsewhere), key=len, default=[])
         if not others or len(others) < len(agree):
             return None
-        apart_rad = disagreement_rad(self.judged(others[0]).fix.fit, fix.fit)
+        apart_rad = angle_rad(self.judged(others[0]).fix.fit.nadir_base, fix.fit.nadir_base)
         names = [self._names[i] for i in others]
         reason = (
             f"{' and '.join(names)} alone {'finds' if len(names) == 1 else 'find'} nadir "
@@ -154,8 +155,8 @@ class SingleCameras:
     def _on_cone_of(self, cameras: Sequence[int], i: int) -> list[int]:
         """Camera `i`, and those of some that by themselves do not find nadir elsewhere than it."""
         own = self.judged(i).fix.fit
-        rest = [k for k in cameras if k != i]
-        return [i, *(k for k in rest if not disagreement_rad(self.judged(k).fix.fit, own))]
+        rest = {k: self.judged(k).fix.fit for k in cameras if k != i}
+        return [i, *(k for k, fit in rest.items() if disagreement_rad(fit, own) is None)]
 
     def by_own_limbs(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
         """Fix, or why there is none, by the limbs that cameras find by themselves, where these

@@ -112,6 +112,11 @@ class Detection:
     airglow: bool = True
 
     @property
+    def below_layer(self) -> bool:
+        """Whether a layer of airglow lies above the limb."""
+        return self.layer_rad > 0.0
+
+    @property
     def limbs(self) -> tuple[LimbPoints, ...]:
         """Limb in each frame."""
         return tuple(seen.limb for seen in self.observations)
@@ -205,7 +210,7 @@ class Detection:
         """Share (0 to 1) of the edges on which the search agreed that lie outside a frame's limb; 0
         where the limb was followed, or where glow above it may explain them.
         """
-        if self.agreed is None or self.layer_rad > 0.0 or self.limbs[index].glow_separated:
+        if self.agreed is None or self.below_layer or self.limbs[index].glow_separated:
             return 0.0
         of_frame = self.agreed.camera == index
         outside = self.agreed.outside(self.nadir_base, self.rho_rad) & of_frame
@@ -215,7 +220,7 @@ class Detection:
         """Quartiles of the height of the layer of airglow above a fit's limb; None where it was not
         measured.
         """
-        if self.agreed is None or self.layer_rad == 0.0:
+        if self.agreed is None or not self.below_layer:
             return None
         return layer_heights_m(self.agreed, (fit.nadir_base, fit.rho_rad), planet)
 
@@ -224,7 +229,7 @@ class Detection:
         one; 0 without glow, where limb and glow were separated, and below a layer of airglow.
         """
         limb, looks = self.limbs[index], self.looks[index]
-        if self.layer_rad > 0.0 or limb.glow_separated or not looks or looks[0].glow_px == 0.0:
+        if self.below_layer or limb.glow_separated or not looks or looks[0].glow_px == 0.0:
             return 0.0
         view = self.observations[index].view
         usual_px = usual_length_px(view, self.rho_rad, self.factors[index])

@@ -105,7 +105,7 @@ def detect_limb(
                 return within
         return _nothing(views, working, consensus)
     looked = daylit or _looked_for(views, images, planet, working, consensus)
-    if near is None and not (daylit or consensus.unanimous) and consensus.layer_rad == 0.0:
+    if near is None and not (daylit or consensus.unanimous) and not consensus.below_layer:
         below = _below_airglow(views, planet, working, found, looked)
         if below is not None:
             consensus = below
@@ -144,7 +144,7 @@ def limb_of_one(
     consensus = ground_under_airglow([view], [working], candidates, consensus, planet)
     elsewhere = (
         consensus.status is not Status.OK
-        or consensus.layer_rad > 0.0
+        or consensus.below_layer
         or consensus.apart_px(seen.rays, working.factor * view.camera.pixel_rad) > _ANOTHER_PX
     )
     if elsewhere:

@@ -104,6 +104,11 @@ class Consensus:
     by_day: Consensus | None = None
     perhaps_layer: bool = False
 
+    @property
+    def below_layer(self) -> bool:
+        """Whether the edge of a layer of airglow lies above the limb."""
+        return self.layer_rad > 0.0
+
     def apart_px(self, limb: LimbRays, pitch_rad: float) -> float:
         """How far nine tenths of a limb's points lie off the cone at most, pixels of this pitch."""
         angle_rad = limb.angles(self.nadir_base)[0]
