@@ -66,7 +66,7 @@ class Registration:
     doubted: bool = False
 
     def refused(self, status: Status, reason: str) -> Registration:
-        """The same without its motion."""
+        """Return how well the views agree, without the motion, and why there is none."""
         return Registration(
             status, reason, score=self.score, overlap=self.overlap,
             rms_residual_m=self.rms_residual_m, num_points=self.num_points, searched=self.searched,
@@ -130,7 +130,11 @@ def gainsaid(
     a: TargetView, b: TargetView, pose_b_from_a: np.ndarray, config: RegistrationConfig
 ) -> Registration | None:
     """Hold a motion that was not found between these two views against them: a refusal where they
-    contradict each other or a part of them is off, else None."""
+    contradict each other or a part of them is off, else None.
+
+    pose_b_from_a : (4, 4) the motion, p_b = pose p_a in the sensor's frame. Both views have
+        surfaces.
+    """
     assert a.surface is not None
     assert b.surface is not None
     rotation, shift = _in_views(pose_b_from_a, a, b)
