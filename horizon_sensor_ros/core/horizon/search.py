@@ -89,7 +89,7 @@ class HorizonSearch:
     def _found(
         self, frames: Sequence[Frame], unusable: Sequence[LimbPoints | None], aiding: Aiding
     ) -> tuple[HorizonFix, Detection | None]:
-        """The same, whatever shows beside it."""
+        """Fix and detection as of `fix`, whatever shows beside the disc that the fix is of."""
         limbs = list(unusable)
         look = partial(self._sighting, aiding)
         singles = SingleCameras(frames, look, self._of_one, self._estimator, self._any_sigma)

@@ -178,7 +178,7 @@ class SingleCameras:
         return self._by_what_is_known(sighting, fix)
 
     def _by_what_is_known(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
-        """The same, by what is known so far of each camera."""
+        """Answer of `by_own_limbs` by what is known so far of each camera."""
         return self._contradicting(sighting, fix) or self._surer_by_itself(fix)
 
     def _contradicting(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
@@ -230,7 +230,7 @@ class SingleCameras:
         return surest.surer_without_rest(self._views)
 
     def perhaps_of_layer(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
-        """The same fix, its altitude as uncertain as a layer of airglow is high, where the limb may
+        """The fix, its altitude as uncertain as a layer of airglow is high, where the limb may
         be the edge of one; else None. About nadir both limbs say the same.
         """
         detection = sighting.detection

@@ -102,14 +102,14 @@ class Air:
         return self.part is not None
 
     def lit_in(self, part: tuple[float, float] | None) -> Air:
-        """The same above a part of the limb towards the terminator, or above all of it by day."""
+        """Air above a part of the limb towards the terminator, or above all of it by day."""
         count = 0 if part is None else FURTHER
         further = self.further if len(self.further) == count else np.zeros(count)
         return replace(self, part=part, further=further)
 
     @property
     def elsewhere(self) -> Air:
-        """The same above another limb, of which it is not known how the Sun lights it."""
+        """Air above another limb, of which it is not known how the Sun lights it."""
         if not self.twilit:
             return self
         return replace(self.lit_in(None), log_glow=np.array([self.log_glow[0], 0.0, 0.0]))
@@ -123,7 +123,7 @@ class Air:
         return float(self.log_glow[0]) + unevenly + max(-self.fading, 0.0) < _MOST_LOG_GLOW
 
     def changed(self, change: np.ndarray) -> Air:
-        """The same after a step (P,)."""
+        """Air after a step (P,) of the unknowns."""
         logs = np.clip(change[_LOGS], -_MOST_CHANGE, _MOST_CHANGE)
         return replace(
             self,

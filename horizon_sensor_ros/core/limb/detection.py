@@ -61,11 +61,13 @@ class LimbState:
             tuple(self.white[i] for i in frames),
         )
 
-    def with_looks(self, frames: Sequence[int], found: Detection) -> LimbState:
-        """The same, of a limb that looks in these frames as was found in them."""
-        looks = dict(zip(frames, found.looks, strict=True))
-        steepness = dict(zip(frames, found.steepness, strict=True)) if found.steepness else {}
-        white = dict(zip(frames, found.state.white, strict=True))
+    def with_looks(self, frames: Sequence[int], now: Detection) -> LimbState:
+        """State of a limb that looks in some frames, by number, as it was detected in them now, and
+        in the others as before.
+        """
+        looks = dict(zip(frames, now.looks, strict=True))
+        steepness = dict(zip(frames, now.steepness, strict=True)) if now.steepness else {}
+        white = dict(zip(frames, now.state.white, strict=True))
         return replace(
             self,
             white=tuple(white.get(i, before) for i, before in enumerate(self.white)),
@@ -181,7 +183,7 @@ class Detection:
 
     @property
     def separated_only(self) -> Detection | None:
-        """The same with only those limbs that were separated from the glow above them; None where
+        """Detection of only those limbs that were separated from the glow above them; None where
         all or none were.
 
         Edges in glow lie a pixel or two too far out, so that they and the ground's limb lie on two
@@ -236,7 +238,7 @@ class Detection:
         return looks[0].glow_px / max(usual_px, _SHORTEST_PX)
 
     def raised(self, above_m: float) -> Detection:
-        """The same, of limbs that may lie so far above the ground at least."""
+        """Detection whose limbs may lie so far above the ground at least."""
         return self.with_limbs(
             [
                 limb if limb.above_m >= above_m else replace(limb, above_m=above_m)
@@ -245,7 +247,7 @@ class Detection:
         )
 
     def with_limbs(self, limbs: Sequence[LimbPoints]) -> Detection:
-        """The same with other points of the limbs, or other errors of theirs."""
+        """Detection with other points of the limbs, one a frame, or other errors of theirs."""
         if all(seen.limb is limb for seen, limb in zip(self.observations, limbs, strict=True)):
             return self
         return replace(

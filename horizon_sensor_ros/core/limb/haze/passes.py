@@ -127,10 +127,11 @@ def follow_through_haze(
     looks: Sequence[tuple[EdgeLook, ...]],
     factors: Sequence[int],
 ) -> Detection | None:
-    """The same where it is known to be; None where no cone fits it.
+    """Limb through haze that is known to be there, near a cone of nadir (3,) and rho (rad); None
+    where no cone fits it.
 
-    looks : of hazy edges, one a frame, none where that shows no limb. factors : by which frames are
-    reduced for it.
+    images : (H, W), one a view. looks : of hazy edges, one a frame, none where that shows no limb.
+    factors : by which frames are reduced for it.
     """
     reduced = _reduced(images, factors)
     return _refined(views, reduced, planet, near, looks, factors, (PLACE, PLACE))

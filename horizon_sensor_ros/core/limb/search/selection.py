@@ -55,7 +55,7 @@ class RayCandidates:
     beyond_rad: np.ndarray
 
     def placed(self) -> RayCandidates:
-        """The same at their very edges."""
+        """Candidates moved outwards, to their very edges."""
         rays = self.rays + self.beyond_rad[:, None] * self.outward
         rays /= np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]
         return replace(self, rays=rays)

@@ -34,7 +34,7 @@ class WorkingImage:
         return cls._measured(*reduce_image(gray), mask)
 
     def coarser(self, times: int, mask: Mask | None) -> WorkingImage:
-        """The same frame, smaller by another factor. mask : of the frame."""
+        """The frame, smaller by another factor. mask : of the full frame."""
         return self._measured(block_average(self.gray, times), times * self.factor, mask)
 
     @classmethod
@@ -47,8 +47,8 @@ class WorkingImage:
         return cls(small, factor, level, noise)
 
     def sampled(self, gray: np.ndarray) -> WorkingImage:
-        """The same of a later frame (H, W) of the camera: single pixels of it, which cost less than
-        means, and space as it was.
+        """Working image of a later frame (H, W) of the camera: single pixels of it, which cost less
+        than means, and space as it was.
         """
         step = self.factor
         height, width = gray.shape[0] // step, gray.shape[1] // step

@@ -63,7 +63,7 @@ class FallingLight:
     psf_px: float
 
     def about(self, limb: np.ndarray) -> FallingLight:
-        """The same, where profiles are sampled about the limb moved by (3,)."""
+        """This light, where profiles are sampled about the limb moved by (3,)."""
         return replace(self, limb=self.limb - limb)
 
     @property
