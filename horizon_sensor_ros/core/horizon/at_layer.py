@@ -24,9 +24,9 @@ _CUT_OFF = "the frame ends too near to the limb"
 _SIGMAS = 4.0  # by which altitudes by the limb of the ground and of a layer are told apart
 
 
-def layer_of(found: Detection) -> Consensus | None:
+def layer_of(detection: Detection) -> Consensus | None:
     """Consensus of frames in which a layer of airglow shows; else None."""
-    consensus = found.consensus
+    consensus = detection.consensus
     return consensus if consensus.below_layer else None
 
 

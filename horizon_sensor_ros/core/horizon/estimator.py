@@ -107,8 +107,9 @@ class HorizonEstimator:
         planet, vertical = self.config.planet, self.config.vertical
         if planet.flattening == 0.0 or aiding.coarse_pose is None:
             return MeanSphere(planet, vertical)
-        told = rate_by_gyro(aiding)
-        rate = TurnRate(np.zeros(3), self.config.rate_sigma_rad_s) if told is None else told
+        rate = rate_by_gyro(aiding)
+        if rate is None:
+            rate = TurnRate(np.zeros(3), self.config.rate_sigma_rad_s)
         return StretchedEllipsoid(planet, vertical, aiding.coarse_pose, rate=rate)
 
     def judged(self, sighting: Sighting, hidden: Container[int] = ()) -> Judged:

@@ -144,10 +144,10 @@ class HorizonSearch:
         """Number of edges beside space in one frame that agree on a disc, whether or not it is the
         planet's; 0 where too few do.
         """
-        found = rays_of_candidates(
+        candidates = rays_of_candidates(
             [frame.view], [candidates_in(frame.working, mask=frame.view.mask)]
         )
-        consensus = limb_consensus(found, rho_min_rad=self._rho_min, rho_max_rad=self._rho_max)
+        consensus = limb_consensus(candidates, rho_min_rad=self._rho_min, rho_max_rad=self._rho_max)
         return int(np.count_nonzero(consensus.inliers))
 
     def _with_sky_hidden(

@@ -63,7 +63,7 @@ class SingleCameras:
         self._near: dict[int, tuple[Detection, Judged]] = {}
         self._about: Sighting | None = None
 
-    def found(self, i: int) -> Detection:
+    def detection(self, i: int) -> Detection:
         """What a camera, by number, finds by itself."""
         return self._alone(i)[0]
 
@@ -183,21 +183,21 @@ class SingleCameras:
 
     def _contradicting(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
         """What comes of limbs that contradict each other; None where they do not."""
-        found = {
-            i: self.found(i)
+        detections = {
+            i: self.detection(i)
             for i, limb in enumerate(fix.limbs)
             if limb.status is not Status.BAD_IMAGE and self.judged(i).fix.ok
         }
         # One that is left out by two that agree, each by itself too, is outvoted.
         agree = fix.cameras_on_cone(self._views)
-        voters = {i: one for i, one in found.items() if self._names[i] in agree}
-        found = voters if len(voters) > 1 else found
+        voters = {i: one for i, one in detections.items() if self._names[i] in agree}
+        detections = voters if len(voters) > 1 else detections
         # Edges in glow and limbs that were separated from it lie on two cones anyway.
-        separated = {one.limbs[0].glow_separated for one in found.values()}
-        if len(found) < 2 or len(separated) > 1:
+        separated = {one.limbs[0].glow_separated for one in detections.values()}
+        if len(detections) < 2 or len(separated) > 1:
             return None
-        of_found = [self._frames[i] for i in found]
-        own = joined(list(found.values()), sighting.detection)
+        of_found = [self._frames[i] for i in detections]
+        own = joined(list(detections.values()), sighting.detection)
         by_own = self._estimator.judged(replace(sighting, frames=of_found, detection=own)).fix
         by_own = in_place_of(fix, self._frames, by_own, of_found)
         if by_own.status in (Status.CAMERAS_DISAGREE, Status.POOR_FIT):
@@ -205,7 +205,7 @@ class SingleCameras:
             refused = self._estimator.refused(
                 Status.CAMERAS_DISAGREE, reason, fix.fit, by_own.limbs
             )
-            return replace(refused, contradicting=tuple(self._names[i] for i in found))
+            return replace(refused, contradicting=tuple(self._names[i] for i in detections))
         if not (by_own.ok and by_own.reason):
             return None
         # What contradicts itself already is only followed no longer where it is far worse.
@@ -242,8 +242,8 @@ class SingleCameras:
         of_layer = self._estimator.judged(
             replace(sighting, detection=detection.raised(LAYER_M))
         ).fix
-        told = filter(None, (of_layer.reason, f"{who}: {_PERHAPS_AT_LAYER}"))
-        of_layer = replace(of_layer, reason="; ".join(told))
+        reasons = filter(None, (of_layer.reason, f"{who}: {_PERHAPS_AT_LAYER}"))
+        of_layer = replace(of_layer, reason="; ".join(reasons))
         return in_place_of(fix, self._frames, of_layer, sighting.frames)
 
     def _who_tells_of_layer(self, sighting: Sighting, fix: HorizonFix) -> str | None:
@@ -261,7 +261,7 @@ class SingleCameras:
         self._look_near(sighting)
         for seen in detection.observations:
             i = self._number[seen.view.name]
-            at_layer = is_at_layer([seen], layer_of(self.found(i)))
+            at_layer = is_at_layer([seen], layer_of(self.detection(i)))
             if at_layer or is_above(fix.fit, self.judged(i).fix):
                 return f"{seen.view.name}, by itself"
         return None
@@ -291,7 +291,7 @@ class SingleCameras:
             judged = self.judged(i)
             by_itself = judged.fix
             at_layer = not by_itself.airglow_alone and is_at_layer(
-                self.found(i).observations, layer
+                self.detection(i).observations, layer
             )
             if by_itself.ok and not at_layer:
                 found.append(by_itself)

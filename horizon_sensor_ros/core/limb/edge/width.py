@@ -112,8 +112,8 @@ def smear_from_parts(normal_px: np.ndarray, across2: np.ndarray) -> Smear:
     found = design @ motion
     misfit = float(np.linalg.norm(across2 - found)) / math.sqrt(len(x) - len(motion))
     # Of what goes with the direction no more is made up for than can be told.
-    told = size * size / (size * size + misfit * misfit + 1e-9)
-    lacking = (told / BOX) * (2.0 * size * np.eye(2) - along)
+    share = size * size / (size * size + misfit * misfit + 1e-9)
+    lacking = (share / BOX) * (2.0 * size * np.eye(2) - along)
     most, least = (math.sqrt(max(float(across), 0.0)) for across in (found.max(), found.min()))
     return Smear(most, least, lacking, misfit / BOX)
 

@@ -36,14 +36,14 @@ def larger_disc_rad(
     wide_rad = 2.0 * rho_rad
     if wide_rad > max(_field_rad(view) for view in views):
         return None
-    found = rays_of_candidates(
+    candidates = rays_of_candidates(
         views,
         [
             candidates_in(image, mask=view.mask, thin=True)
             for view, image in zip(views, working, strict=True)
         ],
     )
-    beyond = found.take(found.outside(nadir_base, rho_rad))
+    beyond = candidates.take(candidates.outside(nadir_base, rho_rad))
     if beyond.pitch_rad.sum() < wide_rad:
         return None
     other = limb_consensus(beyond, rho_min_rad=rho_rad, rho_max_rad=rho_max_rad)

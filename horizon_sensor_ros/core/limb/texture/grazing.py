@@ -154,8 +154,8 @@ def _costs(profiles: np.ndarray, d_px: np.ndarray, reach_px: float, psf_px: floa
     """Squares of what is left (N, K, E) of profiles (N, J) beside each fall and place."""
     basis = _bases(tuple(d_px.tolist()), reach_px, psf_px)
     about = profiles - profiles.mean(axis=1, keepdims=True)
-    told = np.square(about @ basis.reshape(-1, basis.shape[-1]).T)
-    left = np.square(about).sum(axis=1)[:, None] - told
+    explained = np.square(about @ basis.reshape(-1, basis.shape[-1]).T)
+    left = np.square(about).sum(axis=1)[:, None] - explained
     return np.asarray(left.reshape(len(profiles), *basis.shape[:2]))
 
 

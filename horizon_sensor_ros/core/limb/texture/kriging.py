@@ -242,9 +242,9 @@ def _averaged(
     what the blur lacks.
     """
     information = found.wider_information * share
-    told = information.sum(axis=1)
-    lacking = (information * found.wider).sum(axis=1) / np.maximum(told, 1e-30)
-    blur = blur_along(limb.causes, lacking, told, limb.stretches.psf_px)
+    total = information.sum(axis=1)
+    lacking = (information * found.wider).sum(axis=1) / np.maximum(total, 1e-30)
+    blur = blur_along(limb.causes, lacking, total, limb.stretches.psf_px)
     places = found.places - tables.lean * blur.lacking_px[:, None]
     place = (share * places).sum(axis=1)
     spread2 = (share * (found.variance + np.square(places - place[:, None]))).sum(axis=1)

@@ -72,13 +72,13 @@ def noise_of_returns(image: RangeImage) -> ReturnNoise:
         return ReturnNoise(noise_m)
     if noise_m > _DRAWN_M and are_repeated(inverse, *image.tangents()):
         most_m = _BEFORE_MEDIAN * noise_m
-        told = noise_before_smoothing(inverse)
-        sigma_m = most_m if told is None else min(max(told[0], noise_m), most_m)
+        before = noise_before_smoothing(inverse)
+        sigma_m = most_m if before is None else min(max(before[0], noise_m), most_m)
         return ReturnNoise(sigma_m, smoothed=True)
-    told = noise_before_smoothing(inverse) if are_smoothed(inverse) else None
-    if told is None:
+    before = noise_before_smoothing(inverse) if are_smoothed(inverse) else None
+    if before is None:
         return ReturnNoise(noise_m)
-    return ReturnNoise(max(told[0], noise_m), smoothed=True, reach_px2=told[1])
+    return ReturnNoise(max(before[0], noise_m), smoothed=True, reach_px2=before[1])
 
 
 def slant_growth(inverse: np.ndarray, secant2: np.ndarray, side: int, least_m: float) -> float:
