@@ -44,7 +44,7 @@ class LimbCurve:
 
     px: np.ndarray
     normal_px: np.ndarray
-    spacing_px: float = 1.0
+    spacing_px: float
 
     def __len__(self) -> int:
         return len(self.px)

@@ -135,7 +135,7 @@ class LimbPoints:
         return self.cone_errors is not None
 
     def with_shared_errors_times(self, times: float) -> LimbPoints:
-        """The same points with all errors that they share multiplied by `times`."""
+        """The points, with all errors that they share multiplied by `times`."""
         errors = self.cone_errors
         return replace(
             self,

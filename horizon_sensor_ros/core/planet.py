@@ -14,6 +14,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.mathematics.attitude import require_vector
 
+EARTH_RADIUS_M = 6371e3  # mean
 _BOWRING_STEPS = 6
 
 
@@ -28,7 +29,7 @@ class Planet:
     below the centre.
     """
 
-    radius_m: float = 6371000.0
+    radius_m: float = EARTH_RADIUS_M
     limb_height_m: float = 0.0
     flattening: float = 0.0
     has_air: bool = True

@@ -30,6 +30,7 @@ from horizon_sensor_ros.core.covariance.figure_error import (
 from horizon_sensor_ros.core.fits.disc import Disc
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.core.mathematics.rigid import skew
 from horizon_sensor_ros.core.motion.turn_rate import TurnRate
 from horizon_sensor_ros.core.planet import Planet
@@ -180,7 +181,7 @@ class StretchedEllipsoid:
         up = self._inverse @ -nadir_base
         up /= np.linalg.norm(up)
         coarse_up = _up(self._pose)
-        off = np.arctan2(np.linalg.norm(np.cross(coarse_up, up)), float(coarse_up @ up))
+        off = angle_rad(coarse_up, up)
         age = self._pose.age_s
         turned = age * float(np.linalg.norm(self._rate.rate_base_rad_s))
         sigma = math.hypot(
@@ -192,7 +193,7 @@ class StretchedEllipsoid:
             why = f"the coarse pose is {np.degrees(off):.0f} deg off the limb's vertical"
             return MeanSphere(self._planet, self._vertical, why)
         pole = _shortest_rotation(coarse_up, up) @ self._pose.rot_ecef_from_base[2]
-        about = float(off) * math.sqrt(0.5)
+        about = off * math.sqrt(0.5)
         return StretchedEllipsoid(
             self._planet, self._vertical, self._pose, -up, pole, about, self._rate
         )

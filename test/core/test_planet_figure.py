@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from limb_frames import as_frames, shared_frames, shared_truths
-from limb_samples import BARREL, CAMERAS, FISHEYE, angle_between, view_at_limb
+from limb_samples import BARREL, CAMERAS, FISHEYE, view_at_limb
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -34,7 +34,7 @@ from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.limb_curve import limb_curve
 from horizon_sensor_ros.core.limb_points import LimbPoints
-from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad, tangent_basis
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.planet_figure import VERTICALS, Figure, MeanSphere, StretchedEllipsoid
 from horizon_sensor_ros.core.status import Status
@@ -181,7 +181,7 @@ def test_stretched_limb_is_a_circular_cone(seed: int, planet: Planet) -> None:
     )  # fmt: skip
     for vertical in VERTICALS:
         estimate = StretchedEllipsoid(planet, vertical, craft.pose()).estimate(fit)
-        assert angle_between(estimate.nadir_base, craft.nadir(vertical)) < 1e-7
+        assert angle_rad(estimate.nadir_base, craft.nadir(vertical)) < 1e-7
         assert estimate.altitude_m == pytest.approx(craft.height_m, abs=2.0)
 
 
@@ -230,7 +230,7 @@ def test_with_the_true_pose_the_chain_is_exact(seed: int, vertical: str, planet:
     craft = Craft(seed, planet)
     figure = StretchedEllipsoid(planet, vertical, craft.pose())
     estimate, _, _ = solved(figure, craft.observations())
-    assert angle_between(estimate.nadir_base, craft.nadir(vertical)) < 1e-9
+    assert angle_rad(estimate.nadir_base, craft.nadir(vertical)) < 1e-9
     assert estimate.altitude_m == pytest.approx(craft.height_m, abs=0.1)
     assert estimate.disc is not None
     for observation in craft.observations():
@@ -247,7 +247,7 @@ def test_any_method_over_all_rays_fits_the_ellipsoid(method: str) -> None:
     craft = Craft(5)
     figure = StretchedEllipsoid(WGS84, "geodetic", craft.pose())
     estimate = figure.estimate(fitted(figure, craft.observations(), method)[0])
-    assert np.degrees(angle_between(estimate.nadir_base, craft.nadir("geodetic"))) < 1e-4
+    assert np.degrees(angle_rad(estimate.nadir_base, craft.nadir("geodetic"))) < 1e-4
 
 
 # ------------------------------------------------------------------ coarse poses
@@ -260,7 +260,7 @@ def test_a_tilt_of_the_coarse_attitude_is_measured_away() -> None:
     figure = StretchedEllipsoid(WGS84, "geocentric", pose)
     estimate, _, _ = solved(figure, craft.observations())
     # What is left is second order: the first fit's axis was 11 deg off.
-    assert np.degrees(angle_between(estimate.nadir_base, craft.nadir("geocentric"))) < 1e-3
+    assert np.degrees(angle_rad(estimate.nadir_base, craft.nadir("geocentric"))) < 1e-3
 
 
 def test_a_coarse_attitude_that_the_limb_contradicts_is_not_believed() -> None:
@@ -275,7 +275,7 @@ def test_a_coarse_attitude_that_the_limb_contradicts_is_not_believed() -> None:
     assert (
         figure.shortfall == "fitted as a sphere: the coarse pose is 180 deg off the limb's vertical"
     )
-    error = angle_between(estimate.nadir_base, craft.nadir("geodetic"))
+    error = angle_rad(estimate.nadir_base, craft.nadir("geodetic"))
     assert error < 4.0 * np.sqrt(np.linalg.eigvalsh(cov[:3, :3])[-1])
 
 
@@ -308,7 +308,7 @@ def test_the_covariance_has_nothing_along_the_vertical_that_is_told(vertical: st
     figure = StretchedEllipsoid(FLAT, vertical, craft.pose())
     fit = fitted(figure, craft.observations())[0]
     told = figure.estimate(fit)
-    assert angle_between(fit.nadir_base, told.nadir_base) > 1e-3
+    assert angle_rad(fit.nadir_base, told.nadir_base) > 1e-3
     cov = told.cov_nadir_altitude[:3, :3]
     along = [one.nadir_base @ cov @ one.nadir_base for one in (told, fit)]
     assert abs(along[0]) < 1e-3 * along[1]
@@ -334,7 +334,7 @@ def test_the_error_of_coarse_poses_is_in_the_covariance(vertical: str) -> None:
         figure = StretchedEllipsoid(WGS84, vertical, craft.pose(rng))
         estimate, cov, _ = solved(figure, craft.observations(count=600))
         found.append(nees(estimate, cov, craft.nadir(vertical)))
-        errors.append(np.degrees(angle_between(estimate.nadir_base, craft.nadir(vertical))))
+        errors.append(np.degrees(angle_rad(estimate.nadir_base, craft.nadir(vertical))))
     assert np.median(errors) < 0.02
     assert 0.5 < np.mean(found) < 2.4
     assert np.mean(np.array(found) > 11.8) < 0.05
@@ -416,7 +416,7 @@ def test_an_attitude_is_not_contradicted_by_what_the_craft_turned_since(with_gyr
         assert figure.shortfall == ""
         nadir = craft.nadir("geocentric")
         found.append(nees(estimate, cov, nadir))
-        off_deg.append(np.degrees(angle_between(estimate.nadir_base, nadir)))
+        off_deg.append(np.degrees(angle_rad(estimate.nadir_base, nadir)))
     assert np.mean(found) < 2.4
     # As a sphere it is 0.09 deg off.
     assert np.median(off_deg) < 0.03
@@ -627,7 +627,7 @@ def test_a_known_height_is_kept_where_nadir_moves_with_it(vertical: str) -> None
         assert known.fit.altitude_m == pytest.approx(craft.height_m, abs=3.0)
         assert known.fit.cov_nadir_altitude[3, 3] == pytest.approx(10.0**2, rel=0.01)
         sigma = np.sqrt(np.linalg.eigvalsh(known.fit.cov_nadir_altitude[:3, :3])[-1])
-        assert angle_between(known.fit.nadir_base, craft.nadir(vertical)) < 3.0 * sigma
+        assert angle_rad(known.fit.nadir_base, craft.nadir(vertical)) < 3.0 * sigma
 
 
 def _arc(craft: Craft, seed: int) -> list[Frame]:
@@ -660,7 +660,7 @@ def test_the_sensor_on_a_drawn_ellipsoid(vertical: str) -> None:
     pose = CoarsePose(truth.position_ecef_m, truth.rot_world_from_base, 1e3, 0.01)
     fix = sensor.process(frames, Aiding(pose))
     assert fix.ok, fix.reason
-    assert np.degrees(angle_between(fix.fit.nadir_base, nadir)) < 0.01
+    assert np.degrees(angle_rad(fix.fit.nadir_base, nadir)) < 0.01
     assert fix.fit.altitude_m == pytest.approx(truth.altitude_m, abs=1e3)
     for view, frame, limb in zip(case.views, frames, fix.limbs, strict=True):
         assert isinstance(frame, Frame)
@@ -669,7 +669,7 @@ def test_the_sensor_on_a_drawn_ellipsoid(vertical: str) -> None:
     known = sensor.process(frames, Aiding(pose, AltitudeMeasurement(truth.altitude_m, 10.0)))
     assert known.fit.altitude_m == pytest.approx(truth.altitude_m, abs=3.0)
     assert known.fit.cov_nadir_altitude[3, 3] < 10.0**2
-    assert np.degrees(angle_between(known.fit.nadir_base, nadir)) < 0.01
+    assert np.degrees(angle_rad(known.fit.nadir_base, nadir)) < 0.01
 
 
 def test_what_is_kept_of_one_pose_is_not_taken_for_another() -> None:
@@ -695,9 +695,9 @@ def test_the_shared_ellipsoid(vertical: str, shared_data: Path) -> None:
     frames = shared_frames(shared_data, truth)
     nadir = truth["geodetic_nadir_body" if vertical == "geodetic" else "nadir_body"]
     fix = sensor.process(frames, Aiding(pose))
-    assert np.degrees(angle_between(fix.fit.nadir_base, np.array(nadir))) < 0.02
+    assert np.degrees(angle_rad(fix.fit.nadir_base, np.array(nadir))) < 0.02
     # Without the position the sphere's error is large, and in the covariance.
     alone = sensor.process(frames)
-    error = angle_between(alone.fit.nadir_base, np.array(nadir))
+    error = angle_rad(alone.fit.nadir_base, np.array(nadir))
     sigma = np.sqrt(np.linalg.eigvalsh(alone.fit.cov_nadir_altitude[:3, :3])[-1])
     assert error < 3.0 * sigma

@@ -6,11 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 from limb_frames import as_frames, clouds, draw, limb_views
-from limb_samples import angle_between
 
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
-from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad, tangent_basis
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import Imaging
 from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scenes
@@ -21,7 +20,7 @@ SQUARE = (0.0, 1.5)  # azimuths of two cameras whose axes are nearly perpendicul
 
 
 def error_deg(fix: HorizonFix, nadir: np.ndarray) -> float:
-    return float(np.degrees(angle_between(fix.fit.nadir_base, nadir)))
+    return float(np.degrees(angle_rad(fix.fit.nadir_base, nadir)))
 
 
 def sigma_deg(fix: HorizonFix) -> float:

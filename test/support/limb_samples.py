@@ -112,11 +112,6 @@ def turned(
     return out
 
 
-def angle_between(a: np.ndarray, b: np.ndarray) -> float:
-    """Angle between two unit vectors, precise when small."""
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
-
-
 def nadir_nees(fit: HorizonFit, nadir_base: np.ndarray) -> float:
     """Squared error of nadir in its own sigmas: of two unknowns."""
     basis = tangent_basis(fit.nadir_base)

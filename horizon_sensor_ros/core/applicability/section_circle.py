@@ -27,12 +27,6 @@ class SectionCircle:
     centre: np.ndarray
     radius: np.ndarray
 
-    def points(self, samples: int) -> np.ndarray:
-        """(M, samples, 2) points of the circle, eq. 8 with t in [0, 2 pi)."""
-        t = 2 * np.pi * np.arange(samples) / samples
-        unit = np.column_stack([np.cos(t), np.sin(t)])
-        return self.centre[:, None] + self.radius[:, None, None] * unit
-
 
 def section_circle(nadir_cam: np.ndarray, rho_rad: float) -> SectionCircle:
     """Cut of the sphere by the frame's plane for each nadir_cam (M, 3); eqs 1, 2, 7.
@@ -90,6 +84,7 @@ def section_circle_in_frame(
         ]
     )
     area = 4 * half_width * half_height
+    # Eq. 8: points of the circle.
     t = 2 * np.pi * np.arange(samples) / samples
     unit = np.column_stack([np.cos(t), np.sin(t)])
     # Areas are formed only for points as near to the frame's centre as its corners:

@@ -12,8 +12,8 @@ from horizon_sensor_ros.core.cameras.camera import Camera
 
 @dataclass(frozen=True, eq=False)
 class DerivedCamera(Camera):
-    """The same pixels; kinds of it say which rays: they override `rays`, `pixels`, `project` and
-    `project_along`.
+    """A camera with another one's pixels; kinds of it say which rays these have: they override
+    `rays`, `pixels`, `project` and `project_along`.
     """
 
     original: Camera = field(kw_only=True)

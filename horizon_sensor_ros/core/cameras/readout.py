@@ -27,7 +27,7 @@ _BEYOND = 1.0
 
 @dataclass(frozen=True, eq=False)
 class TurningCamera(DerivedCamera):
-    """The same pixels, whose rays are those at the time of the set.
+    """A camera that turns while it is read: its pixels, with the rays at the time of the set.
 
     turn_rad : (3,) by which the camera turns from one end of the frame to the other, downwards, in
     the optical frame. begins : share of that which is made when the first row is read.

@@ -12,7 +12,8 @@ from horizon_sensor_ros.core.cameras.derived_camera import DerivedCamera, intrin
 
 @dataclass(frozen=True, eq=False)
 class StretchedCamera(DerivedCamera):
-    """The same pixels, other rays: ``stretch @ u`` where the original has u, made unit vectors.
+    """A camera with another one's pixels, and rays ``stretch @ u`` where that one has u, made unit
+    vectors.
 
     stretch : (3, 3), symmetric, and its inverse, in the optical frame.
     """

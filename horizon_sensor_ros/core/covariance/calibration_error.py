@@ -100,7 +100,9 @@ class _Cameras:
         return np.asarray(sum(share @ share.T for share in shares))
 
     def by_lens(self) -> np.ndarray:
-        """The same where corners of each frame are off by one sigma of 1 px, along the radius."""
+        """Covariance (3, 3) of the cone where corners of each frame are off by one sigma of 1 px,
+        along the radius.
+        """
         cov = np.zeros((3, 3))
         for seen, rows, gain in zip(self._seen, self._rows, self._gains, strict=True):
             rays, view = seen.rays, seen.view
@@ -119,8 +121,8 @@ class _Cameras:
         return cov
 
     def by_rate(self) -> np.ndarray:
-        """The same where the craft turns otherwise, by one sigma of its rate, between the time
-        of the set and that at which points are seen.
+        """Covariance (3, 3) of the cone where the craft turns otherwise, by one sigma of its rate,
+        between the time of the set and that at which points are seen.
         """
         off = np.zeros((3, 3))
         for seen, rows, gain in zip(self._seen, self._rows, self._gains, strict=True):
@@ -136,7 +138,9 @@ class _Cameras:
         return np.asarray(off @ off.T)
 
     def by_heights(self, rho_rad: float, sphere: Planet) -> np.ndarray:
-        """The same where the visible limb's height differs from place to place, one sigma 1 m."""
+        """Covariance (3, 3) of the cone where the visible limb's height differs from place to
+        place, one sigma 1 m.
+        """
         weights, places = [], []
         for seen, rows, gain in zip(self._seen, self._rows, self._gains, strict=True):
             rays = seen.rays

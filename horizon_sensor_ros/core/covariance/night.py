@@ -26,32 +26,31 @@ _FADING_BESIDE_DARK = 1.2
 _HEIGHT_PX = 0.7
 
 
-def by_night(found: Detection) -> Detection:
+def by_night(detection: Detection) -> Detection:
     """Return the detection with shared errors enlarged for night scenes, by factors measured on
     simulated limbs.
     """
-    beside_dark = _beside_dark_limb(found)
-    below_layer = found.layer_rad > 0.0
+    beside_dark = _beside_dark_limb(detection)
 
     def known(limb: LimbPoints) -> LimbPoints:
         if limb.glow_separated or limb.modelled:
-            doubted = beside_dark or (below_layer and not limb.glow_separated)
+            doubted = beside_dark or (detection.below_layer and not limb.glow_separated)
             fading = isinstance(limb, GlowPoints) and limb.twilit
             times = _FADING_BESIDE_DARK if fading else _MODELLED
             return limb.with_shared_errors_times(times) if doubted else limb
-        if below_layer:
+        if detection.below_layer:
             height_px = math.hypot(limb.shared.height_px, _HEIGHT_PX)
             enlarged = limb.with_shared_errors_times(_BELOW_LAYER)
             return replace(enlarged, shared=enlarged.shared._replace(height_px=height_px))
         return limb.with_shared_errors_times(_BESIDE_DARK) if beside_dark else limb
 
-    return found.with_limbs([known(limb) for limb in found.limbs])
+    return detection.with_limbs([known(limb) for limb in detection.limbs])
 
 
-def _beside_dark_limb(found: Detection) -> bool:
+def _beside_dark_limb(detection: Detection) -> bool:
     """Whether some limbs are seen, and others that should show are not."""
-    near = found.nadir_base, found.rho_rad
-    return any(limb.status is Status.OK for limb in found.limbs) and any(
+    near = detection.nadir_base, detection.rho_rad
+    return any(limb.status is Status.OK for limb in detection.limbs) and any(
         seen.limb.status is not Status.OK and len(limb_in_sight(seen.view, *near)) >= MIN_INLIERS
-        for seen in found.observations
+        for seen in detection.observations
     )

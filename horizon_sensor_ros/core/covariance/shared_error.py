@@ -16,7 +16,8 @@ from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.limb_points import STRETCHES, LimbPoints
 from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
-from horizon_sensor_ros.core.mathematics.robust import median, medians, starts_and_sizes
+from horizon_sensor_ros.core.mathematics.parts import starts_and_sizes
+from horizon_sensor_ros.core.mathematics.robust import median, medians
 from horizon_sensor_ros.core.mathematics.symmetric3 import inverse
 from horizon_sensor_ros.core.planet import Planet
 

@@ -23,7 +23,8 @@ from horizon_sensor_ros.core.fits.assessment import tangent_rows
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.limb_points import STRETCHES, LimbPoints, SharedError
 from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
-from horizon_sensor_ros.core.mathematics.robust import median, robust_sigma, starts_and_sizes
+from horizon_sensor_ros.core.mathematics.parts import starts_and_sizes
+from horizon_sensor_ros.core.mathematics.robust import median, robust_sigma
 from horizon_sensor_ros.core.mathematics.symmetric3 import inverse
 
 # Pixels to each side of a limb point, along the limb and across it, that are looked at.

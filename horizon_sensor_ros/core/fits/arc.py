@@ -22,19 +22,14 @@ import numpy as np
 from horizon_sensor_ros.core.fits.assessment import (
     LEAST_ANGLE_RAD,
     MIN_POINTS,
-    cone_refusal,
-    difference_from_circle,
-    fit_of_cone,
+    assess_closed_form,
     inliers,
-    root_mean_square,
     too_few,
-    too_uncertain,
 )
 from horizon_sensor_ros.core.fits.circle import robust_circle_on_sphere
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.observation import LimbObservation, gather
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
@@ -64,40 +59,24 @@ def fit_arc(
     refused = too_few(rays, _METHOD)
     if refused:
         return refused
-
-    def refuse(status: Status, reason: str) -> HorizonFit:
-        return HorizonFit.none(status, reason, _METHOD, rays.num_points)
-
     by_name = {observation.view.name: observation.view for observation in observations}
     rotations = [by_name[name].rot_base_from_cam for name in rays.cameras]
     rho_known = None if altitude_m is None else planet.rho_from_altitude(altitude_m)
     everything = np.ones(len(rays), dtype=bool)
     nadir, rho = _vertical(rays, rotations, everything, rho_known)
     if not np.all(np.isfinite(nadir)):
-        return refuse(Status.ILL_CONDITIONED, "no circle through the limb points of any camera")
-    basis = tangent_basis(nadir)
-    refused_here = cone_refusal(nadir, rho, rays.angles(nadir)[1], rays.design(nadir, basis))
-    if refused_here:
-        return refuse(*refused_here)
-    cov = _jackknife(rays, rotations, rho_known, nadir, basis)
-    refused_here = too_uncertain(cov, rho)
-    if refused_here:
-        return refuse(*refused_here)
-    bias = difference_from_circle(rho, basis, robust_circle_on_sphere(rays))
-    cov += np.outer(bias, bias)
-    residual = rays.residuals_px(nadir, rho)
-    inlying = inliers(residual)
-    if not inlying.any():
-        return refuse(Status.POOR_FIT, "the limb normals do not fit the cone")
-    return fit_of_cone(
-        _METHOD,
+        reason = "no circle through the limb points of any camera"
+        return HorizonFit.none(Status.ILL_CONDITIONED, reason, _METHOD, rays.num_points)
+    return assess_closed_form(
         rays,
         planet,
-        (nadir, rho),
-        cov,
-        basis,
-        rms_px=root_mean_square(residual[inlying]),
-        num_inliers=int(np.count_nonzero(inlying)),
+        _METHOD,
+        nadir,
+        rho,
+        lambda basis, _: (
+            _jackknife(rays, rotations, rho_known, nadir, basis),
+            robust_circle_on_sphere(rays),
+        ),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -207,6 +208,54 @@ def assess_least_squares(
         rms_px=rms,
         num_inliers=int(np.count_nonzero(inlying)),
         history=history,
+    )
+
+
+def assess_closed_form(
+    rays: LimbRays,
+    planet: Planet,
+    method: str,
+    nadir_base: np.ndarray,
+    rho_rad: float,
+    covariance: Callable[
+        [np.ndarray, np.ndarray], tuple[np.ndarray, tuple[np.ndarray, float] | None]
+    ],
+    cameras: tuple[str, ...] | None = None,
+) -> HorizonFit:
+    """Result of a method that has a covariance of its own, by the points that lie on its cone.
+
+    covariance : of `tangent_basis` (3, 2) and design (N, 3), see `LimbRays`, makes the estimator's
+    (3, 3), which decides whether there is an answer; and of an approximation a nearly unbiased
+    circle, nadir and rho, from which its own error is told, else None. cameras : as of
+    `fit_of_cone`.
+    """
+    basis = tangent_basis(nadir_base)
+    design = rays.design(nadir_base, basis)
+    refused = cone_refusal(nadir_base, rho_rad, rays.angles(nadir_base)[1], design)
+    if refused:
+        return HorizonFit.none(*refused, method, rays.num_points)
+    cov, circle = covariance(basis, design)
+    refused = too_uncertain(cov, rho_rad)
+    if refused:
+        return HorizonFit.none(*refused, method, rays.num_points)
+    residual = rays.residuals_px(nadir_base, rho_rad)
+    inlying = inliers(residual)
+    if not inlying.any():
+        reason = "the limb normals do not fit the cone"
+        return HorizonFit.none(Status.POOR_FIT, reason, method, rays.num_points)
+    if circle is not None:
+        bias = difference_from_circle(rho_rad, basis, circle)
+        cov = cov + np.outer(bias, bias)
+    return fit_of_cone(
+        method,
+        rays,
+        planet,
+        (nadir_base, rho_rad),
+        cov,
+        basis,
+        rms_px=root_mean_square(residual[inlying]),
+        num_inliers=int(np.count_nonzero(inlying)),
+        cameras=cameras,
     )
 
 

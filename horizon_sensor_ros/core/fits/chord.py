@@ -9,13 +9,9 @@ import numpy as np
 from horizon_sensor_ros.core.fits.assessment import (
     LEAST_ANGLE_RAD,
     MIN_POINTS,
-    cone_refusal,
-    difference_from_circle,
-    fit_of_cone,
+    assess_closed_form,
     inliers,
-    root_mean_square,
     too_few,
-    too_uncertain,
 )
 from horizon_sensor_ros.core.fits.circle import robust_circle_on_sphere
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
@@ -68,53 +64,33 @@ def _fit(
     refused = too_few(rays, method)
     if refused:
         return refused
-
-    def refuse(status: Status, reason: str) -> HorizonFit:
-        return HorizonFit.none(status, reason, method, rays.num_points)
-
     chords, pairs = _chords(rays, observations, point_of_ray)
     if len(chords) < 2:
-        return refuse(Status.ILL_CONDITIONED, f"{len(chords)} chord, two cameras' needed")
+        reason = f"{len(chords)} chord, two cameras' needed"
+        return HorizonFit.none(Status.ILL_CONDITIONED, reason, method, rays.num_points)
     directions = np.array([chord / np.linalg.norm(chord) for chord in chords])
     _, strength, basis_rows = np.linalg.svd(directions)
     if strength[1] < np.sin(LEAST_ANGLE_RAD):
-        return refuse(Status.ILL_CONDITIONED, "the cameras' chords are parallel")
+        reason = "the cameras' chords are parallel"
+        return HorizonFit.none(Status.ILL_CONDITIONED, reason, method, rays.num_points)
     nadir = basis_rows[2]
-    if np.sum(rays.outward_base @ nadir > 0) > 0.5 * len(rays):
+    if rays.points_to_space(nadir):
         nadir = -nadir
     theta = rays.angles(nadir)[0]
     rho = float(np.median(theta))
     close = inliers(theta - rho)
     rho = float(np.mean(theta[close])) if close.any() else rho
-    basis = tangent_basis(nadir)
-    design = rays.design(nadir, basis)
-    refused_here = cone_refusal(nadir, rho, rays.angles(nadir)[1], design)
-    if refused_here:
-        return refuse(*refused_here)
-    residual = rays.residuals_px(nadir, rho)
-    inlying = inliers(residual)
-    if not inlying.any():
-        return refuse(Status.POOR_FIT, "the limb normals do not fit the cone")
-    circle = robust_circle_on_sphere(rays)
-    noise = max(robust_sigma((rays.angles(circle[0])[0] - circle[1]) / rays.sigma_rad), 1.0)
-    cov = noise**2 * _covariance(rays, directions, chords, pairs, basis, design)
-    refused_here = too_uncertain(cov, rho)
-    if refused_here:
-        return refuse(*refused_here)
-    if not exact:
-        bias = difference_from_circle(rho, basis, circle)
-        cov += np.outer(bias, bias)
-    return fit_of_cone(
-        method,
-        rays,
-        planet,
-        (nadir, rho),
-        cov,
-        basis,
-        rms_px=root_mean_square(residual[inlying]),
-        num_inliers=int(np.count_nonzero(inlying)),
-        cameras=tuple(rays.cameras[int(rays.camera[pair[0]])] for pair in pairs),
-    )
+
+    def covariance(
+        basis: np.ndarray, design: np.ndarray
+    ) -> tuple[np.ndarray, tuple[np.ndarray, float] | None]:
+        circle = robust_circle_on_sphere(rays)
+        noise = max(robust_sigma((rays.angles(circle[0])[0] - circle[1]) / rays.sigma_rad), 1.0)
+        cov = noise**2 * _covariance(rays, directions, chords, pairs, basis, design)
+        return cov, None if exact else circle
+
+    cameras = tuple(rays.cameras[int(rays.camera[pair[0]])] for pair in pairs)
+    return assess_closed_form(rays, planet, method, nadir, rho, covariance, cameras)
 
 
 def _chords(

@@ -8,6 +8,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.mathematics.rigid import cross
+from horizon_sensor_ros.core.mathematics.robust import lower_quantile
 
 _ROBUST_ROUNDS = 6
 # Without residuals beyond this, at a scale not far above the claimed one, there are no outliers.
@@ -43,7 +44,7 @@ def circle_on_sphere(rays: LimbRays, weight: np.ndarray | None = None) -> tuple[
     best = vectors[:, proper[np.argmin(np.abs(values[proper]))]]
     norm = np.linalg.norm(best[:3])
     nadir, cos_rho = best[:3] / norm, best[3] / norm
-    if np.sum(rays.outward_base @ nadir > 0) > 0.5 * len(rays):
+    if rays.points_to_space(nadir):
         nadir, cos_rho = -nadir, -cos_rho
     return nadir, float(np.arccos(np.clip(cos_rho, -1.0, 1.0)))
 
@@ -77,8 +78,7 @@ def robust_circle_on_sphere(
 
 def _quantile_sigma(residual: np.ndarray) -> float:
     """Scale of the best 40 % of the residuals, were they Gaussian."""
-    rank = int(_QUANTILE * (len(residual) - 1))
-    return float(np.partition(np.abs(residual), rank)[rank]) / _QUANTILE_SIGMAS
+    return lower_quantile(np.abs(residual), _QUANTILE) / _QUANTILE_SIGMAS
 
 
 def _best_triple(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[np.ndarray, float]:
@@ -100,7 +100,6 @@ def _best_triple(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[np.ndar
     rank = int(_QUANTILE * (len(some) - 1))
     best = int(np.argmin(np.partition(distance, rank, axis=1)[:, rank]))
     nadir, cosine = normals[best], float(cosines[best])
-    # The limb normals say which of the two sides is the planet's.
-    if np.count_nonzero(rays.outward_base @ nadir > 0) > 0.5 * len(rays):
+    if rays.points_to_space(nadir):
         nadir, cosine = -nadir, -cosine
     return nadir, math.acos(min(max(cosine, -1.0), 1.0))

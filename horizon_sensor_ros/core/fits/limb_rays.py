@@ -75,6 +75,13 @@ class LimbRays:
         sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 1e-300))
         return np.arccos(cosine), (self.outward_base @ nadir_base) / -sine
 
+    def points_to_space(self, direction_base: np.ndarray) -> bool:
+        """Whether most of the limb normals have a component along a direction (3,): if it is a
+        cone's axis, the planet lies on the other side.
+        """
+        outwards = int(np.count_nonzero(self.outward_base @ direction_base > 0))
+        return outwards > 0.5 * len(self)
+
     def residuals_px(self, nadir_base: np.ndarray, rho_rad: float) -> np.ndarray:
         """Return each point's distance (N,) from the cone along its normal, px.
 

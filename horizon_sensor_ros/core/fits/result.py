@@ -14,12 +14,14 @@ from horizon_sensor_ros.core.status import Status
 class HorizonFit:
     """Nadir, disc radius and altitude from limb points of one or more cameras.
 
+    method : of `fit_horizon`.
     nadir_base : (3,) unit vector along the vertical, towards the planet, base frame.
     rho_rad : angular radius of the planet's disc, of an ellipsoid's that of the sphere which stands
     for it. altitude_m : above the planet's surface.
     cov_nadir_altitude : (4, 4) covariance of (nadir_base, altitude_m); the nadir block has rank 2
     (rad^2).
-    rms_residual_px : of the inliers, across the limb. cameras : names of the cameras used.
+    rms_residual_px : of the inliers, across the limb. num_points : of the limb, usable or not;
+    num_inliers : how many of them lie on the cone. cameras : names of the cameras used.
     history : per-iteration states of the iterative methods, rows (nadir_base, rho_rad); empty for
     closed forms. disc : of a whole chain's fit, the disc as it was fitted: an ellipsoid's limb is
     no cone about nadir. When status is not OK every estimate is NaN and `reason` says why.

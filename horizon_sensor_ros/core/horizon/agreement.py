@@ -185,7 +185,7 @@ class _Difference:
         return best if best < math.inf else 0.0
 
     def chi2_altitude(self) -> float:
-        """The same of the altitudes alone."""
+        """Chi squared of the difference of the altitudes alone."""
         return float(self.value[2] ** 2 / self.cov[2, 2])
 
     def words(self) -> str:

@@ -24,10 +24,10 @@ _CUT_OFF = "the frame ends too near to the limb"
 _SIGMAS = 4.0  # by which altitudes by the limb of the ground and of a layer are told apart
 
 
-def layer_of(found: Detection) -> Consensus | None:
+def layer_of(detection: Detection) -> Consensus | None:
     """Consensus of frames in which a layer of airglow shows; else None."""
-    consensus = found.consensus
-    return consensus if consensus.layer_rad > 0.0 else None
+    consensus = detection.consensus
+    return consensus if consensus.below_layer else None
 
 
 def is_at_layer(limbs: Sequence[LimbObservation], layer: Consensus | None) -> bool:
@@ -43,7 +43,7 @@ def is_at_layer(limbs: Sequence[LimbObservation], layer: Consensus | None) -> bo
 
 def by_ground(fix: HorizonFix, consensus: Consensus) -> bool:
     """Whether there is a fix, and no layer of airglow has a part in it."""
-    return fix.ok and not fix.airglow_alone and consensus.layer_rad == 0.0
+    return fix.ok and not fix.airglow_alone and not consensus.below_layer
 
 
 def shown_by_frames(sighting: Sighting, sphere: Planet) -> str:

@@ -50,7 +50,7 @@ class _Since:
         return cls(fix.fit.nadir_base, nadir_sigma_rad(fix.fit))
 
     def later(self, aiding: Aiding) -> _Since | None:
-        """The same one set later; None where it is too long ago, or the turn is not known."""
+        """The fix one set later; None where it is too long ago, or the turn is not known."""
         turn, since_s, rate = aiding.rot_now_from_last, aiding.since_last_s, aiding.rate_base_rad_s
         stood = self.stood_rad > 0.0
         if self.time_s > (_FORGOTTEN_S if stood else _LONGEST_S):

@@ -107,8 +107,9 @@ class HorizonEstimator:
         planet, vertical = self.config.planet, self.config.vertical
         if planet.flattening == 0.0 or aiding.coarse_pose is None:
             return MeanSphere(planet, vertical)
-        told = rate_by_gyro(aiding)
-        rate = TurnRate(np.zeros(3), self.config.rate_sigma_rad_s) if told is None else told
+        rate = rate_by_gyro(aiding)
+        if rate is None:
+            rate = TurnRate(np.zeros(3), self.config.rate_sigma_rad_s)
         return StretchedEllipsoid(planet, vertical, aiding.coarse_pose, rate=rate)
 
     def judged(self, sighting: Sighting, hidden: Container[int] = ()) -> Judged:
@@ -182,7 +183,7 @@ class HorizonEstimator:
             or 0 < shown == len(by_ground.doubtful)
         )
         as_usual = self.config.method == MAXIMUM_LIKELIHOOD and self.config.limb == "subpixel"
-        if fix.ok or layer.layer_rad == 0.0 or not (no_ground and as_usual):
+        if fix.ok or not (layer.below_layer and no_ground and as_usual):
             return None
         figure = sighting.figure.aligned(layer.nadir_base)
         found = by_airglow_alone(
@@ -256,7 +257,7 @@ class HorizonEstimator:
             limbs.observations,
             self.config,
             alone=limbs.alone,
-            layered=detection.layer_rad > 0.0,
+            layered=detection.below_layer,
             layer_m=detection.layer_heights_m(fit, self.config.planet),
             glow_over_usual=max(glows, default=0.0),
             estimate=estimate,
@@ -283,7 +284,7 @@ class HorizonEstimator:
         seen = list(zip(sighting.images, observations, strict=True))
         airglow = fit_airglow(seen, fit, self.sphere)
         # A layer shows by night alone; where the limb is followed it was found by a search.
-        known = detection.layer_rad > 0.0 or detection.agreed is None
+        known = detection.below_layer or detection.agreed is None
         if airglow is None or known:
             return airglow
         return airglow if under_stars(sighting.views, detection.working, airglow) else None
@@ -297,7 +298,7 @@ class HorizonEstimator:
     ) -> tuple[HorizonFit, tuple[Status, str] | None]:
         """Estimate by the airglow's nadir too, and why there is none where that is another."""
         apart_rad = disagreement_rad(fit, airglow)
-        if apart_rad > 0.0:
+        if apart_rad is not None:
             reason = f"the airglow above it has its nadir {np.degrees(apart_rad):.1f} deg off"
             return fit, (Status.POOR_FIT, f"not the ground's limb: {reason}")
         common = common_covariance(fit, observations, figure, self.config)

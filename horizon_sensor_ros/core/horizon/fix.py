@@ -52,7 +52,7 @@ class Frame:
 
     @property
     def takes_s(self) -> float:
-        """The same, with the time for which they are exposed."""
+        """`late_s`, and the time for which its pixels are exposed."""
         return self.late_s + self.view.exposure_s
 
 
@@ -127,7 +127,7 @@ class HorizonFix:
         return tuple(view.name for view in views if view.name in agree)
 
     def surer_without_rest(self, views: Sequence[CameraView]) -> HorizonFix:
-        """The same, where limbs that are not in it, though on its cone, say so.
+        """The fix, where limbs that are not in it, though on its cone, say so.
 
         views : of the frames, in order.
         """

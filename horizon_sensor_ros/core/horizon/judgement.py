@@ -321,8 +321,8 @@ def _bends(observation: LimbObservation, cone: HorizonFit) -> str:
     return f"the edge in {observation.view.name} bends unlike a limb, by {bend:.2f} px"
 
 
-def disagreement_rad(one: HorizonFit, other: HorizonFit) -> float:
-    """Angle between two fits' nadirs if it is more than their covariances allow, else 0."""
+def disagreement_rad(one: HorizonFit, other: HorizonFit) -> float | None:
+    """Angle between two fits' nadirs if it is more than their covariances allow, else None."""
     apart_rad = angle_rad(one.nadir_base, other.nadir_base)
     cov = (one.cov_nadir_altitude + other.cov_nadir_altitude)[:3, :3]
     if apart_rad > 0.5 * math.pi:
@@ -333,7 +333,7 @@ def disagreement_rad(one: HorizonFit, other: HorizonFit) -> float:
         apart = basis.T @ (other.nadir_base - one.nadir_base)
         chi2 = float(apart @ np.linalg.solve(basis.T @ cov @ basis, apart))
     unlikely = chi2 > _DISAGREEMENT_SIGMAS**2
-    return apart_rad if unlikely and apart_rad > _DISAGREEMENT_RAD else 0.0
+    return apart_rad if unlikely and apart_rad > _DISAGREEMENT_RAD else None
 
 
 def nadir_sigma_rad(fit: HorizonFit) -> float:

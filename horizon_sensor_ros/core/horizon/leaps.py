@@ -47,7 +47,7 @@ class _Run:
         return cls(fit.nadir_base, nadir_sigma_rad(fit), fit.altitude_m, sigma_m, sets)
 
     def later(self, turn: np.ndarray, since_s: float) -> _Run | None:
-        """The same one set later; None where it is too long ago."""
+        """The run one set later; None where its last fix is too long ago."""
         time_s = self.time_s + since_s
         if time_s > _LONGEST_S:
             return None

@@ -80,7 +80,7 @@ class HorizonSearch:
             disc.rho_rad,
             self._rho_max,
         )
-        if larger_rad == 0.0:
+        if larger_rad is None:
             return None
         small, large = np.degrees([disc.rho_rad, larger_rad])
         reason = f"a moon's limb? It is {small:.2g} deg in radius, a disc beside it {large:.2g}"
@@ -89,7 +89,7 @@ class HorizonSearch:
     def _found(
         self, frames: Sequence[Frame], unusable: Sequence[LimbPoints | None], aiding: Aiding
     ) -> tuple[HorizonFix, Detection | None]:
-        """The same, whatever shows beside it."""
+        """Fix and detection as of `fix`, whatever shows beside the disc that the fix is of."""
         limbs = list(unusable)
         look = partial(self._sighting, aiding)
         singles = SingleCameras(frames, look, self._of_one, self._estimator, self._any_sigma)
@@ -144,10 +144,10 @@ class HorizonSearch:
         """Number of edges beside space in one frame that agree on a disc, whether or not it is the
         planet's; 0 where too few do.
         """
-        found = rays_of_candidates(
+        candidates = rays_of_candidates(
             [frame.view], [candidates_in(frame.working, mask=frame.view.mask)]
         )
-        consensus = limb_consensus(found, rho_min_rad=self._rho_min, rho_max_rad=self._rho_max)
+        consensus = limb_consensus(candidates, rho_min_rad=self._rho_min, rho_max_rad=self._rho_max)
         return int(np.count_nonzero(consensus.inliers))
 
     def _with_sky_hidden(

@@ -135,14 +135,14 @@ class HorizonSensor:
     def _brought_together(self, frames: Sequence[Frame], aiding: Aiding) -> HorizonFix:
         """Fix of frames that are not of one moment, at that of the first camera that is in it."""
         by_fixes = self._nadir_rate.now(self.config.rate_sigma_rad_s)
-        told = rate_by_gyro(aiding)
-        if told is None:
+        gyro_rate = rate_by_gyro(aiding)
+        if gyro_rate is None:
             return self._at_rate(frames, by_fixes, aiding)
         # Nor is the age of a coarse pose counted by a gyro that is not believed.
         unaided = replace(aiding, rate_base_rad_s=None)
-        if not self._gyro_trust.believes(told, by_fixes, aiding.since_last_s):
+        if not self._gyro_trust.believes(gyro_rate, by_fixes, aiding.since_last_s):
             return _without_gyro(self._at_rate(frames, by_fixes, unaided), _NOT_THE_FIXES)
-        fix = self._at_rate(frames, told, aiding)
+        fix = self._at_rate(frames, gyro_rate, aiding)
         # A rate by which frames of one moment are no more than smeared bends no horizon.
         late = any(frame.late_s > 0.0 for frame in frames)
         if not late or fix.status not in _OF_A_WRONG_RATE:
@@ -155,10 +155,13 @@ class HorizonSensor:
         return _without_gyro(without, _NOT_THE_GYROS)
 
     def _at_rate(
-        self, frames: Sequence[Frame], told: TurnRate | None, aiding: Aiding
+        self, frames: Sequence[Frame], known_rate: TurnRate | None, aiding: Aiding
     ) -> HorizonFix:
-        """The same, of a craft that turns so fast. told : None where that is not known."""
-        rate = told or TurnRate(np.zeros(3), self.config.rate_sigma_rad_s)
+        """Fix of frames that are not of one moment, of a craft that turns so fast.
+
+        known_rate : None where that is not known.
+        """
+        rate = known_rate or TurnRate(np.zeros(3), self.config.rate_sigma_rad_s)
         turn_rad = max(frame.takes_s for frame in frames) * float(
             np.linalg.norm(rate.rate_base_rad_s)
         )
@@ -167,7 +170,7 @@ class HorizonSensor:
             return self._too_fast(frames, turn_rad)
         fix = self._at_its_own(frames, rate, aiding)
         open_rad = max(frame.late_s for frame in frames) * rate.sigma_rad_s
-        if fix.ok and told is None and open_rad > _OF_SIGMA * nadir_sigma_rad(fix.fit):
+        if fix.ok and known_rate is None and open_rad > _OF_SIGMA * nadir_sigma_rad(fix.fit):
             return _told_besides(fix, _NO_RATE)
         return fix
 
@@ -250,7 +253,7 @@ class HorizonSensor:
     ) -> Track:
         """Track from a search. views : of the frames that were looked at. frames : all of them."""
         cameras = fix.cameras_on_cone(views)
-        shows = detection.layer_rad > 0.0 or fix.airglow is not None
+        shows = detection.below_layer or fix.airglow is not None
         by_name = {frame.view.name: frame for frame in frames}
         outside = [view.name for view in views if view.name not in cameras]
         limbs = dict(zip(by_name, fix.limbs, strict=True))

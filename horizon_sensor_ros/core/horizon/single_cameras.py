@@ -24,6 +24,7 @@ from horizon_sensor_ros.core.limb.detector import joined
 from horizon_sensor_ros.core.limb.search.columns import LAYER_M
 from horizon_sensor_ros.core.limb.search.selection import Consensus
 from horizon_sensor_ros.core.limb_curve import limb_in_sight
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.core.planet_figure import disc_of
 from horizon_sensor_ros.core.status import Status
 
@@ -62,7 +63,7 @@ class SingleCameras:
         self._near: dict[int, tuple[Detection, Judged]] = {}
         self._about: Sighting | None = None
 
-    def found(self, i: int) -> Detection:
+    def detection(self, i: int) -> Detection:
         """What a camera, by number, finds by itself."""
         return self._alone(i)[0]
 
@@ -119,8 +120,8 @@ class SingleCameras:
             if fix.limbs[i].status is Status.BAD_IMAGE:
                 continue
             by_itself = self.judged(i).fix
-            apart_rad = disagreement_rad(by_itself.fit, fix.fit) if by_itself.ok else 0.0
-            if apart_rad > 0.0:
+            apart_rad = disagreement_rad(by_itself.fit, fix.fit) if by_itself.ok else None
+            if apart_rad is not None:
                 yield i, apart_rad
 
     def refusing(self, fix: HorizonFix) -> HorizonFix | None:
@@ -142,7 +143,7 @@ class SingleCameras:
         others = max((self._on_cone_of(elsewhere, i) for i in elsewhere), key=len, default=[])
         if not others or len(others) < len(agree):
             return None
-        apart_rad = disagreement_rad(self.judged(others[0]).fix.fit, fix.fit)
+        apart_rad = angle_rad(self.judged(others[0]).fix.fit.nadir_base, fix.fit.nadir_base)
         names = [self._names[i] for i in others]
         reason = (
             f"{' and '.join(names)} alone {'finds' if len(names) == 1 else 'find'} nadir "
@@ -154,8 +155,8 @@ class SingleCameras:
     def _on_cone_of(self, cameras: Sequence[int], i: int) -> list[int]:
         """Camera `i`, and those of some that by themselves do not find nadir elsewhere than it."""
         own = self.judged(i).fix.fit
-        rest = [k for k in cameras if k != i]
-        return [i, *(k for k in rest if not disagreement_rad(self.judged(k).fix.fit, own))]
+        rest = {k: self.judged(k).fix.fit for k in cameras if k != i}
+        return [i, *(k for k, fit in rest.items() if disagreement_rad(fit, own) is None)]
 
     def by_own_limbs(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
         """Fix, or why there is none, by the limbs that cameras find by themselves, where these
@@ -177,26 +178,26 @@ class SingleCameras:
         return self._by_what_is_known(sighting, fix)
 
     def _by_what_is_known(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
-        """The same, by what is known so far of each camera."""
+        """Answer of `by_own_limbs` by what is known so far of each camera."""
         return self._contradicting(sighting, fix) or self._surer_by_itself(fix)
 
     def _contradicting(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
         """What comes of limbs that contradict each other; None where they do not."""
-        found = {
-            i: self.found(i)
+        detections = {
+            i: self.detection(i)
             for i, limb in enumerate(fix.limbs)
             if limb.status is not Status.BAD_IMAGE and self.judged(i).fix.ok
         }
         # One that is left out by two that agree, each by itself too, is outvoted.
         agree = fix.cameras_on_cone(self._views)
-        voters = {i: one for i, one in found.items() if self._names[i] in agree}
-        found = voters if len(voters) > 1 else found
+        voters = {i: one for i, one in detections.items() if self._names[i] in agree}
+        detections = voters if len(voters) > 1 else detections
         # Edges in glow and limbs that were separated from it lie on two cones anyway.
-        separated = {one.limbs[0].glow_separated for one in found.values()}
-        if len(found) < 2 or len(separated) > 1:
+        separated = {one.limbs[0].glow_separated for one in detections.values()}
+        if len(detections) < 2 or len(separated) > 1:
             return None
-        of_found = [self._frames[i] for i in found]
-        own = joined(list(found.values()), sighting.detection)
+        of_found = [self._frames[i] for i in detections]
+        own = joined(list(detections.values()), sighting.detection)
         by_own = self._estimator.judged(replace(sighting, frames=of_found, detection=own)).fix
         by_own = in_place_of(fix, self._frames, by_own, of_found)
         if by_own.status in (Status.CAMERAS_DISAGREE, Status.POOR_FIT):
@@ -204,7 +205,7 @@ class SingleCameras:
             refused = self._estimator.refused(
                 Status.CAMERAS_DISAGREE, reason, fix.fit, by_own.limbs
             )
-            return replace(refused, contradicting=tuple(self._names[i] for i in found))
+            return replace(refused, contradicting=tuple(self._names[i] for i in detections))
         if not (by_own.ok and by_own.reason):
             return None
         # What contradicts itself already is only followed no longer where it is far worse.
@@ -229,7 +230,7 @@ class SingleCameras:
         return surest.surer_without_rest(self._views)
 
     def perhaps_of_layer(self, sighting: Sighting, fix: HorizonFix) -> HorizonFix | None:
-        """The same fix, its altitude as uncertain as a layer of airglow is high, where the limb may
+        """The fix, its altitude as uncertain as a layer of airglow is high, where the limb may
         be the edge of one; else None. About nadir both limbs say the same.
         """
         detection = sighting.detection
@@ -241,8 +242,8 @@ class SingleCameras:
         of_layer = self._estimator.judged(
             replace(sighting, detection=detection.raised(LAYER_M))
         ).fix
-        told = filter(None, (of_layer.reason, f"{who}: {_PERHAPS_AT_LAYER}"))
-        of_layer = replace(of_layer, reason="; ".join(told))
+        reasons = filter(None, (of_layer.reason, f"{who}: {_PERHAPS_AT_LAYER}"))
+        of_layer = replace(of_layer, reason="; ".join(reasons))
         return in_place_of(fix, self._frames, of_layer, sighting.frames)
 
     def _who_tells_of_layer(self, sighting: Sighting, fix: HorizonFix) -> str | None:
@@ -260,7 +261,7 @@ class SingleCameras:
         self._look_near(sighting)
         for seen in detection.observations:
             i = self._number[seen.view.name]
-            at_layer = is_at_layer([seen], layer_of(self.found(i)))
+            at_layer = is_at_layer([seen], layer_of(self.detection(i)))
             if at_layer or is_above(fix.fit, self.judged(i).fix):
                 return f"{seen.view.name}, by itself"
         return None
@@ -290,7 +291,7 @@ class SingleCameras:
             judged = self.judged(i)
             by_itself = judged.fix
             at_layer = not by_itself.airglow_alone and is_at_layer(
-                self.found(i).observations, layer
+                self.detection(i).observations, layer
             )
             if by_itself.ok and not at_layer:
                 found.append(by_itself)

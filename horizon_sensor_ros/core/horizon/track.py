@@ -90,7 +90,7 @@ class Track:
         )
 
     def after(self, before: Track | None, since_s: float | None) -> Track:
-        """The same with the step from a track that the set before had left, if any had.
+        """Track with the step from the one that the set before had left, if it had.
 
         since_s : from that set on. So a limb that moves too far from set to set to be found where
         it was is followed after two searches.

@@ -24,6 +24,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.planet import EARTH_RADIUS_M
 
 LIMB, BACKGROUND, BLUR, LOG_GLOW, LOG_HEIGHT, SHARE, FADING = slice(3), 3, 4, slice(5, 8), 8, 9, 10
 STRAY = slice(11, 13)
@@ -36,7 +37,7 @@ KEPT_LIMB, KEPT_BLUR, KEPT_LOG_GLOW = np.arange(3), 3, np.arange(4, 7)
 _LOGS = slice(5, 9)
 _OF_AIR = slice(5, 11)
 # What is known beforehand of each unknown: its usual value, and one sigma.
-USUAL_HEIGHT = 8.5e3 / 6371e3  # of the Earth's air, over its radius
+USUAL_HEIGHT = 8.5e3 / EARTH_RADIUS_M  # of the Earth's air, over its radius
 _HEIGHT_SIGMA = 0.15  # of the logarithm
 BLUR_SIGMA_PX = 0.1  # about the blur of the edges found one by one
 USUAL_SHARE = 0.5
@@ -101,14 +102,14 @@ class Air:
         return self.part is not None
 
     def lit_in(self, part: tuple[float, float] | None) -> Air:
-        """The same above a part of the limb towards the terminator, or above all of it by day."""
+        """Air above a part of the limb towards the terminator, or above all of it by day."""
         count = 0 if part is None else FURTHER
         further = self.further if len(self.further) == count else np.zeros(count)
         return replace(self, part=part, further=further)
 
     @property
     def elsewhere(self) -> Air:
-        """The same above another limb, of which it is not known how the Sun lights it."""
+        """Air above another limb, of which it is not known how the Sun lights it."""
         if not self.twilit:
             return self
         return replace(self.lit_in(None), log_glow=np.array([self.log_glow[0], 0.0, 0.0]))
@@ -122,7 +123,7 @@ class Air:
         return float(self.log_glow[0]) + unevenly + max(-self.fading, 0.0) < _MOST_LOG_GLOW
 
     def changed(self, change: np.ndarray) -> Air:
-        """The same after a step (P,)."""
+        """Air after a step (P,) of the unknowns."""
         logs = np.clip(change[_LOGS], -_MOST_CHANGE, _MOST_CHANGE)
         return replace(
             self,

@@ -61,11 +61,13 @@ class LimbState:
             tuple(self.white[i] for i in frames),
         )
 
-    def with_looks(self, frames: Sequence[int], found: Detection) -> LimbState:
-        """The same, of a limb that looks in these frames as was found in them."""
-        looks = dict(zip(frames, found.looks, strict=True))
-        steepness = dict(zip(frames, found.steepness, strict=True)) if found.steepness else {}
-        white = dict(zip(frames, found.state.white, strict=True))
+    def with_looks(self, frames: Sequence[int], now: Detection) -> LimbState:
+        """State of a limb that looks in some frames, by number, as it was detected in them now, and
+        in the others as before.
+        """
+        looks = dict(zip(frames, now.looks, strict=True))
+        steepness = dict(zip(frames, now.steepness, strict=True)) if now.steepness else {}
+        white = dict(zip(frames, now.state.white, strict=True))
         return replace(
             self,
             white=tuple(white.get(i, before) for i, before in enumerate(self.white)),
@@ -110,6 +112,11 @@ class Detection:
     steepness: tuple[np.ndarray, ...] = ()
     separated: tuple[LimbObservation, ...] = ()
     airglow: bool = True
+
+    @property
+    def below_layer(self) -> bool:
+        """Whether a layer of airglow lies above the limb."""
+        return self.layer_rad > 0.0
 
     @property
     def limbs(self) -> tuple[LimbPoints, ...]:
@@ -176,7 +183,7 @@ class Detection:
 
     @property
     def separated_only(self) -> Detection | None:
-        """The same with only those limbs that were separated from the glow above them; None where
+        """Detection of only those limbs that were separated from the glow above them; None where
         all or none were.
 
         Edges in glow lie a pixel or two too far out, so that they and the ground's limb lie on two
@@ -205,7 +212,7 @@ class Detection:
         """Share (0 to 1) of the edges on which the search agreed that lie outside a frame's limb; 0
         where the limb was followed, or where glow above it may explain them.
         """
-        if self.agreed is None or self.layer_rad > 0.0 or self.limbs[index].glow_separated:
+        if self.agreed is None or self.below_layer or self.limbs[index].glow_separated:
             return 0.0
         of_frame = self.agreed.camera == index
         outside = self.agreed.outside(self.nadir_base, self.rho_rad) & of_frame
@@ -215,7 +222,7 @@ class Detection:
         """Quartiles of the height of the layer of airglow above a fit's limb; None where it was not
         measured.
         """
-        if self.agreed is None or self.layer_rad == 0.0:
+        if self.agreed is None or not self.below_layer:
             return None
         return layer_heights_m(self.agreed, (fit.nadir_base, fit.rho_rad), planet)
 
@@ -224,14 +231,14 @@ class Detection:
         one; 0 without glow, where limb and glow were separated, and below a layer of airglow.
         """
         limb, looks = self.limbs[index], self.looks[index]
-        if self.layer_rad > 0.0 or limb.glow_separated or not looks or looks[0].glow_px == 0.0:
+        if self.below_layer or limb.glow_separated or not looks or looks[0].glow_px == 0.0:
             return 0.0
         view = self.observations[index].view
         usual_px = usual_length_px(view, self.rho_rad, self.factors[index])
         return looks[0].glow_px / max(usual_px, _SHORTEST_PX)
 
     def raised(self, above_m: float) -> Detection:
-        """The same, of limbs that may lie so far above the ground at least."""
+        """Detection whose limbs may lie so far above the ground at least."""
         return self.with_limbs(
             [
                 limb if limb.above_m >= above_m else replace(limb, above_m=above_m)
@@ -240,7 +247,7 @@ class Detection:
         )
 
     def with_limbs(self, limbs: Sequence[LimbPoints]) -> Detection:
-        """The same with other points of the limbs, or other errors of theirs."""
+        """Detection with other points of the limbs, one a frame, or other errors of theirs."""
         if all(seen.limb is limb for seen, limb in zip(self.observations, limbs, strict=True)):
             return self
         return replace(

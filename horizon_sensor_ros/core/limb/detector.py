@@ -85,15 +85,15 @@ def detect_limb(
         pairs = zip(views, images, strict=True)
         working = [WorkingImage.of(image, view.mask) for view, image in pairs]
     working = tuple(working)
-    candidates = [
+    of_frames = [
         candidates_in(image, mask=view.mask) for view, image in zip(views, working, strict=True)
     ]
-    found = rays_of_candidates(views, candidates)
+    candidates = rays_of_candidates(views, of_frames)
     if near is None:
-        consensus = limb_consensus(found, rho_min_rad=rho_min_rad, rho_max_rad=rho_max_rad)
-        consensus = ground_under_airglow(views, working, found, consensus, planet)
+        consensus = limb_consensus(candidates, rho_min_rad=rho_min_rad, rho_max_rad=rho_max_rad)
+        consensus = ground_under_airglow(views, working, candidates, consensus, planet)
     else:
-        consensus = consensus_about(found, *near)
+        consensus = consensus_about(candidates, *near)
     daylit = None
     if consensus.by_day is not None:
         daylit = _under_daylit_air(views, images, planet, working, consensus.by_day)
@@ -105,21 +105,21 @@ def detect_limb(
                 return within
         return _nothing(views, working, consensus)
     looked = daylit or _looked_for(views, images, planet, working, consensus)
-    if near is None and not (daylit or consensus.unanimous) and consensus.layer_rad == 0.0:
-        below = _below_airglow(views, planet, working, found, looked)
+    if near is None and not (daylit or consensus.unanimous) and not consensus.below_layer:
+        below = _below_airglow(views, planet, working, candidates, looked)
         if below is not None:
             consensus = below
             if consensus.status is not Status.OK:
                 return _nothing(views, working, consensus)
             looked = _looked_for(views, images, planet, working, consensus, FRESH)
-    return _searched(looked, working, consensus, found)
+    return _searched(looked, working, consensus, candidates)
 
 
 def limb_of_one(
     view: CameraView,
     image: np.ndarray,
     planet: Planet,
-    found: Detection,
+    of_all: Detection,
     index: int,
     *,
     rho_min_rad: float,
@@ -127,30 +127,30 @@ def limb_of_one(
 ) -> Detection | None:
     """What `detect_limb` finds in one frame alone, sooner: from what it found in all of them.
 
-    view, image : of the frame. found, index : in all frames, and its number among these. What is
+    view, image : of the frame. of_all, index : in all frames, and its number among these. What is
     found around a common cone lies near it, also where that is no camera's own: so the limb is
     looked for again around the cone of this frame's points. None where that may not tell what a
     search would find: frames in which the limb was not `seen_alike`; candidates of this one that
     agree on another limb; or a layer of airglow.
     """
-    if found.candidates is None or not found.seen_alike:
+    if of_all.candidates is None or not of_all.seen_alike:
         return None
-    seen = found.observations[index]
-    own = refine(seen.rays, planet, (found.nadir_base, found.rho_rad))
+    seen = of_all.observations[index]
+    own = refine(seen.rays, planet, (of_all.nadir_base, of_all.rho_rad))
     if not own.ok:
         return None
-    candidates, working = found.candidates.of_camera(index), found.working[index]
+    candidates, working = of_all.candidates.of_camera(index), of_all.working[index]
     consensus = limb_consensus(candidates, rho_min_rad=rho_min_rad, rho_max_rad=rho_max_rad)
     consensus = ground_under_airglow([view], [working], candidates, consensus, planet)
     elsewhere = (
         consensus.status is not Status.OK
-        or consensus.layer_rad > 0.0
+        or consensus.below_layer
         or consensus.apart_px(seen.rays, working.factor * view.camera.pixel_rad) > _ANOTHER_PX
     )
     if elsewhere:
         return None
     near = own.nadir_base, own.rho_rad
-    looked = follow_limb([view], [image], planet, near, found.state.of([index]))
+    looked = follow_limb([view], [image], planet, near, of_all.state.of([index]))
     if looked is None:
         return None
     if not consensus.unanimous:
@@ -201,23 +201,23 @@ def follow_limb(
         for image, factor, smear in zip(images, before.factors, smears, strict=True)
     ]
     for start, steps in attempts:
-        found = look_for(views, frames, planet, near, start, steps)
-        if found.state.sees != before.sees:
-            separated = found.separated_only
+        detection = look_for(views, frames, planet, near, start, steps)
+        if detection.state.sees != before.sees:
+            separated = detection.separated_only
             if separated is None or separated.state.sees != before.sees:
                 continue
-            found = separated
-        if start is before.looks and found.state.white != before.white:
+            detection = separated
+        if start is before.looks and detection.state.white != before.white:
             # Exposed otherwise: what it looked like then was told by less of it, or by more.
             continue
-        if found.modelled and found.on_course:
-            if not smeared_alike(views, images, found, before.smears):
+        if detection.modelled and detection.on_course:
+            if not smeared_alike(views, images, detection, before.smears):
                 return None
-            sharp = still_sharp(views, images, found, before.steepness, before.smears, start)
+            sharp = still_sharp(views, images, detection, before.steepness, before.smears, start)
             if sharp is None:
                 return None
-            found = replace(found, smears=smears, steepness=sharp)
-            return with_smear_error(found.raised(before.above_m))
+            detection = replace(detection, smears=smears, steepness=sharp)
+            return with_smear_error(detection.raised(before.above_m))
     return None
 
 
@@ -225,7 +225,7 @@ def _searched(
     looked: Detection,
     working: Sequence[WorkingImage],
     consensus: Consensus,
-    found: RayCandidates,
+    candidates: RayCandidates,
 ) -> Detection:
     """What was looked for near a consensus, with what the search for that found."""
     return replace(
@@ -233,7 +233,7 @@ def _searched(
         working=tuple(working),
         consensus=consensus,
         layer_rad=consensus.layer_rad,
-        candidates=found,
+        candidates=candidates,
         steepness=tuple(limb.steepness for limb in looked.limbs),
     )
 
@@ -252,18 +252,18 @@ def _from_within_air(
     for times in _COARSER:
         if min(min(small.gray.shape) for small in working) < _LEAST_COARSE_PX * times:
             break
-        candidates = [
+        of_frames = [
             candidates_in(small.coarser(times, view.mask), mask=view.mask)
             for view, small in zip(views, working, strict=True)
         ]
-        found = rays_of_candidates(views, candidates)
-        consensus = limb_consensus(found, rho_min_rad=rho_min_rad, rho_max_rad=LOWEST_RHO_RAD)
+        candidates = rays_of_candidates(views, of_frames)
+        consensus = limb_consensus(candidates, rho_min_rad=rho_min_rad, rho_max_rad=LOWEST_RHO_RAD)
         if consensus.status is not Status.OK:
             continue
         near = consensus.nadir_base, consensus.rho_rad
         hazy = _through_haze(views, images, planet, near)
         if hazy is not None and hazy.sure:
-            return _searched(hazy.found, working, consensus, found)
+            return _searched(hazy.detection, working, consensus, candidates)
     return None
 
 
@@ -277,8 +277,8 @@ def _under_daylit_air(
     """Limb near a consensus that may be that of a layer of airglow; None unless it is under air by
     day.
     """
-    found = _looked_for(views, images, planet, working, consensus)
-    return found if found.under_daylit_air else None
+    detection = _looked_for(views, images, planet, working, consensus)
+    return detection if detection.under_daylit_air else None
 
 
 def _nothing(
@@ -293,7 +293,7 @@ def _below_airglow(
     views: Sequence[CameraView],
     planet: Planet,
     working: Sequence[WorkingImage],
-    found: RayCandidates,
+    candidates: RayCandidates,
     looked: Detection,
 ) -> Consensus | None:
     """Consensus of the ground's limb, or why there is none, where what was found is the airglow's
@@ -304,8 +304,8 @@ def _below_airglow(
     """
     if not np.isfinite(looked.rho_rad):
         return None
-    about = consensus_about(found, looked.nadir_base, looked.rho_rad)
-    below = ground_under_airglow(views, working, found, about, planet, refined=True)
+    about = consensus_about(candidates, looked.nadir_base, looked.rho_rad)
+    below = ground_under_airglow(views, working, candidates, about, planet, refined=True)
     return None if below is about else below
 
 
@@ -324,7 +324,7 @@ def _looked_for(
     if looked is None:
         hazy = _through_haze(views, images, planet, near)
         if hazy is not None and hazy.sure:
-            return hazy.found
+            return hazy.detection
         frames = [
             SizedFrame(image, max(1, small.factor // 2), small.factor)
             for image, small in zip(images, working, strict=True)
@@ -342,7 +342,7 @@ def _through_haze(
 ) -> ThroughHaze | None:
     """`look_through_haze`; not at limbs that look so since motion smears them."""
     hazy = look_through_haze(views, images, planet, near)
-    return None if hazy is None or smeared_one_way(images, hazy.found) else hazy
+    return None if hazy is None or smeared_one_way(images, hazy.detection) else hazy
 
 
 def _seen_at_once(
@@ -359,12 +359,12 @@ def _seen_at_once(
         missed = observation.limb.status is not Status.OK
         if missed and len(limb_in_sight(view, *near)):
             return None
-    found = Detection(
+    detection = Detection(
         tuple(seen),
         nadir_base=near[0],
         rho_rad=near[1],
         looks=tuple(held),
         factors=(1,) * len(views),
     )
-    steady = shows_all(found, held, _STEADY_MEANS_PX)
-    return found if steady and found.modelled and found.on_course else None
+    steady = shows_all(detection, held, _STEADY_MEANS_PX)
+    return detection if steady and detection.modelled and detection.on_course else None

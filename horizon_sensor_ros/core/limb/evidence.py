@@ -109,21 +109,21 @@ def sky_evidence(
     sky = _sky(small, factor, view, nadir_base, rho_rad + _LAYER * layer_rad)
     usable = None if view.mask is None else view.mask.reduced(factor)
     limb_px = curve.spacing_px * len(px)
-    told = _judged(working, usable, sides, sky, limb_px)
-    if told.bright_sky < _HARDLY_BRIGHT and not told.clear_sky < _SURELY_CLEAR:
-        return told
+    evidence = _judged(working, usable, sides, sky, limb_px)
+    if evidence.bright_sky < _HARDLY_BRIGHT and not evidence.clear_sky < _SURELY_CLEAR:
+        return evidence
     above = small - np.float32(working.space_level)
     sky_px = _grid(view.camera, *small.shape, factor)[0][sky]
-    light = glare = _glare(above, sky_px, told.contrast * noise)
+    light = glare = _glare(above, sky_px, evidence.contrast * noise)
     if light is None:
-        light = _stray_light(above, sky_px, told.contrast * noise, noise)
+        light = _stray_light(above, sky_px, evidence.contrast * noise, noise)
     if light is None:
-        return told
+        return evidence
     dark = replace(working, gray=above - light, space_level=0.0)
     without = _judged(dark, usable, sides, sky, limb_px)
     # The Sun's streaks have edges of their own; what is taken for stray light, which has none, may
     # be ground.
-    return replace(without, ground_beyond=0.0 if glare is not None else told.ground_beyond)
+    return replace(without, ground_beyond=0.0 if glare is not None else evidence.ground_beyond)
 
 
 def _judged(

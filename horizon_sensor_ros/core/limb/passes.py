@@ -67,24 +67,26 @@ def look_for(
     separated from its glow. Passes that decide the frames' sizes are made again where one changes.
     """
     passes = _Passes(views, frames, planet, near, looks, [*steps, _FINAL])
-    found = _NOTHING
+    detection = _NOTHING
     while passes.ahead:
         step = passes.ahead.pop(0)
         if step.for_glow and not passes.unknown_glow:
             continue
-        found = passes.make(step)
-        if _is_enough(step, found):
+        detection = passes.make(step)
+        if _is_enough(step, detection):
             break
-        if step.resizes and passes.resize(step, found):
+        if step.resizes and passes.resize(step, detection):
             continue
-        if not (passes.ahead and passes.go_nearer(step, found)):
+        if not (passes.ahead and passes.go_nearer(step, detection)):
             break
-    if not any(seen.limb.glow_separated for seen in (*found.observations, *found.separated)):
-        return found
+    if not any(
+        seen.limb.glow_separated for seen in (*detection.observations, *detection.separated)
+    ):
+        return detection
     return replace(
-        found,
-        observations=told_together(found.observations),
-        separated=told_together(found.separated),
+        detection,
+        observations=told_together(detection.observations),
+        separated=told_together(detection.separated),
     )
 
 
@@ -138,19 +140,19 @@ class _Passes:
             separated=separated,
         )
 
-    def resize(self, step: RefinePass, found: Detection) -> bool:
+    def resize(self, step: RefinePass, detection: Detection) -> bool:
         """Let frames change their size by how their limbs look; whether one went back to the last
         size, in which the cone was known better than from this.
         """
-        limbs = zip(self._frames, found.limbs, strict=True)
+        limbs = zip(self._frames, detection.limbs, strict=True)
         resized = [frame.resize(limb) for frame, limb in limbs]
         if any(resized) and not step.after_search:
             self._again(step)
         return -1 in resized
 
-    def go_nearer(self, step: RefinePass, found: Detection) -> bool:
+    def go_nearer(self, step: RefinePass, detection: Detection) -> bool:
         """Go on around the cone that fits what a pass found; False where none does."""
-        rays = gather(found.observations)
+        rays = gather(detection.observations)
         # Around a consensus that strayed to a cloud edges follow it where the limb is out of reach:
         # then those that are right are found by their agreement, not by where the consensus was.
         starts = (None, self.cone) if step.after_search else (self.cone, None)
@@ -165,7 +167,7 @@ class _Passes:
             return coarser
         self.cone = nearer.nadir_base, nearer.rho_rad
         if step.after_search:
-            if shows_all(found, self.looks, _STEADY_PX):
+            if shows_all(detection, self.looks, _STEADY_PX):
                 self.ahead.remove(_NEAR)
             else:
                 self.looks = [()] * len(self._views)
@@ -177,11 +179,11 @@ class _Passes:
         self.ahead.insert(0, step)
 
 
-def _is_enough(step: RefinePass, found: Detection) -> bool:
+def _is_enough(step: RefinePass, detection: Detection) -> bool:
     """Whether no pass after this one would tell more."""
     if step.finest:
-        return found.on_course or not found.modelled
-    return step.for_glow and step.separate_glow and found.glow_separated
+        return detection.on_course or not detection.modelled
+    return step.for_glow and step.separate_glow and detection.glow_separated
 
 
 def refined(
@@ -302,12 +304,14 @@ def _only_separated(
     )
 
 
-def shows_all(found: Detection, looks: Sequence[tuple[EdgeLook, ...]], steady_px: float) -> bool:
+def shows_all(
+    detection: Detection, looks: Sequence[tuple[EdgeLook, ...]], steady_px: float
+) -> bool:
     """Whether a pass, in whole frames, shows what the next one would: edges that lie steadily,
     without glow.
     """
     return (
-        max(found.factors) == 1
+        max(detection.factors) == 1
         and not any(look.glow_px > 0.0 for kinds in looks for look in kinds)
-        and all(limb.jumps_px < steady_px for limb in found.limbs if limb.status is Status.OK)
+        and all(limb.jumps_px < steady_px for limb in detection.limbs if limb.status is Status.OK)
     )

@@ -226,7 +226,7 @@ class LimbSample:
         """
         normal = self.curve.normal_px
         shift = normal @ limb[:2] + limb[2]
-        curve = LimbCurve(self.curve.px + (self.factor * shift)[:, None] * normal, normal)
+        curve = replace(self.curve, px=self.curve.px + (self.factor * shift)[:, None] * normal)
         grid = replace(self.grid, first_px=-INNER_PX, num=round(INNER_PX + OUTER_PX) + 1)
         sampled, _ = sample_profiles(self.gray, curve, grid.d_px, self.factor)
         profiles = self.bundles.mean(sampled)

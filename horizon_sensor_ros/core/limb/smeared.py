@@ -43,7 +43,7 @@ _SMEARED = "motion smears the limb too far, or it is no limb but the soft edge o
 
 
 def without_smear(
-    views: Sequence[CameraView], images: Sequence[np.ndarray], planet: Planet, found: Detection
+    views: Sequence[CameraView], images: Sequence[np.ndarray], planet: Planet, detection: Detection
 ) -> Detection:
     """Find the limb again in smeared frames, blurred until the blur is equal in all directions and
     reduced until the smear is a pixel or two; unchanged where no frame is smeared.
@@ -51,30 +51,30 @@ def without_smear(
     A camera whose reduced frame would be smaller than `_SMALLEST_PX`, or whose limb is smeared by
     more than `_LONGEST_PX`, gets no limb.
     """
-    smears = _smears(views, images, found)
+    smears = _smears(views, images, detection)
     if not any(smears):
-        return replace(found, smears=tuple(smears))
+        return replace(detection, smears=tuple(smears))
     factors = [
         math.ceil(smear.across_px / _LEFT_PX) if smear else factor
-        for smear, factor in zip(smears, found.factors, strict=True)
+        for smear, factor in zip(smears, detection.factors, strict=True)
     ]
     frames = [
         SizedFrame(image, factor, smear=smear)
         for image, factor, smear in zip(images, factors, smears, strict=True)
     ]
-    near = found.nadir_base, found.rho_rad
+    near = detection.nadir_base, detection.rho_rad
     fresh: list[tuple[EdgeLook, ...]] = [()] * len(views)
-    found = look_for(views, frames, planet, near, fresh, FRESH)
+    detection = look_for(views, frames, planet, near, fresh, FRESH)
     none = LimbPoints.none(Status.NO_LIMB, _SMEARED)
     usable = [
         seen
         if smear is None or _may_be_seen(smear, min(image.shape) / factor)
         else LimbObservation(seen.view, none)
         for seen, image, smear, factor in zip(
-            found.observations, images, smears, factors, strict=True
+            detection.observations, images, smears, factors, strict=True
         )
     ]
-    return with_smear_error(replace(found, observations=tuple(usable), smears=tuple(smears)))
+    return with_smear_error(replace(detection, observations=tuple(usable), smears=tuple(smears)))
 
 
 def _may_be_seen(smear: Smear, size_px: float) -> bool:
@@ -82,46 +82,50 @@ def _may_be_seen(smear: Smear, size_px: float) -> bool:
     return smear.across_px <= _LONGEST_PX and size_px >= _SMALLEST_PX
 
 
-def with_smear_error(found: Detection) -> Detection:
+def with_smear_error(detection: Detection) -> Detection:
     """Multiply the shared errors of smeared limbs by `_MISJUDGED`, as simulated ones need it."""
-    if any(found.smears):
+    if any(detection.smears):
         # How far a fit of limb and glow is misled by a smear is known of all limbs together.
-        found = replace(found, separated=())
-    return found.with_limbs(
+        detection = replace(detection, separated=())
+    return detection.with_limbs(
         [
             limb.with_shared_errors_times(_MISJUDGED) if smear else limb
-            for limb, smear in zip(found.limbs, found.smears, strict=True)
+            for limb, smear in zip(detection.limbs, detection.smears, strict=True)
         ]
     )
 
 
 def _smears(
-    views: Sequence[CameraView], images: Sequence[np.ndarray], found: Detection
+    views: Sequence[CameraView], images: Sequence[np.ndarray], detection: Detection
 ) -> list[Smear | None]:
     """Motion's smear in each frame, None where there is hardly any."""
     smears: list[Smear | None] = []
-    separated = [one.limb.glow_separated for one in found.separated or found.observations]
-    seen = zip(views, images, found.limbs, found.looks, found.factors, separated, strict=True)
+    separated = [one.limb.glow_separated for one in detection.separated or detection.observations]
+    seen = zip(
+        views, images, detection.limbs, detection.looks, detection.factors, separated, strict=True
+    )
     for view, image, limb, looks, factor, from_glow in seen:
         smear = None
         if limb.status is Status.OK:
-            told = told_smear(view, found.nadir_base, found.rho_rad)
+            known = told_smear(view, detection.nadir_base, detection.rho_rad)
             sharp = _sharp(looks, factor)
-            if told is not None:
-                smear = _if_known(told, factor)
+            if known is not None:
+                smear = _if_known(known, factor)
             elif limb.glow_separated or not sharp:
                 least_px = _UNSEEN_PX if sharp else 0.0
-                smear = _smear_of(image, view, found, looks, factor, least_px, separated=from_glow)
+                smear = _smear_of(
+                    image, view, detection, looks, factor, least_px, separated=from_glow
+                )
         smears.append(smear)
     return smears
 
 
-def smeared_one_way(images: Sequence[np.ndarray], found: Detection) -> bool:
+def smeared_one_way(images: Sequence[np.ndarray], detection: Detection) -> bool:
     """Whether what looks like thick air above limbs is motion, which widens them most one way."""
     return widened_one_way(
         [
-            _told_or_seen(image, seen.view, found)
-            for image, seen in zip(images, found.observations, strict=True)
+            _told_or_seen(image, seen.view, detection)
+            for image, seen in zip(images, detection.observations, strict=True)
             if seen.limb.status is Status.OK
         ]
     )
@@ -130,7 +134,7 @@ def smeared_one_way(images: Sequence[np.ndarray], found: Detection) -> bool:
 def _smear_of(
     image: np.ndarray,
     view: CameraView,
-    found: Detection,
+    detection: Detection,
     looks: Sequence[EdgeLook],
     factor: int,
     least_px: float = 0.0,
@@ -140,24 +144,24 @@ def _smear_of(
     """Motion's smear as one frame shows it, None where there is hardly any, or no more than so
     much. separated : its limb was told from the glow above it.
     """
-    smear = smear_of(image, view, found.nadir_base, found.rho_rad)
+    smear = smear_of(image, view, detection.nadir_base, detection.rho_rad)
     most_px = max(least_px, _GLOWING_PX if _soft(looks, factor) else _SMEAR_PX)
     if _glows(looks):
         # As wide as glow that is this long is no smear's work.
-        most_px = max(most_px, usual_length_px(view, found.rho_rad, factor))
+        most_px = max(most_px, usual_length_px(view, detection.rho_rad, factor))
     # The shape of what falls is then not a smear's alone.
     shape = replace(smear, boxed=False) if separated else smear
     return smear if shape.sure_px > most_px * factor else None
 
 
-def _if_known(told: Smear, factor: int) -> Smear | None:
-    """A smear that is known, None where there is hardly any."""
-    return told if told.across_px > _TOLD_PX * factor else None
+def _if_known(smear: Smear, factor: int) -> Smear | None:
+    """A smear that is known, by exposure and rate; None where there is hardly any."""
+    return smear if smear.across_px > _TOLD_PX * factor else None
 
 
-def _told_or_seen(image: np.ndarray, view: CameraView, found: Detection) -> Smear:
+def _told_or_seen(image: np.ndarray, view: CameraView, detection: Detection) -> Smear:
     """Smear by exposure and rate where these are known, else by what the frame shows."""
-    about = found.nadir_base, found.rho_rad
+    about = detection.nadir_base, detection.rho_rad
     return told_smear(view, *about) or smear_of(image, view, *about)
 
 
@@ -199,14 +203,14 @@ def smears_now(
 def smeared_alike(
     views: Sequence[CameraView],
     images: Sequence[np.ndarray],
-    found: Detection,
+    detection: Detection,
     smears: Sequence[Smear | None],
 ) -> bool:
     """Whether frames that motion smeared still are, by about as much."""
-    for view, image, limb, smear in zip(views, images, found.limbs, smears, strict=True):
+    for view, image, limb, smear in zip(views, images, detection.limbs, smears, strict=True):
         if smear is None or limb.status is not Status.OK:
             continue
-        now = _told_or_seen(image, view, found)
+        now = _told_or_seen(image, view, detection)
         if not abs(now.across_px - smear.across_px) < _AS_MUCH * smear.across_px:
             return False
     return True
@@ -215,7 +219,7 @@ def smeared_alike(
 def still_sharp(
     views: Sequence[CameraView],
     images: Sequence[np.ndarray],
-    found: Detection,
+    detection: Detection,
     before: Sequence[np.ndarray],
     smears: Sequence[Smear | None],
     expected: Sequence[tuple[EdgeLook, ...]],
@@ -229,20 +233,20 @@ def still_sharp(
     """
     steepness = list(before)
     for i, (limb, looks, factor) in enumerate(
-        zip(found.limbs, found.looks, found.factors, strict=True)
+        zip(detection.limbs, detection.looks, detection.factors, strict=True)
     ):
         if smears[i] or limb.status is not Status.OK:
             continue
-        told = told_smear(views[i], found.nadir_base, found.rho_rad)
-        if told is not None:
-            if _if_known(told, factor):
+        known = told_smear(views[i], detection.nadir_base, detection.rho_rad)
+        if known is not None:
+            if _if_known(known, factor):
                 return None
             continue
         as_it_was = _as_steep(limb.steepness, before[i])
         if as_it_was or (limb.glow_separated and _glows(expected[i])):
             continue
         separated = limb.glow_separated
-        if _smear_of(images[i], views[i], found, looks, factor, separated=separated):
+        if _smear_of(images[i], views[i], detection, looks, factor, separated=separated):
             return None
         steepness[i] = limb.steepness
     return tuple(steepness)

@@ -1,15 +1,14 @@
-"""Order statistics of small arrays, without what the general functions spend on their arguments;
-and parts of arrays, of which such statistics are taken."""
+"""Order statistics of small arrays, without what the general functions spend on their arguments."""
 
 from __future__ import annotations
 
-from functools import lru_cache
-from itertools import pairwise
-
 import numpy as np
 
+from horizon_sensor_ros.core.mathematics.parts import stretches
+
 _FEW = 400  # values that are put in order sooner than in parts
-MAD_TO_SIGMA = 1.4826  # of a Gaussian, from the median of the absolute deviations
+# Of a normal law with sigma 1: the median of its values' sizes, and the inverse of that.
+NORMAL_MEDIAN, MAD_TO_SIGMA = 0.6745, 1.4826
 # Tukey's biweight: 95 % efficient for Gaussian residuals, blind to those beyond this many sigma.
 TUKEY_SIGMAS = 4.685
 
@@ -26,39 +25,6 @@ def median(values: np.ndarray) -> float:
     else:
         ordered.partition((half - 1, half))
     return float(ordered[half]) if count % 2 else 0.5 * float(ordered[half - 1] + ordered[half])
-
-
-def stretches(values: np.ndarray, count: int) -> list[np.ndarray]:
-    """Cut an array (N,) into so many parts, one after the other; the first may be one longer."""
-    ends = _ends_of_stretches(len(values), count)
-    return [values[first:last] for first, last in pairwise(ends)]
-
-
-@lru_cache(maxsize=256)
-def starts_and_sizes(length: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """First of each of the `stretches` of an array of this length, and how many it has: (count,)
-    each.
-    """
-    ends = np.array(_ends_of_stretches(length, count))
-    return _kept(ends[:-1]), _kept(np.diff(ends))
-
-
-def _ends_of_stretches(length: int, count: int) -> list[int]:
-    each, longer = divmod(length, count)
-    return [i * each + min(i, longer) for i in range(count + 1)]
-
-
-@lru_cache(maxsize=256)
-def starts_of_parts(length: int, count: int) -> np.ndarray:
-    """First (count,) of each of so many parts of an array of this length, of which the longer ones
-    lie between the others.
-    """
-    return _kept(np.arange(count) * length // count)
-
-
-def _kept(values: np.ndarray) -> np.ndarray:
-    values.setflags(write=False)
-    return values
 
 
 def medians(values: np.ndarray, count: int) -> list[float]:
@@ -93,8 +59,10 @@ def quantile(values: np.ndarray, share: float) -> float:
     return below + (rank - low) * (above - below)
 
 
-def least_share(values: np.ndarray, share: float) -> float:
-    """The value with that share of the others below it; several times as fast as NumPy's."""
+def lower_quantile(values: np.ndarray, share: float) -> float:
+    """Greatest of values (N,), N >= 1, without NaN, that no more than a share of the others lies
+    below; several times as fast as NumPy's.
+    """
     place = int(share * (len(values) - 1))
     return float(np.partition(values, place)[place])
 

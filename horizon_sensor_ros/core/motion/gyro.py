@@ -103,7 +103,7 @@ class RateHistory:
         """
         at = bisect.bisect_left(self._stamps, stamp)
         beside = list(islice(self._stamps, max(at - 1, 0), at + 1))
-        return min((told - stamp for told in beside), key=abs, default=0)
+        return min((sampled - stamp for sampled in beside), key=abs, default=0)
 
     def forget_before(self, stamp: int) -> None:
         """Drop what no rotation from `stamp` on, and no rate at it, needs."""

@@ -32,14 +32,14 @@ class GyroTrust:
         self._borne_out_s = self._not_asked_s = 0.0
 
     def believes(
-        self, told: TurnRate, by_fixes: TurnRate | None, since_last_s: float | None
+        self, gyro_rate: TurnRate, by_fixes: TurnRate | None, since_last_s: float | None
     ) -> bool:
         """Whether a gyro's rate is to be used, by what fixes tell now and told before.
 
         by_fixes : None where they tell nothing. since_last_s : since the set before, seconds; None:
         not known.
         """
-        if by_fixes is not None and _contradicted(told, by_fixes):
+        if by_fixes is not None and _contradicted(gyro_rate, by_fixes):
             self.refute()
         elif by_fixes is not None:
             self._borne_out_s += since_last_s or 0.0

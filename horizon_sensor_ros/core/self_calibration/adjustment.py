@@ -342,7 +342,6 @@ class _Adjustment:
             sets=sets,
             used=self._weight > 0.0,
             nadir_base=state.nadir_base,
-            rho_rad=state.rho_rad,
             scatter=self.scale,
             half_time_s=self._model.half_time_s,
             max_sigma=self._config.max_sigma,

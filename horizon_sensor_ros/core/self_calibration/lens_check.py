@@ -42,10 +42,10 @@ def with_lenses_checked(
     free = calibrate(calibration.sets, nominal, planet, open_)
     if not free.ok:
         return calibration
-    told = _wrong_lenses(free)
-    if not told:
+    wrong = _wrong_lenses(free)
+    if not wrong:
         return calibration
-    cameras, said = tuple(told), " and ".join(told.values())
+    cameras, said = tuple(wrong), " and ".join(wrong.values())
     if not calibration.ok:
         reason = f"{calibration.reason}, and show {said}"
         return replace(calibration, reason=reason, wrong_lenses=cameras)

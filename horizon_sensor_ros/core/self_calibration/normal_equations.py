@@ -199,8 +199,8 @@ class Model:
         root = whiten @ _square_root(horizon.cov_shared, horizon.nadir_cam)
         shared[:, at : at + 3] = root
         steady[:, 2 * at : 2 * at + 3] = horizon.steady_share * root
-        told = whiten @ _square_root(horizon.cov_steady, horizon.nadir_cam)
-        steady[:, 2 * at + 3 : 2 * at + 6] = told
+        steady_root = whiten @ _square_root(horizon.cov_steady, horizon.nadir_cam)
+        steady[:, 2 * at + 3 : 2 * at + 6] = steady_root
         return whiten, shared, steady
 
     def _reference_rows(

@@ -50,8 +50,8 @@ class Calibration:
     cov : (P, P) of the observed part. observed_share : (P,) how much of each unknown that is.
     not_observed : sentences. rot_base_from_cam : corrected, by camera.
     sets, used : the frame sets that could tell something, and (T,) which of them had a say.
-    nadir_base (T, 3), rho_rad (T,) : of those sets, fitted. scatter : of the sets' residuals, over
-    what their limbs claim. half_time_s : half the recording's length. max_sigma : as configured.
+    nadir_base : (T, 3) of those sets, fitted. scatter : of the sets' residuals, over what their
+    limbs claim. half_time_s : half the recording's length. max_sigma : as configured.
     When status is not OK there is no result, and `reason` says why; wrong_lenses : of which cameras
     the sets contradict the focal length (`lens_check`).
     """
@@ -67,7 +67,6 @@ class Calibration:
     sets: tuple[FrameSet, ...]
     used: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=bool))
     nadir_base: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
-    rho_rad: np.ndarray = field(default_factory=lambda: np.empty(0))
     scatter: float = np.nan
     half_time_s: float = 0.0
     max_sigma: float = np.nan

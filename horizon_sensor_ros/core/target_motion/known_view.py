@@ -21,8 +21,11 @@ from horizon_sensor_ros.core.target_motion.target_view import TargetView
 class KnownView:
     """A view whose pose is known: how it was found, and its covariance in parts.
 
-    covariance : of its pose, by noise; by_bias : (6,) its error by what is wrong with all ranges,
-        one sigma, which is the same in all poses.
+    pose : (4, 4) the target frame in the sensor frame.
+    covariance : (6, 6) of its pose, by noise, as of `TargetFix`; by_bias : (6,) its error by what
+        is wrong with all ranges, one sigma, which is the same in all poses.
+    step_covariance : (6, 6) of the motion since the view that it was registered to, by noise, in
+        the same terms; 0 of the first one.
     keyframe_ns : stamp of the view it was registered to; None for the first one. No more than the
         stamp, as a reference would keep every view since the first one alive.
     of_sweep : (6, 6) covariance of what is wrong with the view itself, of a cloud that took time,

@@ -15,6 +15,7 @@ from horizon_sensor_ros.core.mathematics.rigid import (
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.alignment.attempts import Finder, Found
 from horizon_sensor_ros.core.target_motion.alignment.consistency import (
+    SAMPLES,
     SCORE_LOST,
     odd_share,
     view_consistency,
@@ -26,8 +27,6 @@ from horizon_sensor_ros.core.target_motion.judgement.layers import Layer, layer_
 from horizon_sensor_ros.core.target_motion.judgement.one_body import part_off_m
 from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 from horizon_sensor_ros.core.target_motion.target_view import TargetView
-
-_SAMPLES = 600  # points of each view that a score is of
 
 
 def _nan(*shape: int) -> np.ndarray:
@@ -67,7 +66,7 @@ class Registration:
     doubted: bool = False
 
     def refused(self, status: Status, reason: str) -> Registration:
-        """The same without its motion."""
+        """Return how well the views agree, without the motion, and why there is none."""
         return Registration(
             status, reason, score=self.score, overlap=self.overlap,
             rms_residual_m=self.rms_residual_m, num_points=self.num_points, searched=self.searched,
@@ -131,11 +130,15 @@ def gainsaid(
     a: TargetView, b: TargetView, pose_b_from_a: np.ndarray, config: RegistrationConfig
 ) -> Registration | None:
     """Hold a motion that was not found between these two views against them: a refusal where they
-    contradict each other or a part of them is off, else None."""
+    contradict each other or a part of them is off, else None.
+
+    pose_b_from_a : (4, 4) the motion, p_b = pose p_a in the sensor's frame. Both views have
+        surfaces.
+    """
     assert a.surface is not None
     assert b.surface is not None
     rotation, shift = _in_views(pose_b_from_a, a, b)
-    seen = view_consistency(a.surface, b.surface, rotation[None], shift[None], _SAMPLES)
+    seen = view_consistency(a.surface, b.surface, rotation[None], shift[None], SAMPLES)
     known = Registration(
         Status.POOR_FIT, "", score=float(seen.score[0]), overlap=float(seen.overlap[0])
     )

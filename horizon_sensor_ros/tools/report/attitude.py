@@ -37,7 +37,6 @@ class Attitudes:
     stamps: tuple[int, ...]
     time_s: np.ndarray
     level_z: str
-    nadir_base: np.ndarray
     roll_rad: np.ndarray
     pitch_rad: np.ndarray
     altitude_m: np.ndarray
@@ -55,15 +54,13 @@ def attitudes(recorded: Recorded) -> Attitudes | None:
     heights = [m.pose.pose.position.z for m in messages.values()]
     level_z = "up" if np.median(heights) >= 0 else "down"
     told = [nadir_and_altitude(m, level_z) for m in messages.values()]
-    nadir = np.array([n for n, _ in told])
-    angles = np.array([roll_pitch_from_nadir(n, level_z) for n in nadir])
+    angles = np.array([roll_pitch_from_nadir(nadir, level_z) for nadir, _ in told])
     cov = np.array([np.reshape(m.pose.covariance, (6, 6)) for m in messages.values()])
     sigmas = attitude_sigmas(cov, angles[:, 1])
     return Attitudes(
         stamps=tuple(messages),
         time_s=recorded.seconds(list(messages)),
         level_z=level_z,
-        nadir_base=nadir,
         roll_rad=angles[:, 0],
         pitch_rad=angles[:, 1],
         altitude_m=np.array([a for _, a in told]),

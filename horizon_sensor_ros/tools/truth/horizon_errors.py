@@ -9,6 +9,7 @@ import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 
 from horizon_sensor_ros.core.mathematics.attitude import (
+    angle_rad,
     level_from_base,
     nadir_sign,
     roll_pitch_from_nadir,
@@ -100,7 +101,7 @@ def flight_errors(
     for row, truth in zip(rows, truths, strict=True):
         if truth.stamp in verticals:
             v = verticals[truth.stamp].vector
-            row[0] = _angle(np.array([v.x, v.y, v.z]), truth.nadir_base)
+            row[0] = angle_rad(np.array([v.x, v.y, v.z]), truth.nadir_base)
         if truth.stamp in attitudes:
             row[1:] = _attitude_errors(attitudes[truth.stamp], truth, level_z)
     return FlightErrors(np.array([truth.time_s for truth in truths]), *rows.T)
@@ -120,7 +121,7 @@ def _attitude_errors(
     error = np.array([-sign * (altitude - truth.altitude_m), sign * d[1], -sign * d[0]])
     sigmas = attitude_sigmas(covariance, pitch)
     return (
-        _angle(nadir, truth.nadir_base),
+        angle_rad(nadir, truth.nadir_base),
         float(sigmas.nadir_rad),
         _wrapped(roll - true_roll),
         float(sigmas.roll_rad),
@@ -187,10 +188,6 @@ def error_table(errors: FlightErrors, latency_s: np.ndarray) -> str:
             " (the rendering runs on the same cores)",
         ]
     return "\n".join(lines)
-
-
-def _angle(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
 def _wrapped(angle: float) -> float:

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from limb_frames import CAMERA, PLANET, as_frames, clouds, draw, limb_views
-from limb_samples import angle_between
 from scipy.spatial import cKDTree
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
@@ -19,6 +18,7 @@ from horizon_sensor_ros.core.limb.search.candidates import (
     canny_candidates,
     space_boundary_candidates,
 )
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 
 NADIR = np.array([0.0, 0.0, 1.0])
 ALTITUDE_M = 500e3
@@ -96,7 +96,7 @@ def test_the_craft_in_the_frame_is_not_seen(level: int) -> None:
     fixes = [HorizonSensor().process([Frame(view, gray)]) for gray in (image, other)]
     assert fixes[0].ok, fixes[0].reason
     clean = HorizonSensor().process(as_frames(views, (drawn,)))
-    off = angle_between(fixes[0].fit.nadir_base, clean.fit.nadir_base)
+    off = angle_rad(fixes[0].fit.nadir_base, clean.fit.nadir_base)
     assert np.degrees(off) < 0.03
     assert abs(fixes[0].fit.altitude_m - clean.fit.altitude_m) < 2e3
     # What is masked makes no difference at all.
@@ -145,5 +145,5 @@ def test_canny_limbs_keep_away_too() -> None:
     assert fix.ok, fix.reason
     assert len(fix.limbs[0].px) < len(canny_candidates(image))
     assert use[tuple(fix.limbs[0].px.astype(int).T[::-1])].all()
-    assert np.degrees(angle_between(fix.fit.nadir_base, NADIR)) < 0.3
+    assert np.degrees(angle_rad(fix.fit.nadir_base, NADIR)) < 0.3
     assert PLANET.rho_from_altitude(fix.fit.altitude_m) == pytest.approx(fix.fit.rho_rad)

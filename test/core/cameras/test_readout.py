@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from limb_frames import limb_views
-from limb_samples import CAMERAS, angle_between, nadir_nees
+from limb_samples import CAMERAS, nadir_nees
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.aiding import Aiding, CoarsePose
@@ -22,6 +22,7 @@ from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.nadir_rate import NadirRate
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.core.motion.turn_rate import TurnRate
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
@@ -214,9 +215,9 @@ def test_a_gyro_brings_the_rows_to_their_stamp(seed: int) -> None:
     rate, sets = flight(10.0, seed, 1)
     truth = sets[0][0].truth.nadir_base
     (at_once,), (by_row,) = fixes(sets, 0.0, rate), fixes(sets, READOUT_S, rate)
-    assert angle_between(at_once.fit.nadir_base, truth) > np.radians(0.05)
+    assert angle_rad(at_once.fit.nadir_base, truth) > np.radians(0.05)
     assert nadir_nees(at_once.fit, truth) > 30.0 or "sigma apart" in at_once.reason
-    assert angle_between(by_row.fit.nadir_base, truth) < np.radians(0.02)
+    assert angle_rad(by_row.fit.nadir_base, truth) < np.radians(0.02)
     assert nadir_nees(by_row.fit, truth) < 11.8
     assert abs(by_row.fit.altitude_m - ALTITUDE_M) < 1500.0
     # The drawn limb lies where the rows show it.
@@ -229,7 +230,7 @@ def test_without_a_gyro_the_fixes_before_tell_the_rate() -> None:
     _, sets = flight(5.0, 3, 4)
     first, *_, last = fixes(sets, READOUT_S, None)
     truth = sets[-1][0].truth.nadir_base
-    assert angle_between(last.fit.nadir_base, truth) < np.radians(0.02)
+    assert angle_rad(last.fit.nadir_base, truth) < np.radians(0.02)
     assert nadir_nees(last.fit, truth) < 11.8
     # What nothing is known of is claimed, and said.
     assert first.reason == "frames are not of one moment, and how fast the craft turns is not known"
@@ -264,8 +265,8 @@ def test_cameras_that_are_not_triggered_together_are_brought_to_one_time(blind: 
         fix = sensor.process(frames, aiding)
         assert fix.ok, fix.reason
         assert nadir_nees(fix.fit, truths[blind]) < 11.8
-        assert angle_between(fix.fit.nadir_base, truths[blind]) < np.radians(0.05)
-    assert angle_between(truths[0], truths[1]) > np.radians(0.03)
+        assert angle_rad(fix.fit.nadir_base, truths[blind]) < np.radians(0.05)
+    assert angle_rad(truths[0], truths[1]) > np.radians(0.03)
     if not blind:
         assert nadir_nees(at_once.fit, truths[0]) > 11.8 or "sigma apart" in at_once.reason
     # Without a rate what that leaves open is claimed, and said.

@@ -6,16 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from limb_samples import (
-    BARREL,
-    CAMERAS,
-    FISHEYE,
-    PINHOLE,
-    angle_between,
-    cone_rays,
-    observe,
-    view_at_limb,
-)
+from limb_samples import BARREL, CAMERAS, FISHEYE, PINHOLE, cone_rays, observe, view_at_limb
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.cameras.camera import Camera
@@ -25,6 +16,7 @@ from horizon_sensor_ros.core.fits.arc import fit_arc, fit_circle
 from horizon_sensor_ros.core.fits.assessment import correlation_factor
 from horizon_sensor_ros.core.fits.gauss_newton import solve_roll_pitch_rho
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
@@ -111,7 +103,7 @@ def test_two_cameras_any_attitude_any_altitude_any_model(
         if method == "chord" and fit.status is Status.ILL_CONDITIONED:
             continue  # two wide arcs may have parallel chords
         assert fit.status is Status.OK, (method, fit.reason)
-        assert angle_between(fit.nadir_base, nadir) < 1e-9
+        assert angle_rad(fit.nadir_base, nadir) < 1e-9
         assert fit.rho_rad == pytest.approx(rho, abs=1e-9)
         assert fit.altitude_m == pytest.approx(altitude, rel=1e-6)
         assert fit.rms_residual_px < 1e-5
@@ -134,7 +126,7 @@ def test_one_camera_any_attitude_any_altitude_any_model(
     for method in ("gauss_newton", "cone", "ml"):
         fit = fit_horizon(observations, PLANET, method)
         assert fit.status is Status.OK, (method, fit.reason)
-        assert angle_between(fit.nadir_base, nadir) < 1e-8
+        assert angle_rad(fit.nadir_base, nadir) < 1e-8
         assert fit.altitude_m == pytest.approx(altitude, rel=1e-5)
 
 
@@ -161,7 +153,7 @@ def test_chord_in_the_image_is_exact_only_for_ends_equally_far_from_the_axis() -
     ):
         fit = fit_horizon([observe(view, NADIR, rho) for view in views], PLANET, method)
         assert fit.ok, fit.reason
-        error = angle_between(fit.nadir_base, NADIR)
+        error = angle_rad(fit.nadir_base, NADIR)
         assert low <= error < high
         # The approximation is part of the covariance.
         assert error < 4 * np.sqrt(np.trace(fit.cov_nadir_altitude[:3, :3])) + 1e-9
@@ -189,7 +181,7 @@ def test_chord_survives_wild_points_at_its_ends() -> None:
         observations[index] = moved(observations[index], across)
     fit = fit_horizon(observations, PLANET, "chord")
     assert fit.ok
-    assert angle_between(fit.nadir_base, NADIR) < 1e-3
+    assert angle_rad(fit.nadir_base, NADIR) < 1e-3
 
 
 # ---------------------------------------------------------------- paper B: arcs
@@ -227,7 +219,7 @@ def test_arc_is_good_on_the_axis_and_honest_off_it(altitude: float) -> None:
         view = view_at_limb(camera, NADIR, rho, 0.4, 0.3, offset)
         fit = fit_horizon([observe(view, NADIR, rho, 0.01)], PLANET, "arc")
         assert fit.ok, fit.reason
-        error = angle_between(fit.nadir_base, NADIR)
+        error = angle_rad(fit.nadir_base, NADIR)
         assert np.degrees(error) < limit
         assert error < 4 * np.sqrt(np.trace(fit.cov_nadir_altitude[:3, :3]))
 
@@ -237,7 +229,7 @@ def test_arc_with_known_altitude_and_with_two_cameras_is_better() -> None:
     alone = fit_arc(observations[:1], PLANET)
     known = fit_arc(observations[:1], PLANET, altitude_m=4e5)
     both = fit_arc(observations, PLANET)
-    error = [np.degrees(angle_between(fit.nadir_base, NADIR)) for fit in (alone, known, both)]
+    error = [np.degrees(angle_rad(fit.nadir_base, NADIR)) for fit in (alone, known, both)]
     assert error[1] < 0.3 * error[0]
     assert error[2] < 0.1
     assert known.altitude_m == pytest.approx(4e5)
@@ -249,7 +241,7 @@ def test_arc_of_a_whole_disc_seen_from_straight_above() -> None:
     view = CameraView("camera_1", camera, np.eye(3))
     fit = fit_horizon([observe(view, np.array([0, 0, 1.0]), rho)], PLANET, "arc")
     assert fit.ok
-    assert angle_between(fit.nadir_base, np.array([0, 0, 1.0])) < 1e-6
+    assert angle_rad(fit.nadir_base, np.array([0, 0, 1.0])) < 1e-6
     assert fit.altitude_m == pytest.approx(1.5e7, rel=1e-6)
 
 
@@ -287,7 +279,7 @@ def test_paper_c_converges_in_five_steps_from_zero(
     assert fit.ok, fit.reason
     assert len(fit.history) - 1 <= 5
     assert fit.history[-1, :3] == pytest.approx(fit.nadir_base)
-    assert angle_between(fit.nadir_base, nadir) < np.radians(2 * tolerance_deg)
+    assert angle_rad(fit.nadir_base, nadir) < np.radians(2 * tolerance_deg)
     assert fit.altitude_m == pytest.approx(altitude, rel=0.03 if whole_pixels else 1e-8)
 
 
@@ -297,7 +289,7 @@ def test_gauss_newton_has_no_forbidden_pitch() -> None:
         view = view_at_limb(PINHOLE, nadir, rho, 1.0, 0.3)
         fit = fit_horizon([observe(view, nadir, rho)], PLANET, "gauss_newton")
         assert fit.ok, fit.reason
-        assert angle_between(fit.nadir_base, nadir) < 1e-9
+        assert angle_rad(fit.nadir_base, nadir) < 1e-9
 
 
 # ---------------------------------------------------------------- bad data never raises
@@ -329,7 +321,7 @@ def test_unusable_points_are_left_out(method: str) -> None:
     assert fit.num_points == len(limb.px) + len(observations[1].limb.px)
     assert fit.num_inliers <= fit.num_points - 6
     reference = fit_horizon(observations, PLANET, method)
-    assert angle_between(fit.nadir_base, reference.nadir_base) < 1e-3
+    assert angle_rad(fit.nadir_base, reference.nadir_base) < 1e-3
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from limb_frames import ROT_WORLD_FROM_BASE, as_frames, limb_views
-from limb_samples import angle_between
 
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.planet_figure import mean_sphere
 from horizon_sensor_ros.sim.earth_camera import render_views
@@ -54,7 +54,7 @@ def test_altitude_claims_no_air(altitude_m: float, psf_px: float) -> None:
         fix, under_air = fixed(frames, MOON), fixed(frames, with_air)
         assert fix.ok, fix.reason
         sigma_rad = np.sqrt(np.linalg.eigvalsh(fix.fit.cov_nadir_altitude[:3, :3])[-1])
-        assert angle_between(fix.fit.nadir_base, NADIR) < 4.0 * sigma_rad
+        assert angle_rad(fix.fit.nadir_base, NADIR) < 4.0 * sigma_rad
         claimed_m.append(np.sqrt(fix.fit.cov_nadir_altitude[3, 3]))
         errors.append((fix.fit.altitude_m - altitude_m) / claimed_m[-1])
         if under_air.ok:

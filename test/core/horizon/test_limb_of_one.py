@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from horizon_fixes import scenes_of
-from limb_samples import angle_between, nadir_nees
+from limb_samples import nadir_nees
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN
@@ -20,6 +20,7 @@ from horizon_sensor_ros.core.horizon.sighting import Sighting
 from horizon_sensor_ros.core.horizon.single_cameras import SingleCameras
 from horizon_sensor_ros.core.limb.detection import Detection
 from horizon_sensor_ros.core.limb.detector import detect_limb, limb_of_one
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.hard_scenes import HardScene
 
@@ -51,7 +52,7 @@ def sighting(frames: Sequence[Frame], detection: Detection) -> Sighting:
 def sigmas_apart(frame: Frame, one: Detection, other: Detection) -> float:
     """Angle between the nadirs by two limbs in one frame, over the smaller of their sigmas."""
     fits = [ESTIMATOR.judged(sighting([frame], found)).fix.fit for found in (one, other)]
-    apart_rad = angle_between(*(fit.nadir_base for fit in fits))
+    apart_rad = angle_rad(*(fit.nadir_base for fit in fits))
     return float(apart_rad / min(map(nadir_sigma_rad, fits)))
 
 

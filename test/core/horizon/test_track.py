@@ -8,7 +8,6 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from limb_frames import CAMERA, PLANET, as_frames, clouds, distance_px, draw, limb_views
-from limb_samples import angle_between
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
@@ -21,6 +20,7 @@ from horizon_sensor_ros.core.limb.air import Air
 from horizon_sensor_ros.core.limb.detection import LimbState
 from horizon_sensor_ros.core.limb.detector import follow_limb
 from horizon_sensor_ros.core.limb.edge.model import EdgeLook
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.core.planet_figure import disc_of, mean_sphere
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import render_views
@@ -83,8 +83,8 @@ def test_followed_fixes_are_those_of_a_search(searches: list[int]) -> None:
         assert fix.ok
         assert searched.ok
         assert fix.cameras_used == searched.cameras_used
-        assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
-        assert angle_between(fix.fit.nadir_base, searched.fit.nadir_base) < sigma_rad(searched)
+        assert angle_rad(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+        assert angle_rad(fix.fit.nadir_base, searched.fit.nadir_base) < sigma_rad(searched)
         assert sigma_rad(fix) == pytest.approx(sigma_rad(searched), rel=0.3)
         assert fix.fit.altitude_m == pytest.approx(searched.fit.altitude_m, rel=1e-3)
 
@@ -118,8 +118,8 @@ def test_a_limb_is_moved_on_by_three_steps_at_most(since_s: float | None, steps:
     nadir, rho = track.predicted_cone(None, since_s)
     # On along the great circle, whose axis is at right angles to both.
     axis = np.cross(before, track.nadir_base)
-    angle_rad = np.arcsin(np.linalg.norm(axis))
-    turn = Rotation.from_rotvec(steps * angle_rad * axis / np.linalg.norm(axis))
+    step_rad = np.arcsin(np.linalg.norm(axis))
+    turn = Rotation.from_rotvec(steps * step_rad * axis / np.linalg.norm(axis))
     np.testing.assert_allclose(nadir, turn.apply(track.nadir_base), atol=1e-12)
     assert rho == pytest.approx(rho_rad + steps * growth_rad)
 
@@ -156,10 +156,10 @@ def test_in_glowing_air_too(air_dn: float, searches: list[int]) -> None:
         fix = sensor.process(frames)
         followed.append(len(searches) == before)
         searched = HorizonSensor(SEARCHING).process(frames)
-        assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+        assert angle_rad(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
         # In strong glow one of the two may be fitted with the ground, the other by its contour.
         sigmas = 1.0 if air_dn < 100.0 else 3.0
-        apart = angle_between(fix.fit.nadir_base, searched.fit.nadir_base)
+        apart = angle_rad(fix.fit.nadir_base, searched.fit.nadir_base)
         assert apart < sigmas * sigma_rad(searched)
         altitude_sigma_m = np.sqrt(searched.fit.cov_nadir_altitude[3, 3])
         assert abs(fix.fit.altitude_m - searched.fit.altitude_m) < sigmas * altitude_sigma_m
@@ -200,7 +200,7 @@ def test_a_gyro_tells_of_any_turn(searches: list[int]) -> None:
     fix = sensor.process(frames, Aiding(rot_now_from_last=rot_now_from_start))
     assert len(searches) == before
     assert fix.ok
-    assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+    assert angle_rad(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
 
 
 def test_an_unexpected_turn_is_searched_for(searches: list[int]) -> None:
@@ -212,7 +212,7 @@ def test_an_unexpected_turn_is_searched_for(searches: list[int]) -> None:
     assert len(searches) > before
     alone = HorizonSensor(SEARCHING).process(frames)
     np.testing.assert_array_equal(fix.fit.nadir_base, alone.fit.nadir_base)
-    assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+    assert angle_rad(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
 
 
 @pytest.mark.parametrize("timed", [True, False])
@@ -225,7 +225,7 @@ def test_a_fast_turn_is_followed_after_two_searches(timed: bool, searches: list[
         before = len(searches)
         fix = sensor.process(frames, Aiding(since_last_s=0.5 if timed and steps else None))
         assert fix.ok
-        assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+        assert angle_rad(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
         followed.append(len(searches) == before)
     assert followed == [False, False, True, True]
 
@@ -237,7 +237,7 @@ def test_a_set_that_did_not_come_is_reckoned_with(searches: list[int]) -> None:
         before = len(searches)
         fix = sensor.process(frames, Aiding(since_last_s=since_s))
         assert fix.ok
-        assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+        assert angle_rad(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
     assert len(searches) == before
 
 
@@ -258,7 +258,7 @@ def test_the_others_are_followed_where_a_camera_is_frozen(
         fix = sensor.process(frames)
         assert (len(searches) == before) == (steps > 0)
         assert fix.cameras_used == ((other,) if frozen else ("camera_1", "camera_2"))
-        assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+        assert angle_rad(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
         assert (fix.limbs[stopped].status is Status.BAD_IMAGE) == frozen
         assert ("the very same" in fix.limbs[stopped].reason) == frozen
 
@@ -299,7 +299,7 @@ def test_a_camera_that_went_blind_is_left_out() -> None:
     fix = sensor.process(blind)
     assert fix.cameras_used in (("camera_2",), ())
     if fix.ok:
-        assert angle_between(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
+        assert angle_rad(fix.fit.nadir_base, nadir) < 4.0 * sigma_rad(fix)
 
 
 @pytest.mark.parametrize("change", ["reset", "other calibration", "no tracking"])

@@ -18,7 +18,7 @@ from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.search.air_layer import ground_under_airglow, layer_heights_m
-from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
+from horizon_sensor_ros.core.limb.search.candidates import candidates_in
 from horizon_sensor_ros.core.limb.search.selection import (
     Consensus,
     RayCandidates,
@@ -75,11 +75,10 @@ def looked_at(
     images: Sequence[np.ndarray], views: Sequence[CameraView]
 ) -> tuple[Consensus, Consensus]:
     """The same in images (H, W), one a view; all of them show a consensus before."""
-    candidates = [space_boundary_candidates(image) for image in images]
-    found = rays_of_candidates(views, candidates)
+    working = [WorkingImage.of(image) for image in images]
+    found = rays_of_candidates(views, [candidates_in(image) for image in working])
     before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
     assert before.status is Status.OK
-    working = [each.working for each in candidates]
     return before, ground_under_airglow(views, working, found, before, PLANET)
 
 
@@ -94,10 +93,9 @@ def test_the_moonlit_ground_is_the_limb(seed: int) -> None:
 @pytest.mark.parametrize("few", [1, 4, 8])
 def test_a_few_edges_in_a_dark_frame_do_not_hide_the_layer(few: int) -> None:
     frames = draw(VIEWS, ALTITUDE_M, night(1, night_light=0.5), NOISE)
-    candidates = [space_boundary_candidates(frame.image) for frame in frames]
-    found = rays_of_candidates(VIEWS, candidates)
+    first, second = (WorkingImage.of(frame.image) for frame in frames)
+    found = rays_of_candidates(VIEWS, [candidates_in(first), candidates_in(second)])
     before = limb_consensus(found, rho_min_rad=0.2, rho_max_rad=1.5)
-    first, second = (each.working for each in candidates)
     dark = replace(second, gray=np.full_like(second.gray, second.space_level))
     inliers = before.inliers & (found.camera == 0)
     of_dark = np.flatnonzero(before.inliers & (found.camera == 1))

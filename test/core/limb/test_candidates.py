@@ -18,11 +18,13 @@ from scipy.spatial import cKDTree
 
 from horizon_sensor_ros.core.limb.search.candidates import (
     LimbCandidates,
+    candidates_in,
     canny_candidates,
     space_boundary_candidates,
 )
 from horizon_sensor_ros.core.limb.search.working_image import (
     WORKING_SIZE_PX,
+    WorkingImage,
     reduce_image,
     space_level_and_noise,
 )
@@ -83,7 +85,7 @@ def test_uniform_planet_gives_nothing_but_limb(uniform: SimFrame) -> None:
     assert along.min() > 0.97
     np.testing.assert_allclose(np.linalg.norm(found.normal_px, axis=1), 1.0, atol=1e-6)
     assert found.pitch_px == 2.0
-    assert found.working.space_level == pytest.approx(4.0, abs=1.0)
+    assert WorkingImage.of(uniform.image).space_level == pytest.approx(4.0, abs=1.0)
     # all of the step, save the blur
     assert np.median(found.contrast) == pytest.approx(195.0, rel=0.2)
 
@@ -134,16 +136,17 @@ def test_gray_levels_of_16_bits_give_the_same_candidates(
 ) -> None:
     """Up to the rounding of the 8-bit image when it is reduced."""
     for frame in clouded[:4]:
-        few = space_boundary_candidates(frame.image, max_candidates=100000)
-        wide = space_boundary_candidates(
-            frame.image.astype(np.uint16) * np.uint16(factor), max_candidates=100000
-        )
+        bytes_working = WorkingImage.of(frame.image)
+        words_working = WorkingImage.of(frame.image.astype(np.uint16) * np.uint16(factor))
+        few = candidates_in(bytes_working, max_candidates=100000)
+        wide = candidates_in(words_working, max_candidates=100000)
         assert len(wide) == pytest.approx(len(few), rel=0.03)
         distance, _ = cKDTree(few.px).query(wide.px)
         assert np.mean(distance < 0.1) > 0.93
         # the reduced 8-bit image is rounded, and with it its levels
-        assert wide.working.space_level / factor == pytest.approx(few.working.space_level, abs=1.0)
-        assert wide.working.noise / factor == pytest.approx(few.working.noise, abs=0.5)
+        level, noise = words_working.space_level / factor, words_working.noise / factor
+        assert level == pytest.approx(bytes_working.space_level, abs=1.0)
+        assert noise == pytest.approx(bytes_working.noise, abs=0.5)
 
 
 @pytest.mark.parametrize("bits", [10, 12, 14, 16])
@@ -241,9 +244,7 @@ def test_candidates_are_thinned_evenly(uniform: SimFrame) -> None:
 
 
 def test_nothing_found_is_empty() -> None:
-    nothing = LimbCandidates()
-    assert len(nothing) == 0
-    assert np.isnan(nothing.working.space_level)
+    assert len(LimbCandidates()) == 0
 
 
 def test_the_image_is_left_as_it_was(uniform: SimFrame) -> None:

@@ -36,7 +36,7 @@ def overexposed(
     image = np.rint(np.clip(light, 0.0, 255.0)).astype(np.uint8)
     along = np.arange(-80.0, 80.0)[:, None] * np.array([np.cos(tilt), np.sin(tilt)])
     px = through + along - offset_px * normal
-    curve = LimbCurve(px, np.tile(normal, (len(px), 1)))
+    curve = LimbCurve(px, np.tile(normal, (len(px), 1)), spacing_px=1.0)
     profiles, valid = sample_profiles(image, curve, D_PX)
     assert valid.all()
     return profiles.reshape(10, 16, -1).mean(axis=1)

@@ -18,7 +18,7 @@ from limb_frames import (
     draw,
     limb_views,
 )
-from limb_samples import angle_between, nadir_nees
+from limb_samples import nadir_nees
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
@@ -27,6 +27,7 @@ from horizon_sensor_ros.core.horizon.judgement import nadir_sigma_rad
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.limb import detector, passes
 from horizon_sensor_ros.core.limb.detector import detect_limb
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.hard_scenes import hard_scene
@@ -71,7 +72,7 @@ def test_a_limb_that_is_soft_for_its_pixels_is_looked_at_in_larger_ones() -> Non
         assert fix.ok, fix.reason
         assert sensor.following is following
         sigma = np.sqrt(np.linalg.eigvalsh(fix.fit.cov_nadir_altitude[:3, :3])[-1])
-        assert angle_between(fix.fit.nadir_base, NADIR) < 3.0 * sigma
+        assert angle_rad(fix.fit.nadir_base, NADIR) < 3.0 * sigma
 
 
 def test_a_sharp_limb_is_looked_at_in_the_frames_own_pixels() -> None:
@@ -107,7 +108,7 @@ def test_a_limb_that_all_candidates_agree_on_is_seen_at_once_as_pass_by_pass(
     one, other = (
         np.sqrt(np.trace(fix.fit.cov_nadir_altitude[:3, :3])) for fix in (at_once, passed)
     )
-    assert angle_between(at_once.fit.nadir_base, passed.fit.nadir_base) < 0.5 * other
+    assert angle_rad(at_once.fit.nadir_base, passed.fit.nadir_base) < 0.5 * other
     assert one == pytest.approx(other, rel=0.2)
 
 
@@ -118,7 +119,7 @@ def test_a_balloons_limb_in_glowing_air_is_found(seed: int) -> None:
     air = replace(clouds(seed), air_dn=130.0, air_inside=0.8)
     fix = HorizonSensor().process(as_frames(views, draw(views, altitude_m, air, CLEAN)))
     assert fix.ok, fix.reason
-    assert np.degrees(angle_between(fix.fit.nadir_base, NADIR)) < 0.5
+    assert np.degrees(angle_rad(fix.fit.nadir_base, NADIR)) < 0.5
 
 
 def beside_the_night(seed: int, air_dn: float) -> list[Frame]:
@@ -237,5 +238,5 @@ def test_a_bank_of_cloud_at_one_end_of_a_short_arc_is_not_taken_for_the_limb(
     both = HorizonSensor().process(as_frames(scene.views, scene.frames))
     assert both.ok
     # One pair claims too little: with OpenCV 4.6 it is 6 sigma off.
-    off_rad = angle_between(both.fit.nadir_base, scene.frames[0].truth.nadir_base)
+    off_rad = angle_rad(both.fit.nadir_base, scene.frames[0].truth.nadir_base)
     assert np.degrees(off_rad) < 0.2

@@ -223,7 +223,7 @@ def test_rounding_of_positions_along_a_row_is_put_back(row: float) -> None:
     integral = 0.7 * (z * ndtr(z) + np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi))
     image = np.repeat((5.0 + 195.0 * (integral[0] - integral[1]))[:, None], 300, axis=1)
     px = np.column_stack([np.arange(10.0, 290.0), np.full(280, row)])
-    curve = LimbCurve(px, np.tile([0.0, -1.0], (280, 1)))
+    curve = LimbCurve(px, np.tile([0.0, -1.0], (280, 1)), spacing_px=1.0)
     profiles, valid = sample_profiles(image.astype(np.float32), curve, GRID.d_px)
     phase = pixel_phase(curve)
     assert valid.all()

@@ -4,16 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from limb_samples import (
-    BARREL,
-    CAMERAS,
-    FISHEYE,
-    PINHOLE,
-    angle_between,
-    cone_rays,
-    observe,
-    view_at_limb,
-)
+from limb_samples import BARREL, CAMERAS, FISHEYE, PINHOLE, cone_rays, observe, view_at_limb
 
 from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
@@ -26,6 +17,7 @@ from horizon_sensor_ros.core.limb.search.selection import (
     limb_consensus,
     rays_of_candidates,
 )
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
 
@@ -101,7 +93,7 @@ def test_finds_the_disc_among_sixty_percent_rubbish(
         assert np.mean(consensus.inliers[wrong]) < 0.06
         assert np.mean(consensus.inliers[limb]) > 0.8
         if len(cameras) > 1:
-            assert angle_between(consensus.nadir_base, NADIR) < np.radians(0.3)
+            assert angle_rad(consensus.nadir_base, NADIR) < np.radians(0.3)
             assert consensus.rho_rad == pytest.approx(rho, abs=np.radians(0.3))
 
 
@@ -111,7 +103,7 @@ def test_candidates_that_agree_need_no_draw(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(selection, "_hypotheses", None)
     consensus, found = consensus_of(CAMERAS[:2], 420e3, outliers=0.0)
     assert consensus.unanimous
-    assert angle_between(consensus.nadir_base, NADIR) < np.radians(0.2)
+    assert angle_rad(consensus.nadir_base, NADIR) < np.radians(0.2)
     assert consensus.inliers.sum() > 0.9 * len(found.rays)
 
 
@@ -128,13 +120,11 @@ def test_shares_unknowns_between_cameras() -> None:
     ]
     together = limb_consensus(rays_of_candidates(views, short), **WIDE)
     assert together.status is Status.OK
-    assert angle_between(together.nadir_base, NADIR) < np.radians(1.0)
+    assert angle_rad(together.nadir_base, NADIR) < np.radians(1.0)
     for view, part in zip(views, short, strict=True):
         alone = limb_consensus(rays_of_candidates([view], [part]), **WIDE)
         if alone.status is Status.OK:
-            assert angle_between(alone.nadir_base, NADIR) > angle_between(
-                together.nadir_base, NADIR
-            )
+            assert angle_rad(alone.nadir_base, NADIR) > angle_rad(together.nadir_base, NADIR)
 
 
 def test_is_deterministic() -> None:

@@ -8,12 +8,13 @@ import cv2
 import numpy as np
 import pytest
 from limb_frames import draw, limb_views
-from limb_samples import angle_between, nadir_nees
+from limb_samples import nadir_nees
 from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.edge.smear import Causes, blur_along
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.scene_sets import set_m
@@ -180,7 +181,7 @@ def test_a_smear_that_grows_along_the_limb_does_not_turn_it() -> None:
     fix = HorizonSensor().process([Frame(view, gray)])
     assert fix.ok
     assert nadir_nees(fix.fit, drawn.truth.nadir_base) < 11.8
-    assert angle_between(fix.fit.nadir_base, drawn.truth.nadir_base) < np.radians(0.1)
+    assert angle_rad(fix.fit.nadir_base, drawn.truth.nadir_base) < np.radians(0.1)
 
 
 @pytest.mark.parametrize(("clouds", "moved_px", "roll_deg"), [(False, 5.0, 0.4), (True, 8.0, 0.4)])

@@ -8,13 +8,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from limb_frames import CAMERA, CLEAN, as_frames
-from limb_samples import angle_between
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.search.working_image import WorkingImage
 from horizon_sensor_ros.core.limb.sun_artefact import LARGEST_RAD, sun_artefact
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
@@ -117,7 +117,7 @@ def test_a_planet_from_as_far_is_one(altitude_m: float, gain: float) -> None:
     fix = HorizonSensor().process(as_frames((VIEW,), (frame,)))
     assert fix.ok, fix.reason
     assert fix.fit.rho_rad < LARGEST_RAD
-    assert np.degrees(angle_between(fix.fit.nadir_base, frame.truth.nadir_base)) < 0.1
+    assert np.degrees(angle_rad(fix.fit.nadir_base, frame.truth.nadir_base)) < 0.1
 
 
 def test_a_crescent_beside_the_sun_is_a_planet() -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from limb_samples import angle_between
 
 from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.limb.sun_streak import without_streaks
+from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.flight import Flight, Swing
 
@@ -114,5 +114,5 @@ def test_a_streak_just_above_the_limb_does_not_move_it(gap_px: int, seed: int) -
     spoilt = np.clip(np.rint(first + light), 0, 255).astype(np.uint8)
     fix = HorizonSensor().process([Frame(views[0], spoilt), Frame(views[1], drawn[1].image)])
     assert fix.ok
-    error_deg = np.degrees(angle_between(fix.fit.nadir_base, drawn[0].truth.nadir_base))
+    error_deg = np.degrees(angle_rad(fix.fit.nadir_base, drawn[0].truth.nadir_base))
     assert error_deg < 0.008

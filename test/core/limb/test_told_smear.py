@@ -66,7 +66,7 @@ def test_a_smear_is_as_long_as_rays_move_across_the_limb(
     turn = turn + roll * np.linalg.norm(turn) * view.rot_base_from_cam[:, 2]
     smear = told_smear(told(view, turn), NADIR, RHO)
     assert smear is not None
-    assert smear.told
+    assert smear.boxed
     across = moved_px(view, turn)
     # One motion stands for all of the limb.
     assert smear.across_px == pytest.approx(float(across.max()), rel=0.2, abs=0.3)

@@ -15,7 +15,8 @@ import numpy as np
 from horizon_sensor_ros.core.limb.edge.near_edge import BESIDE_PX, DEEP_PX, mean_at
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid
 from horizon_sensor_ros.core.limb_points import NOTHING_SHARED, STRETCHES, SharedError
-from horizon_sensor_ros.core.mathematics.robust import median, stretches
+from horizon_sensor_ros.core.mathematics.parts import stretches
+from horizon_sensor_ros.core.mathematics.robust import median
 
 # Errors of edges: of the whole limb with the square of the rise over the step, and of dark places
 # beside the others with that and with its square. Beside the truth of 90 discs of 24 to 200 px in

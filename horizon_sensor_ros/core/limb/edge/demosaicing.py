@@ -41,12 +41,12 @@ def demosaiced(gray: np.ndarray, white: float) -> bool:
     detail = np.abs(4.0 * here - above - below - left - right)
     least = np.minimum.reduce([above, below, left, right, here])
     most = np.maximum.reduce([above, below, left, right, here])
-    told = (least > 0.0) & (most < NEAR_WHITE * white)
+    unclipped = (least > 0.0) & (most < NEAR_WHITE * white)
     odd = (rows[:, None] + np.arange(1, width - 1)) % 2 == 1
-    fields = [detail[told & field] for field in (odd, ~odd)]
+    fields = [detail[unclipped & field] for field in (odd, ~odd)]
     if min(map(len, fields)) < _FEWEST:
         return False
-    most_detail = _MOST * float(detail[told].mean())
+    most_detail = _MOST * float(detail[unclipped].mean())
     one, other = (np.minimum(field, most_detail) for field in fields)
     apart, both = abs(float(one.mean() - other.mean())), float(one.mean() + other.mean())
     sigma = math.sqrt(one.var() / len(one) + other.var() / len(other))

@@ -16,7 +16,7 @@ from horizon_sensor_ros.core.mathematics.odds import log_odds_of
 # and how many are of these.
 _EVEN_PX, UNEVEN_PX = 0.01, 0.3
 _UNEVEN_LENSES = 0.2
-_MEASURED_PX = 0.03  # error of what is told of a lens
+_MEASURED_PX = 0.03  # error of what was measured of a lens
 MISJUDGED = 1.5  # how far off texture puts it, over what is claimed: it is no Gaussian process
 
 
@@ -30,7 +30,10 @@ def of_either_lens(seen_px: float, variance: float) -> tuple[float, float]:
     return of_either(even, uneven, log_odds_of(_UNEVEN_LENSES))
 
 
-def of_measured_lens(seen_px: float, variance: float, told_px: float) -> tuple[float, float]:
-    """The same of a lens of which it is told."""
-    known = Known.of(seen_px - told_px, variance * MISJUDGED**2, _MEASURED_PX)
-    return told_px + known.mean, known.variance
+def of_measured_lens(seen_px: float, variance: float, measured_px: float) -> tuple[float, float]:
+    """Mean and variance of the blur added in the corners by a lens that was measured.
+
+    seen_px, variance : as of `of_either_lens`. measured_px : that blur, beforehand.
+    """
+    known = Known.of(seen_px - measured_px, variance * MISJUDGED**2, _MEASURED_PX)
+    return measured_px + known.mean, known.variance

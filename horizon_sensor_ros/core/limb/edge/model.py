@@ -59,7 +59,7 @@ KEPT_BYTES = 64e6
 _SMALL = 6  # rows of a matrix that is not worth halving
 MAX_LEVEL = 512.0  # brightness over noise beyond which more says nothing
 _FINE_PX = 0.1  # grid on which the texture's covariance is blurred
-_SHAPE_ERROR = 0.003  # what interpolation and a not quite normal blur add, over the level
+SHAPE_ERROR = 0.003  # what interpolation and a not quite normal blur add, over the level
 _GLOW_ERROR = 0.03  # the same with glow, which is never quite exponential
 _HAZE_ERROR = 0.01  # and with haze
 # Depth below the edge of hazy air, over its scale height, from where on ground may shine through.
@@ -80,7 +80,6 @@ class EdgeTable:
     ``step[e] @ I``.
     """
 
-    e_px: np.ndarray
     residual: np.ndarray
     log_det: np.ndarray
     step: np.ndarray
@@ -241,7 +240,6 @@ def tables_of(
         return values.reshape(-1, *values.shape[2:]).astype(dtype)
 
     return EdgeTable(
-        e_px,
         stacked(rotated[..., free:, :], np.float32),
         stacked(np.asarray(log_det), np.float64),
         stacked(step, np.float32),
@@ -252,7 +250,7 @@ def _error(look: EdgeLook, glow: float) -> float:
     """What no model of the edge gets right, over the level."""
     if look.haze:
         return _HAZE_ERROR
-    return _GLOW_ERROR if glow > 0.0 else _SHAPE_ERROR
+    return _GLOW_ERROR if glow > 0.0 else SHAPE_ERROR
 
 
 def inverse_of_lower(lower: np.ndarray) -> np.ndarray:

@@ -35,8 +35,8 @@ def beside_and_deep(grid: ProfileGrid) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def beside_and_deep_unblurred(grid: ProfileGrid) -> np.ndarray:
-    """The same (J, 2), each with the mean as far outside added: blur that is alike on both sides of
-    a step takes as much from inside as it adds outside.
+    """Matrix (J, 2) as of `beside_and_deep`, each mean with the one as far outside added: blur that
+    is alike on both sides of a step takes as much from inside as it adds outside.
     """
     outside = _means_at(grid, *((-end, -start) for start, end in (BESIDE_PX, DEEP_PX)))
     return beside_and_deep(grid) + outside

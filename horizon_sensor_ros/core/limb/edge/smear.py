@@ -24,7 +24,7 @@ from horizon_sensor_ros.core.limb.edge.lens_blur import (
 from horizon_sensor_ros.core.limb.edge.raster import BLUR_SIGMA_PX
 from horizon_sensor_ros.core.limb_points import CornerBlur
 from horizon_sensor_ros.core.mathematics.odds import log_odds_of, share_of
-from horizon_sensor_ros.core.mathematics.robust import starts_of_parts
+from horizon_sensor_ros.core.mathematics.parts import starts_of_parts
 
 _BLUR_SIGMA_PX = 0.03  # how well a limb's blur is known beforehand
 # Error in common to a sixth of the limb, over one sigma of the lens's part: 2.4 would allow for its
@@ -103,13 +103,13 @@ def blur_along(
 
     lacking : (N,) what each edge says of it, and information : (N,) how well, by itself.
     """
-    told = _Told(np.concatenate([causes.rows, lacking[None]]), information)
-    if not told.total > 0.0:
+    moments = _Moments(np.concatenate([causes.rows, lacking[None]]), information)
+    if not moments.total > 0.0:
         return Blur(np.zeros(len(lacking)), 0.0)
-    lens = _of_lens(told, causes.corner_px)
-    still = _of_motion(told, lens.corners_px, assumed_px, with_lens=True)
+    lens = _of_lens(moments, causes.corner_px)
+    still = _of_motion(moments, lens.corners_px, assumed_px, with_lens=True)
     # What motion explains is not the lens's, which goes with the direction as much.
-    moved = _of_motion(told, 0.0, assumed_px, with_lens=False)
+    moved = _of_motion(moments, 0.0, assumed_px, with_lens=False)
     evidence = still.evidence()
     if np.ptp(moved.smear[:_SEEN] @ causes.rows) < _MOST_PX:
         evidence = max(evidence, moved.evidence(lens.explained))
@@ -121,13 +121,13 @@ def blur_along(
     if share > 0.0:
         off = moved.amounts + moved.smear - amounts
         open2 += share * (moved.sigma_px**2 - open2)
-        open2 += (1.0 - share if sure else share) * told.mean_square(off)
+        open2 += (1.0 - share if sure else share) * moments.mean_square(off)
         amounts += sure * off
-    amounts[_COMMON] -= amounts @ told.mean
+    amounts[_COMMON] -= amounts @ moments.mean
     return Blur(amounts[:_SEEN] @ causes.rows, math.sqrt(open2), None if sure else lens.seen)
 
 
-class _Told:
+class _Moments:
     """What edges tell of the causes, and what they see after them.
 
     total : of the information. mean (6,) : of what the edges have of each, but of what is the same
@@ -174,20 +174,20 @@ class _OfLens(NamedTuple):
     explained: float
 
 
-def _of_lens(told: _Told, corner_px: float | None) -> _OfLens:
+def _of_lens(moments: _Moments, corner_px: float | None) -> _OfLens:
     """What the lens adds to the blur. corner_px : as of `Causes`."""
-    (_, raster, lens, *_, raster_seen), (_, _, square, *_, lens_seen) = told.square[1:3].tolist()
+    (_, raster, lens, *_, raster_seen), (_, _, square, *_, lens_seen) = moments.square[1:3].tolist()
     a, c = raster + BLUR_SIGMA_PX**-2.0, square + _LEAST_INFORMATION
     pixels, corners = _solved(a, lens, c, raster_seen, lens_seen)
     rest = np.array([0.0, -pixels, -corners, 0.0, 0.0, 1.0])
-    variance = told.repetition(rest) * a / (a * c - lens * lens)
+    variance = moments.repetition(rest) * a / (a * c - lens * lens)
     seen = CornerBlur(corners, math.sqrt(variance))
     explained = pixels * raster_seen + corners * lens_seen - raster_seen**2 / a
     if corner_px is None:
         corners, variance = of_either_lens(corners, variance)
     else:
         corners, variance = of_measured_lens(corners, variance, corner_px)
-    open_px = _OF_SIXTHS * math.sqrt(variance * square / told.total)
+    open_px = _OF_SIXTHS * math.sqrt(variance * square / moments.total)
     return _OfLens(corners, open_px, seen, explained)
 
 
@@ -215,15 +215,15 @@ class _Motion(NamedTuple):
         return 0.5 * (self.explained - otherwise) / self.repeated - self.narrowed
 
 
-def _of_motion(told: _Told, lens_px: float, assumed_px: float, *, with_lens: bool) -> _Motion:
+def _of_motion(moments: _Moments, lens_px: float, assumed_px: float, *, with_lens: bool) -> _Motion:
     """What is the same for all edges, what the raster makes of it, and what goes with the
     direction.
 
     lens_px : what the lens adds to what is seen, in the corners. with_lens : whether it may add
     more along the limb than that.
     """
-    square, total = told.square.tolist(), told.total
-    mean = told.mean.tolist()
+    square, total = moments.square.tolist(), moments.total
+    mean = moments.mean.tolist()
     raster, lacking = mean[_RASTER], mean[_SEEN]
     of_raster, of_lens = square[_RASTER], square[_LENS]
     common, pixels = _solved(
@@ -246,9 +246,9 @@ def _of_motion(told: _Told, lens_px: float, assumed_px: float, *, with_lens: boo
         rows[row, own] = 1.0
     rows[2] = lacking - level, -pixels, -lens_px, 0.0, 0.0, 1.0
     smears, rest = rows[:2], rows[2]
-    (a, b, u), (_, c, v) = (smears @ told.square @ rows.T).tolist()
+    (a, b, u), (_, c, v) = (smears @ moments.square @ rows.T).tolist()
     smear = np.array(_solved(a + _LEAST_INFORMATION, b, c + _LEAST_INFORMATION, u, v))
-    repeated = MISJUDGED**2 * told.repetition(rest - smear @ smears)
+    repeated = MISJUDGED**2 * moments.repetition(rest - smear @ smears)
     before = repeated * _SMEAR_SIGMA_PX**-2.0
     along, across = _solved(a + before, b, c + before, u, v)
     # Root of the mean variance of what a smear adds.

@@ -21,7 +21,8 @@ from horizon_sensor_ros.core.limb.edge.near_edge import DEEP_PX, beside_and_deep
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, space_mean
 from horizon_sensor_ros.core.limb_points import STRETCHES, LimbPoints
 from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
-from horizon_sensor_ros.core.mathematics.robust import median, starts_and_sizes
+from horizon_sensor_ros.core.mathematics.parts import starts_and_sizes
+from horizon_sensor_ros.core.mathematics.robust import median
 
 # Brightness beside the edge over that farther in where half of the latter is the limb's own, by the
 # law above, blurred by .5 to .6 px, and a blurred step that is fitted to it lies .3 px too far in.

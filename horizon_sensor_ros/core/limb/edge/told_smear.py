@@ -47,4 +47,4 @@ def told_smear(view: CameraView, nadir_base: np.ndarray, rho_rad: float) -> Smea
     smear = smear_from_parts(curve.normal_px[known], np.square(across_px[known]))
     # The square of a length is off by twice the length times its error.
     by_rate2 = 2.0 * smear.across_px * sigma_px / BOX
-    return replace(smear, open_px2=math.hypot(smear.open_px2, by_rate2), boxed=True, told=True)
+    return replace(smear, open_px2=math.hypot(smear.open_px2, by_rate2), boxed=True)

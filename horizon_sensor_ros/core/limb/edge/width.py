@@ -46,7 +46,7 @@ class Smear:
     where it is smallest. lacking_px2 : (2, 2) covariance, x right and y down, of the extra blur
     that makes the frame's blur equal in all directions. open_px2 : one sigma of what is then still
     unequal, as a variance. boxed : the edge falls as under a constant motion, not as with soft
-    optics. told : it is known from exposure and angular rate, not from the frame.
+    optics.
     """
 
     across_px: float
@@ -54,7 +54,6 @@ class Smear:
     lacking_px2: np.ndarray
     open_px2: float
     boxed: bool = False
-    told: bool = False
 
     @property
     def sure_px(self) -> float:
@@ -113,8 +112,8 @@ def smear_from_parts(normal_px: np.ndarray, across2: np.ndarray) -> Smear:
     found = design @ motion
     misfit = float(np.linalg.norm(across2 - found)) / math.sqrt(len(x) - len(motion))
     # Of what goes with the direction no more is made up for than can be told.
-    told = size * size / (size * size + misfit * misfit + 1e-9)
-    lacking = (told / BOX) * (2.0 * size * np.eye(2) - along)
+    share = size * size / (size * size + misfit * misfit + 1e-9)
+    lacking = (share / BOX) * (2.0 * size * np.eye(2) - along)
     most, least = (math.sqrt(max(float(across), 0.0)) for across in (found.max(), found.min()))
     return Smear(most, least, lacking, misfit / BOX)
 

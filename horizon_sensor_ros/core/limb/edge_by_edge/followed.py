@@ -17,7 +17,7 @@ from horizon_sensor_ros.core.limb.edge_by_edge.points import (
 from horizon_sensor_ros.core.limb.profiles import ProfileGrid, scatter_px, space_mean
 from horizon_sensor_ros.core.limb.sample import MIN_PROFILES, LimbSample
 from horizon_sensor_ros.core.limb_points import STRETCHES, LimbPoints
-from horizon_sensor_ros.core.mathematics.robust import starts_of_parts
+from horizon_sensor_ros.core.mathematics.parts import starts_of_parts
 
 _EXPECTED_SHARE = 0.9  # of the profiles that show an edge, the least to be as expected
 _LEAST_FALL = 0.5  # of brightness at an edge, over the steepest in the profile

@@ -80,9 +80,10 @@ class KrigedLimb:
         return KrigedPlaces(places, found.shared, found.corner_blur)
 
     def about(self, limb: np.ndarray, good: np.ndarray, odd: np.ndarray) -> KrigedPlaces:
-        """The same about a limb that is moved from the predicted one by (3,), wherever it lies.
+        """The edges about a limb that is moved from the predicted one by (3,), as `Stretches.base`
+        has it, wherever it lies.
 
-        odd : (M,) as of `krige_edges`.
+        good : (M,) as of `about_prediction`. odd : (M,) as of `krige_edges`.
         """
         found, places = self._kriged_about(limb, good, odd)
         off_px = self._off_px(found)

@@ -18,7 +18,7 @@ from horizon_sensor_ros.core.limb.profiles import EdgePlaces, ProfileGrid
 from horizon_sensor_ros.core.limb.sample import LimbSample
 from horizon_sensor_ros.core.limb.texture.ground_texture import ground_across_px
 from horizon_sensor_ros.core.limb_points import STRETCHES, CornerBlur, LimbPoints, SharedError
-from horizon_sensor_ros.core.mathematics.robust import starts_of_parts
+from horizon_sensor_ros.core.mathematics.parts import starts_of_parts
 from horizon_sensor_ros.core.status import Status
 
 _STEP_PX = 3  # from so far inside the predicted edge on its step is seen

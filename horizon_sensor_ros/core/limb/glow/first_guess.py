@@ -12,10 +12,11 @@ from horizon_sensor_ros.core.limb.edge.model import EdgeLook
 from horizon_sensor_ros.core.limb.glow.brightness import powers
 from horizon_sensor_ros.core.limb.glow.sight import LEAST_STRETCHES, GlowSight
 from horizon_sensor_ros.core.mathematics.robust import median
+from horizon_sensor_ros.core.planet import EARTH_RADIUS_M
 
 FROM_PX = 2.0  # beyond the edge, from where on there is hardly anything but glow
 # Scale heights over the Earth's radius that are tried for the first guess.
-_HEIGHTS = np.exp(np.linspace(np.log(4e3), np.log(16e3), 25)) / 6371e3
+_HEIGHTS = np.exp(np.linspace(np.log(4e3), np.log(16e3), 25)) / EARTH_RADIUS_M
 _THIN_PX = 1.0  # length of glow, below which it hides in the blur and is guessed
 _THIN_GLOW = 0.5  # that guess, over the brightness just beyond the edge
 # Glow of a stretch over the median one, that may still be the same air's.

@@ -24,6 +24,7 @@ from horizon_sensor_ros.core.limb.air import (
     STRAY,
     Air,
 )
+from horizon_sensor_ros.core.limb.edge.model import SHAPE_ERROR
 from horizon_sensor_ros.core.limb.edge.near_edge import BESIDE_PX
 from horizon_sensor_ros.core.limb.glow.air_profile import air_inside, glow_outside
 from horizon_sensor_ros.core.limb.glow.brightness import further_powers, powers
@@ -36,7 +37,7 @@ from horizon_sensor_ros.core.mathematics.robust import median, quantile
 
 # Up to where, beyond the edge, there may be texture: pixels, and blurs.
 _TEXTURE_PX, _TEXTURE_PSF = 3.0, 3.0
-_GLOW_ERROR, _SHAPE_ERROR = 0.01, 0.003  # over the glow, over the step: no model is quite right
+_GLOW_ERROR = 0.01  # over the glow: no model is quite right
 _BRIGHT = 0.95  # share of the samples that are darker than the brightest level
 # Error of saturated samples, and of those beside them, over the brightest level.
 _BLIND, _CLIPPED = 1e3, 0.02
@@ -166,7 +167,7 @@ def step_towards(sight: GlowSight, air: Air, keep: np.ndarray) -> GlowStep:
     d_px, psf_px = sight.d_px, air.psf_px
     num = int(np.count_nonzero(d_px <= max(_TEXTURE_PX, math.ceil(_TEXTURE_PSF * psf_px))))
     level = lit.level[:, None]
-    lit.variance += np.square(_SHAPE_ERROR * level)
+    lit.variance += np.square(SHAPE_ERROR * level)
     ground = Ground(
         d_px[:num],
         psf_px,

@@ -124,13 +124,13 @@ def _seen(limb: GlowLimb, focus_px: float) -> tuple[np.ndarray, np.ndarray]:
     towards = whole @ value[told_of] - known * usual[told_of]
     # Where the lens is in doubt less may be left than nothing: there the frame tells nothing.
     scale = np.sqrt(np.diag(whole))
-    told, axes = np.linalg.eigh((whole - np.diag(known)) / np.outer(scale, scale))
-    axes = axes[:, told > _NOTHING]
-    told = told[told > _NOTHING]
-    to_axes = np.zeros((_NUM, len(told)))
+    gained, axes = np.linalg.eigh((whole - np.diag(known)) / np.outer(scale, scale))
+    axes = axes[:, gained > _NOTHING]
+    gained = gained[gained > _NOTHING]
+    to_axes = np.zeros((_NUM, len(gained)))
     to_axes[told_of] = scale[:, None] * axes
     pull = to_axes @ (axes.T @ (towards / scale))
-    return (to_axes * told) @ to_axes.T / _MISJUDGED**2, pull / _MISJUDGED**2
+    return (to_axes * gained) @ to_axes.T / _MISJUDGED**2, pull / _MISJUDGED**2
 
 
 def _alike(views: Sequence[CameraView], limbs: Sequence[GlowLimb]) -> np.ndarray:

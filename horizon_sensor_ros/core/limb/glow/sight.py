@@ -109,7 +109,10 @@ class GlowSight:
         return replace(self, curve=curve, bundles=bundles, **rows)
 
     def without_glare(self, glare: np.ndarray, from_px: float, outer_px: float) -> GlowSight:
-        """The same up to outer_px above the limb, without a glare (M, 2) seen beyond from_px."""
+        """Sight up to outer_px above the limb, without a glare that is seen beyond from_px.
+
+        glare : (M, 2), its gray level at the limb, and by how much that grows a pixel outwards.
+        """
         near = self.d_px <= outer_px
         d_px = self.d_px[near]
         return replace(

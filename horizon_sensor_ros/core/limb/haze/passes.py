@@ -51,7 +51,7 @@ _NO_LIMB = LimbPoints.none(Status.NO_LIMB, "the limb is not in the frame")
 class ThroughHaze(NamedTuple):
     """The limb under thick air. sure : whether it is under no other."""
 
-    found: Detection
+    detection: Detection
     sure: bool
 
     def or_thin_air(self, looked: Detection) -> Detection:
@@ -61,11 +61,11 @@ class ThroughHaze(NamedTuple):
 
         looked : what was found without regard to haze.
         """
-        told = looked.separated_only or looked
-        for hazy, limb in zip(self.found.limbs, told.limbs, strict=True):
+        from_glow = looked.separated_only or looked
+        for hazy, limb in zip(self.detection.limbs, from_glow.limbs, strict=True):
             if hazy.status is Status.OK and not limb.glow_separated:
-                return self.found
-        return told.raised(ABOVE_M)
+                return self.detection
+        return from_glow.raised(ABOVE_M)
 
 
 def look_through_haze(
@@ -103,20 +103,20 @@ def look_through_haze(
         () if sample is None else (haze_look(length * length_px),)
         for sample, length_px in zip(samples, usual_px, strict=True)
     ]
-    found = _refined(views, reduced, planet, near, looks, factors, (SEEK, PLACE))
-    if found is None:
+    detection = _refined(views, reduced, planet, near, looks, factors, (SEEK, PLACE))
+    if detection is None:
         return None
     num = sum(len(sample.profiles) for sample in samples if sample is not None)
     uneven = max(
         (
             limb.jumps_px / (length * length_px * factor)
-            for limb, length_px, factor in zip(found.limbs, usual_px, factors, strict=True)
+            for limb, length_px, factor in zip(detection.limbs, usual_px, factors, strict=True)
             if limb.status is Status.OK
         ),
         default=np.inf,
     )
     sure = thickest_px > _FINE_PX or (merit.max() > _SURE * num and uneven < _EVEN)
-    return ThroughHaze(found, bool(sure))
+    return ThroughHaze(detection, bool(sure))
 
 
 def follow_through_haze(
@@ -127,10 +127,11 @@ def follow_through_haze(
     looks: Sequence[tuple[EdgeLook, ...]],
     factors: Sequence[int],
 ) -> Detection | None:
-    """The same where it is known to be; None where no cone fits it.
+    """Limb through haze that is known to be there, near a cone of nadir (3,) and rho (rad); None
+    where no cone fits it.
 
-    looks : of hazy edges, one a frame, none where that shows no limb. factors : by which frames are
-    reduced for it.
+    images : (H, W), one a view. looks : of hazy edges, one a frame, none where that shows no limb.
+    factors : by which frames are reduced for it.
     """
     reduced = _reduced(images, factors)
     return _refined(views, reduced, planet, near, looks, factors, (PLACE, PLACE))
@@ -153,7 +154,7 @@ def _refined(
             for sample, kinds in zip(samples, looks, strict=True)
         ]
         seen = tuple(map(LimbObservation, views, limbs))
-        found = Detection(
+        detection = Detection(
             seen,
             nadir_base=near[0],
             rho_rad=near[1],
@@ -164,8 +165,8 @@ def _refined(
             factors=tuple(factors),
             smears=(None,) * len(views),
         )
-        if sought is PLACE and found.on_course:
-            return found
+        if sought is PLACE and detection.on_course:
+            return detection
         nearer = refine(gather(seen), planet, near)
         if not nearer.ok:
             return None

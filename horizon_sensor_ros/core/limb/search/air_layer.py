@@ -75,7 +75,7 @@ _CUT_OFF_M = 30e3  # down to which half of the columns must show, for what borde
 def ground_under_airglow(
     views: Sequence[CameraView],
     working: Sequence[WorkingImage],
-    found: RayCandidates,
+    candidates: RayCandidates,
     consensus: Consensus,
     planet: Planet,
     *,
@@ -83,15 +83,15 @@ def ground_under_airglow(
 ) -> Consensus:
     """The consensus, moved to the ground's limb where it holds the airglow's edge for it.
 
-    working : images of every view. found : candidates in them. refined : its cone was fitted to
-    edges: it knows nadir better than steps of depth do, and about it a layer looks alike all along.
+    working : images of every view. candidates : in them. refined : its cone was fitted to edges: it
+    knows nadir better than steps of depth do, and about it a layer looks alike all along.
     Where the layer is seen but no ground behind it: status POOR_FIT, and the cone and layer_rad of
     what would be the ground's limb. Where it may be one: the same consensus, with `perhaps_layer`.
     """
     if consensus.status is not Status.OK or not planet.has_air:
         return consensus
     layer_rad = layer_above_rad(consensus, planet)
-    columns = columns_below(views, working, found, consensus, depths_rad(layer_rad))
+    columns = columns_below(views, working, candidates, consensus, depths_rad(layer_rad))
     if not columns:
         return consensus
     # Stars above the layer show an exposure for the night.
@@ -102,12 +102,12 @@ def ground_under_airglow(
     if refined and not below.layered:
         return consensus
     if below.shows_ground:
-        cone = _ground_cone(below, found, consensus, layer_rad, refined=refined)
+        cone = _ground_cone(below, candidates, consensus, layer_rad, refined=refined)
         if cone is None:
             return consensus
         return replace(_moved(consensus, cone, layer_rad), by_day=consensus)
     dawns = any(
-        is_twilight(found.rays[column.places], column.level, consensus.nadir_base)
+        is_twilight(candidates.rays[column.places], column.level, consensus.nadir_base)
         for column in columns
     )
     if not (dawns or below.layered):
@@ -202,7 +202,7 @@ class _Below:
 
 def _ground_cone(
     below: _Below,
-    found: RayCandidates,
+    candidates: RayCandidates,
     consensus: Consensus,
     layer_rad: float,
     *,
@@ -213,7 +213,7 @@ def _ground_cone(
     """
     at, depths = below.ground[below.shown], depths_rad(layer_rad)
     if not refined:
-        rays = rays_below(found.rays[below.places[below.shown]], consensus, depths)
+        rays = rays_below(candidates.rays[below.places[below.shown]], consensus, depths)
         cone = _cone(rays[np.arange(len(rays)), at], consensus, layer_rad)
         if cone is not None:
             return cone

@@ -45,17 +45,15 @@ class LimbCandidates:
 
     px : (N, 2) float64 raw pixels of the full image. normal_px : (N, 2) unit vectors towards the
     dark side. contrast : (N,) gray-level step across the edge. pitch_px : spacing of the
-    candidates' grid, full-image pixels. working : the image in which they were found; empty where
-    that was the full one. outermost : (N,) False where another candidate lies farther out along the
-    normal; None where that was not looked at. beyond_px : (N,) how far outside px the image falls
-    most steeply; empty where that was not looked at.
+    candidates' grid, full-image pixels. outermost : (N,) False where another candidate lies farther
+    out along the normal; None where that was not looked at. beyond_px : (N,) how far outside px the
+    image falls most steeply; empty where that was not looked at.
     """
 
     px: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     normal_px: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     contrast: np.ndarray = field(default_factory=lambda: np.empty(0))
     pitch_px: float = 1.0
-    working: WorkingImage = field(default_factory=WorkingImage)
     outermost: np.ndarray | None = None
     beyond_px: np.ndarray = field(default_factory=lambda: np.empty(0))
 
@@ -115,7 +113,7 @@ def candidates_in(
     bright = float(np.partition(smooth.ravel()[::7], rank)[rank])
     # Smoothing with sigma 1 leaves 0.28 of white noise; a step is believed from five sigma of that.
     step_min = max(5.0 * 0.28 * working.noise, 0.01 * (bright - level), 0.5)
-    empty = LimbCandidates(pitch_px=float(factor), working=working)
+    empty = LimbCandidates(pitch_px=float(factor))
     if bright - level < 3.0 * step_min:
         return empty
 
@@ -143,7 +141,6 @@ def candidates_in(
         np.stack([found.out_x, found.out_y], axis=1).astype(np.float64),
         step.astype(np.float64),
         float(factor),
-        working,
         _outermost(found, there),
         factor * found.beyond_px(smooth),
     )

@@ -55,7 +55,7 @@ def depths_rad(layer_rad: float, depths_m: np.ndarray = DEPTHS_M) -> np.ndarray:
 def columns_below(
     views: Sequence[CameraView],
     working: Sequence[WorkingImage],
-    found: RayCandidates,
+    candidates: RayCandidates,
     consensus: Consensus,
     depths: np.ndarray,
 ) -> list[Columns]:
@@ -64,12 +64,12 @@ def columns_below(
     """
     out, num_falling = [], 0
     for i, (view, seen) in enumerate(zip(views, working, strict=True)):
-        of_view = np.flatnonzero(consensus.inliers & (found.camera == i))
+        of_view = np.flatnonzero(consensus.inliers & (candidates.camera == i))
         if len(of_view) == 0:
             continue
         for count, thin in ((_GLANCE, 3), (COLUMNS, 1)):
             some = of_view[evenly(len(of_view), count)]
-            level = levels(view, seen, rays_below(found.rays[some], consensus, depths[::thin]))
+            level = levels(view, seen, rays_below(candidates.rays[some], consensus, depths[::thin]))
             whole, level = _as_far_as_seen(level, DEPTHS_M[::thin])
             places, level = bundled(some[whole], level[whole])
             if count == _GLANCE:

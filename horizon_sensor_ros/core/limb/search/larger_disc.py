@@ -25,9 +25,9 @@ def larger_disc_rad(
     nadir_base: np.ndarray,
     rho_rad: float,
     rho_max_rad: float,
-) -> float:
+) -> float | None:
     """Angular radius of a larger disc beside the one that was taken for the planet's, cone of
-    nadir_base (3,) and rho_rad; 0 where none shows.
+    nadir_base (3,) and rho_rad; None where none shows.
 
     views, working : of all frames. rho_max_rad : of the lowest altitude. A disc counts whose limb
     shows along more than the other one is wide, and within which that does not lie: what surrounds
@@ -35,22 +35,22 @@ def larger_disc_rad(
     """
     wide_rad = 2.0 * rho_rad
     if wide_rad > max(_field_rad(view) for view in views):
-        return 0.0
-    found = rays_of_candidates(
+        return None
+    candidates = rays_of_candidates(
         views,
         [
             candidates_in(image, mask=view.mask, thin=True)
             for view, image in zip(views, working, strict=True)
         ],
     )
-    beyond = found.take(found.outside(nadir_base, rho_rad))
+    beyond = candidates.take(candidates.outside(nadir_base, rho_rad))
     if beyond.pitch_rad.sum() < wide_rad:
-        return 0.0
+        return None
     other = limb_consensus(beyond, rho_min_rad=rho_rad, rho_max_rad=rho_max_rad)
     if other.status is not Status.OK or beyond.pitch_rad[other.inliers].sum() < wide_rad:
-        return 0.0
+        return None
     apart_rad = angle_rad(other.nadir_base, nadir_base)
-    return other.rho_rad if apart_rad > other.rho_rad else 0.0
+    return other.rho_rad if apart_rad > other.rho_rad else None
 
 
 def _field_rad(view: CameraView) -> float:

@@ -55,7 +55,7 @@ class RayCandidates:
     beyond_rad: np.ndarray
 
     def placed(self) -> RayCandidates:
-        """The same at their very edges."""
+        """Candidates moved outwards, to their very edges."""
         rays = self.rays + self.beyond_rad[:, None] * self.outward
         rays /= np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]
         return replace(self, rays=rays)
@@ -103,6 +103,11 @@ class Consensus:
     layer_rad: float = 0.0
     by_day: Consensus | None = None
     perhaps_layer: bool = False
+
+    @property
+    def below_layer(self) -> bool:
+        """Whether the edge of a layer of airglow lies above the limb."""
+        return self.layer_rad > 0.0
 
     def apart_px(self, limb: LimbRays, pitch_rad: float) -> float:
         """How far nine tenths of a limb's points lie off the cone at most, pixels of this pitch."""
@@ -155,16 +160,18 @@ def rays_of_candidates(
 
 # Calibrations that make no sense have rays of any spacing: no consensus, and no warning either.
 @np.errstate(over="ignore", invalid="ignore")
-def limb_consensus(found: RayCandidates, *, rho_min_rad: float, rho_max_rad: float) -> Consensus:
+def limb_consensus(
+    candidates: RayCandidates, *, rho_min_rad: float, rho_max_rad: float
+) -> Consensus:
     """Choose nadir and disc radius that explain the most candidates.
 
     The draw of hypotheses is seeded: the same candidates give the same answer. Fewer than
     `MIN_INLIERS` candidates that agree: status NO_LIMB.
     """
-    count = len(found.rays)
+    count = len(candidates.rays)
     if count < MIN_INLIERS:
         return Consensus(Status.NO_LIMB, f"{count} candidates of a space boundary in all frames")
-    whole = _Ballot.of(found, _TOLERANCE)
+    whole = _Ballot.of(candidates, _TOLERANCE)
     cos_min, cos_max = math.cos(rho_max_rad), math.cos(rho_min_rad)
     nadirs, cos_rhos = whole.nearest()
     unanimous = bool(
@@ -172,9 +179,9 @@ def limb_consensus(found: RayCandidates, *, rho_min_rad: float, rho_max_rad: flo
         and cos_min <= cos_rhos[0] <= cos_max
     )
     if unanimous:
-        whole = _Ballot.of(found.placed(), _TOLERANCE)
+        whole = _Ballot.of(candidates.placed(), _TOLERANCE)
     else:
-        nadirs, cos_rhos = _hypotheses(found, np.random.default_rng(count), cos_min, cos_max)
+        nadirs, cos_rhos = _hypotheses(candidates, np.random.default_rng(count), cos_min, cos_max)
         if len(nadirs) == 0:
             return Consensus(Status.NO_LIMB, "no three candidates fit a disc of plausible altitude")
         some = whole.thinned(_PRESELECT) if count > _PRESELECT else whole
@@ -197,11 +204,11 @@ def limb_consensus(found: RayCandidates, *, rho_min_rad: float, rho_max_rad: flo
     return Consensus(Status.OK, "", nadir, rho, inliers, unanimous)
 
 
-def consensus_about(found: RayCandidates, nadir_base: np.ndarray, rho_rad: float) -> Consensus:
+def consensus_about(candidates: RayCandidates, nadir_base: np.ndarray, rho_rad: float) -> Consensus:
     """`limb_consensus` on a cone, nadir (3,) and rho, that is known from elsewhere, with the
     candidates that agree; status NO_LIMB where too few do.
     """
-    gains = _Ballot.of(found, _TOLERANCE).gains(nadir_base[None], np.cos([rho_rad]))
+    gains = _Ballot.of(candidates, _TOLERANCE).gains(nadir_base[None], np.cos([rho_rad]))
     inliers = gains[:, 0] > 0.0
     num_inliers = int(np.count_nonzero(inliers))
     if num_inliers < MIN_INLIERS:
@@ -210,29 +217,29 @@ def consensus_about(found: RayCandidates, nadir_base: np.ndarray, rho_rad: float
 
 
 def _hypotheses(
-    found: RayCandidates, rng: np.random.Generator, cos_min: float, cos_max: float
+    candidates: RayCandidates, rng: np.random.Generator, cos_min: float, cos_max: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cones through random triples of candidates whose edges point the right way.
 
     The first `_NUM_HYPOTHESES` that make sense; where most do, half of the draw yields as many.
     """
-    triples = rng.integers(0, len(found.rays), size=(_NUM_DRAWS, 3))
+    triples = rng.integers(0, len(candidates.rays), size=(_NUM_DRAWS, 3))
     half = _NUM_DRAWS // 2
-    nadirs, cos_rhos = _cones(found, triples[:half], cos_min, cos_max)
+    nadirs, cos_rhos = _cones(candidates, triples[:half], cos_min, cos_max)
     if len(nadirs) < _NUM_HYPOTHESES:
-        more = _cones(found, triples[half:], cos_min, cos_max)
+        more = _cones(candidates, triples[half:], cos_min, cos_max)
         nadirs, cos_rhos = np.concatenate([nadirs, more[0]]), np.concatenate([cos_rhos, more[1]])
     return nadirs[:_NUM_HYPOTHESES], cos_rhos[:_NUM_HYPOTHESES]
 
 
 def _cones(
-    found: RayCandidates, triples: np.ndarray, cos_min: float, cos_max: float
+    candidates: RayCandidates, triples: np.ndarray, cos_min: float, cos_max: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cones through triples (M, 3) of candidates, those that make sense.
 
     The tips of three rays lie in the plane ``x . nadir = cos rho``.
     """
-    first, second, third = found.rays[triples.T]
+    first, second, third = candidates.rays[triples.T]
     normal = cross(second - first, third - first)
     norm = np.sqrt(np.einsum("ij,ij->i", normal, normal))
     drop = np.einsum("ij,ij->i", normal, first)
@@ -242,7 +249,7 @@ def _cones(
         ok = (np.abs(drop) > _LEAST_VOLUME) & (cos_rho >= cos_min) & (cos_rho <= cos_max)
     nadir, cos_rho, triples = nadir[ok], cos_rho[ok], triples[ok]
     # Outwards along the edge's normal, u . n falls; for a perfect edge at the rate sin rho.
-    fall = -np.einsum("khc,hc->kh", found.outward[triples.T], nadir)
+    fall = -np.einsum("khc,hc->kh", candidates.outward[triples.T], nadir)
     sin_rho = np.sqrt(np.maximum(1.0 - cos_rho**2, 1e-12))
     ok = (fall > _COS_POLARITY * sin_rho).all(axis=0)
     return nadir[ok], cos_rho[ok]
@@ -258,8 +265,13 @@ class _Ballot:
     weight: np.ndarray
 
     @staticmethod
-    def of(found: RayCandidates, tolerance: float) -> _Ballot:
-        parts = (found.rays, found.outward, tolerance * found.pitch_rad, found.weight)
+    def of(candidates: RayCandidates, tolerance: float) -> _Ballot:
+        parts = (
+            candidates.rays,
+            candidates.outward,
+            tolerance * candidates.pitch_rad,
+            candidates.weight,
+        )
         return _Ballot(*(part.astype(np.float32) for part in parts))
 
     def thinned(self, count: int) -> _Ballot:

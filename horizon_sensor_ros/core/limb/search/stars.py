@@ -51,9 +51,9 @@ def spread_stars(
     nadir_base: np.ndarray,
     beyond_rad: float,
 ) -> int:
-    """The same, as the lens spreads light over pixels of the frame (H, W): 0 where the spots are
-    hot pixels mostly, but for those that demosaicing has spread, or compression's; or where they
-    are less than `NIGHT_STARS`.
+    """How many of the spots that `count_stars` counts can be stars, by how the lens spreads light
+    over pixels of the frame (H, W): 0 where they are hot pixels mostly, but for those that
+    demosaicing has spread, or compression's; or where they are less than `NIGHT_STARS`.
     """
     px = _spots_px(view, working, nadir_base, beyond_rad)
     if len(px) < NIGHT_STARS:

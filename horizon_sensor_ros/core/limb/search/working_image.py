@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -23,10 +23,10 @@ class WorkingImage:
     its one sigma of noise, as the search measured them.
     """
 
-    gray: np.ndarray = field(default_factory=lambda: np.empty((0, 0), dtype=np.float32))
-    factor: int = 1
-    space_level: float = np.nan
-    noise: float = np.nan
+    gray: np.ndarray
+    factor: int
+    space_level: float
+    noise: float
 
     @classmethod
     def of(cls, gray: np.ndarray, mask: Mask | None = None) -> WorkingImage:
@@ -34,7 +34,7 @@ class WorkingImage:
         return cls._measured(*reduce_image(gray), mask)
 
     def coarser(self, times: int, mask: Mask | None) -> WorkingImage:
-        """The same frame, smaller by another factor. mask : of the frame."""
+        """The frame, smaller by another factor. mask : of the full frame."""
         return self._measured(block_average(self.gray, times), times * self.factor, mask)
 
     @classmethod
@@ -47,8 +47,8 @@ class WorkingImage:
         return cls(small, factor, level, noise)
 
     def sampled(self, gray: np.ndarray) -> WorkingImage:
-        """The same of a later frame (H, W) of the camera: single pixels of it, which cost less than
-        means, and space as it was.
+        """Working image of a later frame (H, W) of the camera: single pixels of it, which cost less
+        than means, and space as it was.
         """
         step = self.factor
         height, width = gray.shape[0] // step, gray.shape[1] // step

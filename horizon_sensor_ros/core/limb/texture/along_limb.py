@@ -79,5 +79,5 @@ def _alike(count: int, ground: float) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _alike_if_rough(count: int, ground: float) -> np.ndarray:
-    """The same, nothing for smooth ones."""
+    """`_alike` (S,) of rough textures, 0 of smooth ones."""
     return _alike(count, ground) * ground_texture.by_kind(1.0, 0.0)

@@ -26,7 +26,8 @@ from horizon_sensor_ros.core.limb.profiles import ProfileGrid, space_mean
 from horizon_sensor_ros.core.limb.texture.depth import seen_depths
 from horizon_sensor_ros.core.limb.texture.fitted_limb import fitted_limb
 from horizon_sensor_ros.core.mathematics.normal_law import normal_cdf
-from horizon_sensor_ros.core.mathematics.robust import median, starts_of_parts
+from horizon_sensor_ros.core.mathematics.parts import starts_of_parts
+from horizon_sensor_ros.core.mathematics.robust import median
 
 _STRETCHES = 12
 # Brightness lost from beside the edge to farther in, over that beside it, from which on it counts:
@@ -62,7 +63,7 @@ class FallingLight:
     psf_px: float
 
     def about(self, limb: np.ndarray) -> FallingLight:
-        """The same, where profiles are sampled about the limb moved by (3,)."""
+        """This light, where profiles are sampled about the limb moved by (3,)."""
         return replace(self, limb=self.limb - limb)
 
     @property
@@ -153,8 +154,8 @@ def _costs(profiles: np.ndarray, d_px: np.ndarray, reach_px: float, psf_px: floa
     """Squares of what is left (N, K, E) of profiles (N, J) beside each fall and place."""
     basis = _bases(tuple(d_px.tolist()), reach_px, psf_px)
     about = profiles - profiles.mean(axis=1, keepdims=True)
-    told = np.square(about @ basis.reshape(-1, basis.shape[-1]).T)
-    left = np.square(about).sum(axis=1)[:, None] - told
+    explained = np.square(about @ basis.reshape(-1, basis.shape[-1]).T)
+    left = np.square(about).sum(axis=1)[:, None] - explained
     return np.asarray(left.reshape(len(profiles), *basis.shape[:2]))
 
 

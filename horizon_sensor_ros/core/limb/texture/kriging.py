@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.core.limb.edge.model import MAX_LEVEL
+from horizon_sensor_ros.core.limb.edge.model import MAX_LEVEL, SHAPE_ERROR
 from horizon_sensor_ros.core.limb.edge.near_edge import BESIDE_PX
 from horizon_sensor_ros.core.limb.edge.raster import PLACE_SIGMA_PX, Raster
 from horizon_sensor_ros.core.limb.edge.smear import Blur, Causes, blur_along
@@ -49,7 +49,6 @@ _NO_TEXTURE = 5.0  # log odds beforehand of a limb without texture, to any one t
 # Of brightness's deviation along the limb over the noise: no ground follows the textures' law more
 # finely. With less noise errors stay, as measured down to .4 DN, what they are with 2 DN.
 _MOST_TEXTURE = 64.0
-_SHAPE_ERROR = 0.003  # over the step; no edge is quite the model's
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +96,7 @@ def krige_edges(
     place, spread2, lacking = _averaged(found, share, limb, tables)
     chi2 = _cost(scaled, place / over_step, lacking.lacking_px / over_step, tables)
     misfit = (share * chi2).sum(axis=1) / (scaled.shape[1] - 3)
-    model_error = _SHAPE_ERROR + PLACE_SIGMA_PX * limb.raster.size
+    model_error = SHAPE_ERROR + PLACE_SIGMA_PX * limb.raster.size
     misfit /= 1.0 + np.square(model_error / over_step)
     place, spread2 = _without_raster(place, spread2, limb)
     # What weighs less moves the limb less.
@@ -243,9 +242,9 @@ def _averaged(
     what the blur lacks.
     """
     information = found.wider_information * share
-    told = information.sum(axis=1)
-    lacking = (information * found.wider).sum(axis=1) / np.maximum(told, 1e-30)
-    blur = blur_along(limb.causes, lacking, told, limb.stretches.psf_px)
+    total = information.sum(axis=1)
+    lacking = (information * found.wider).sum(axis=1) / np.maximum(total, 1e-30)
+    blur = blur_along(limb.causes, lacking, total, limb.stretches.psf_px)
     places = found.places - tables.lean * blur.lacking_px[:, None]
     place = (share * places).sum(axis=1)
     spread2 = (share * (found.variance + np.square(places - place[:, None]))).sum(axis=1)

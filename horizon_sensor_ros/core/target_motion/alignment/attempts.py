@@ -10,6 +10,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.core.target_motion.alignment.consistency import (
+    SAMPLES,
     SCORE_LOST,
     in_gaps,
     odd_share,
@@ -33,7 +34,6 @@ from horizon_sensor_ros.core.target_motion.config import RegistrationConfig
 from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 
 # Scores of view consistency, 0 to 1, of clouds without odd returns.
-_SAMPLES = 600  # points of each view that these are of
 _SURE = 0.95  # a motion with this or more is taken without a search
 _LIKELY = 0.9  # with this or more the search goes no further
 BEYOND_DOUBT = 0.98  # above this nothing else can be better
@@ -182,9 +182,9 @@ class Finder:
         elsewhere on it, which says nothing against a motion that is expected.
         """
         motion = refined.rotation[None], refined.translation_m[None]
-        seen = view_consistency(self._a, self._b, *motion, _SAMPLES)
+        seen = view_consistency(self._a, self._b, *motion, SAMPLES)
         if expected and not seen.score[0] >= self._config.min_score:
-            seen = view_consistency(self._a, self._b, *motion, _SAMPLES, spared=in_gaps)
+            seen = view_consistency(self._a, self._b, *motion, SAMPLES, spared=in_gaps)
         return float(seen.score[0]), float(seen.overlap[0])
 
     def _hopeless(self, information: np.ndarray, pairs: Pairs, robust: np.ndarray) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 
+SAMPLES = 600  # points of each view that a score is usually of
 _EDGE_TOLERANCE_PX = 1.6
 # By how much scores are less with odd returns, which share their surface with no other point: times
 # the mean share of them in both clouds.

@@ -129,7 +129,7 @@ class Pairs:
         return normal / np.sqrt(column_dots(normal, normal))
 
     def moved(self, rotation: np.ndarray, translation_m: np.ndarray) -> Pairs:
-        """The same pairs after a small further motion of a."""
+        """The pairs after a small further motion of a: rotation (3, 3), translation_m (3,)."""
         return replace(
             self, point_a=rotation @ self.point_a + translation_m[:, None],
             normal_a=rotation @ self.normal_a, rotation=rotation @ self.rotation,

@@ -25,8 +25,12 @@ _FREE_ITERATIONS, _MOST_ITERATIONS = 8, 20
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """Result of the iteration: the motion, its last pairs and their robust weights, and whether it
-    came to rest, or to where no further step would help."""
+    """Result of the iteration.
+
+    rotation (3, 3), translation_m (3,) : the motion, p_b = R p_a + t. pairs : its last ones, N of
+        them. robust : (N,) their `robust_weights`. converged : it came to rest, or to where no
+        further step would help.
+    """
 
     rotation: np.ndarray
     translation_m: np.ndarray
@@ -91,8 +95,11 @@ def refine(
     """Gauss-Newton from a start within the gates; the last gate is used until nothing moves any
     more.
 
-    hopeless : whether some direction is known so badly that it is no use going on, by the matrix of
-        the normal equations, pairs and their robust weights. Asked when only little moves any more.
+    rotation (3, 3), translation_m (3,) : the start, p_b = R p_a + t in the frames of the matcher's
+        views. gates_m : distances along the normal, one a stage, up to which points make a pair.
+    hopeless : whether some direction is known so badly that it is no use going on, by the matrix
+        (6, 6) of the normal equations, pairs and their robust weights (N,). Asked when only little
+        moves any more.
     """
     rotation, translation = np.array(rotation, float), np.array(translation_m, float)
     centre, size = matcher.b.image.centroid_m, matcher.b.size_m

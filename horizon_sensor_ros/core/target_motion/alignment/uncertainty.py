@@ -61,6 +61,8 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     noise model knows. And, squared, by how much the motion may have been drawn towards none, and
     what edges along the sensor's rows are off by, all of one alike: the motion takes that up, and
     leaves no residual.
+
+    robust : (N,) `robust_weights` of the pairs.
     """
     centre = b.image.centroid_m
     weight = pairs.information(robust)
@@ -222,7 +224,10 @@ def _feigned(arm: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def worst_known(covariance: np.ndarray, max_rotation_rad: float, max_shift_m: float) -> float:
-    """Largest standard deviation of any direction, in units of both limits."""
+    """Largest standard deviation of any direction, in units of both limits.
+
+    covariance : (6, 6) of (rotation vector, shift), rad and m.
+    """
     scale = np.repeat([max_rotation_rad, max_shift_m], 3)
     return float(np.sqrt(np.linalg.eigvalsh(covariance / np.outer(scale, scale))[-1]))
 
@@ -231,7 +236,10 @@ def weak_directions(
     covariance: np.ndarray, max_rotation_rad: float, max_shift_m: float
 ) -> np.ndarray:
     """(K, 6) unit directions, in units of both limits, whose standard deviation exceeds them;
-    worst first."""
+    worst first.
+
+    covariance : (6, 6) of (rotation vector, shift), rad and m.
+    """
     scale = np.array([max_rotation_rad] * 3 + [max_shift_m] * 3)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     return vectors.T[values > 1][::-1]

@@ -31,6 +31,8 @@ def part_off_m(
     """Distance (m) by which some part of the surface is off, if the target moved by
     p_b = R p_a + t; None where all parts agree.
 
+    rotation (3, 3), translation (3,), m : R and t, in the frames of the views.
+
     The right motion of one rigid body leaves no patch of either view whose distances from the
     other's surface are off alike, and none that the other looks through and sees farther.
     """
@@ -73,7 +75,10 @@ class Patches:
 def patches_of(
     a: SurfaceView, b: SurfaceView, rotation: np.ndarray, translation: np.ndarray
 ) -> Patches:
-    """Hold view a, moved by p_b = R p_a + t, against view b."""
+    """Hold view a, moved by p_b = R p_a + t, against view b.
+
+    rotation (3, 3), translation (3,), m : R and t, in the frames of the views.
+    """
     width = a.image.inverse_depth.shape[1]
     some = np.ascontiguousarray(a.image.inverse_depth[::_STEP, ::_STEP])
     place = np.flatnonzero(some)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.robust import least_share
+from horizon_sensor_ros.core.mathematics.robust import NORMAL_MEDIAN, lower_quantile
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
 
 # Fourth differences from row to row, in standard deviations of one return if these are independent:
@@ -16,8 +16,7 @@ from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
 _BEND = np.array([1, -4, 6, -4, 1], np.float32) / np.float32(np.sqrt(70))
 # Returns with such a difference in a row for its mean to count, and in all, and rows, at least.
 _IN_ROW, _FEWEST, _ROWS = 8, 100, 8
-# Median of what is normal, regardless of its sign, and of its square.
-_MEDIAN, _MEDIAN2 = 0.6745, 0.4549
+_MEDIAN_SQUARE = 0.4549  # of what is normal with sigma 1
 # Of so many differences that is enough.
 _SCALE_OF = 1000
 # Differences count up to so many standard deviations, as steps in depth are no noise.
@@ -91,7 +90,7 @@ def _of_rows(inverse: np.ndarray, sigma_m: float) -> LineMeans:
 
 def _clipped(off: np.ndarray) -> tuple[float, np.ndarray]:
     """Standard deviation by the median, and what counts of each."""
-    sigma = least_share(np.abs(off[:: 1 + len(off) // _SCALE_OF]), 0.5) / _MEDIAN
+    sigma = lower_quantile(np.abs(off[:: 1 + len(off) // _SCALE_OF]), 0.5) / NORMAL_MEDIAN
     most = np.float32(_MOST * sigma)
     return sigma, np.clip(off, -most, most)
 
@@ -141,7 +140,7 @@ def _without_creases(lines: LineMeans) -> LineMeans:
 
 def _typical(ratio: np.ndarray) -> float:
     """Variance of what is normal, by the median of its squares."""
-    return least_share(ratio, 0.5) / _MEDIAN2
+    return lower_quantile(ratio, 0.5) / _MEDIAN_SQUARE
 
 
 def common_variance(a: LineMeans, b: LineMeans, footprint_m: float) -> float:

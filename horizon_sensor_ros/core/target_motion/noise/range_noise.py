@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.robust import least_share
+from horizon_sensor_ros.core.mathematics.robust import lower_quantile
 from horizon_sensor_ros.core.target_motion.noise.mixed_differences import mixed_differences
 from horizon_sensor_ros.core.target_motion.noise.repeated_returns import are_repeated
 from horizon_sensor_ros.core.target_motion.noise.smoothed_noise import (
@@ -72,13 +72,13 @@ def noise_of_returns(image: RangeImage) -> ReturnNoise:
         return ReturnNoise(noise_m)
     if noise_m > _DRAWN_M and are_repeated(inverse, *image.tangents()):
         most_m = _BEFORE_MEDIAN * noise_m
-        told = noise_before_smoothing(inverse)
-        sigma_m = most_m if told is None else min(max(told[0], noise_m), most_m)
+        before = noise_before_smoothing(inverse)
+        sigma_m = most_m if before is None else min(max(before[0], noise_m), most_m)
         return ReturnNoise(sigma_m, smoothed=True)
-    told = noise_before_smoothing(inverse) if are_smoothed(inverse) else None
-    if told is None:
+    before = noise_before_smoothing(inverse) if are_smoothed(inverse) else None
+    if before is None:
         return ReturnNoise(noise_m)
-    return ReturnNoise(max(told[0], noise_m), smoothed=True, reach_px2=told[1])
+    return ReturnNoise(max(before[0], noise_m), smoothed=True, reach_px2=before[1])
 
 
 def slant_growth(inverse: np.ndarray, secant2: np.ndarray, side: int, least_m: float) -> float:
@@ -145,7 +145,7 @@ def _range_noise(inverse: np.ndarray, seen: np.ndarray) -> float:
         return 0.0
     # The lower quarter, as edges and thin parts bend as well: 0.319 standard deviations of a
     # normal distribution.
-    return least_share(bend / inverse[:, 1:-1][three] ** 2, 0.25) / (0.3186 * np.sqrt(6))
+    return lower_quantile(bend / inverse[:, 1:-1][three] ** 2, 0.25) / (0.3186 * np.sqrt(6))
 
 
 def _stepped_noise(inverse: np.ndarray, seen: np.ndarray, step_m: float) -> float:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.robust import quantile
+from horizon_sensor_ros.core.mathematics.robust import NORMAL_MEDIAN, quantile
 from horizon_sensor_ros.core.target_motion.noise.mixed_differences import mixed_differences
 
 # Lags, in pixels, at which returns are held against each other; and returns that have others all
@@ -22,9 +22,8 @@ _WITHIN = 0.7
 # of many parts up to 2.1.
 _SMOOTHED, _SMOOTHED_WHERE_LEAST = 2.2, 1.7
 _SIDE_PX, _LEAST, _KNOWN = 9, 0.3, 0.4
-# There it is so much less than all over (simulated boxes and satellites, 10 mm). And the median of
-# what is normal, regardless of its sign.
-_THERE, _MEDIAN = 0.87, 0.6745
+# There it is so much less than all over (simulated boxes and satellites, 10 mm).
+_THERE = 0.87
 # A surface ends or bends where a return lies off the middle of those beside it by so many pixels'
 # widths and standard deviations.
 _BEND_PX, _BEND_SIGMAS = 2.0, 1.0
@@ -109,7 +108,7 @@ def _where_least(
         return None
     mean = total[some] / count[some]
     some = some[mean <= quantile(mean, _LEAST)]
-    return [quantile(np.abs(each[some]), 0.5) / _MEDIAN for each in mixed]
+    return [quantile(np.abs(each[some]), 0.5) / NORMAL_MEDIAN for each in mixed]
 
 
 def without_outline(inverse: np.ndarray) -> np.ndarray:

@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import inverse_pose
+from horizon_sensor_ros.core.mathematics.robust import NORMAL_MEDIAN
 from horizon_sensor_ros.core.target_motion.noise.mixed_differences import mixed_differences
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
 
 # Mixed differences count up to so many standard deviations, hardly more than by their sign: noise
-# is alike everywhere, relief in few pixels and strongly. And the median of what is normal,
-# regardless of its sign.
-_MOST, _MEDIAN = 0.7, 0.6745
+# is alike everywhere, relief in few pixels and strongly.
+_MOST = 0.7
 # Variance of a sum of products of such differences, over that of as many independent ones: nine
 # pixels share returns.
 _SHARED = 3.78
@@ -195,5 +195,5 @@ def _moved_px(now: _Noise, before: _Noise, place: tuple[np.ndarray, ...]) -> np.
 
 def _clipped(bend_m: np.ndarray) -> np.ndarray:
     """In standard deviations, by the median."""
-    sigma = float(np.median(np.abs(bend_m))) / _MEDIAN
+    sigma = float(np.median(np.abs(bend_m))) / NORMAL_MEDIAN
     return np.clip(bend_m / sigma, -_MOST, _MOST) if sigma > 0 else np.zeros(len(bend_m))

@@ -20,8 +20,12 @@ _NEIGHBOURS = 12
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Pixels of points: (2, N) int column and row; the direction of pixel (0, 0); which points
-    (N,) bool lie on the grid; whether it is the points' own, not made for them."""
+    """Pixels of N points.
+
+    pixel : (2, N) int, column and row.  focal_px : pixels to a unit of x/z and y/z.  origin : (2,)
+        x/z and y/z of the middle of pixel (0, 0).  on : (N,) bool, which points lie on the grid.
+    own : it is the points' own, not made for them.
+    """
 
     pixel: np.ndarray
     focal_px: float
@@ -31,7 +35,10 @@ class Grid:
 
 
 def not_far_off(tangent: np.ndarray) -> np.ndarray:
-    """(N,) bool, false for the odd point far from all others, which the grid need not reach."""
+    """(N,) bool, false for the odd point far from all others, which the grid need not reach.
+
+    tangent : (2, N) x/z and y/z of the points.
+    """
     some = tangent[:, :: max(1, tangent.shape[1] // 2000)]
     low, high = (
         np.array([quantile(axis, share) for axis in some]) for share in (1 - ON_GRID, ON_GRID)
@@ -42,7 +49,11 @@ def not_far_off(tangent: np.ndarray) -> np.ndarray:
 
 def organised_grid(tangent: np.ndarray, place: np.ndarray, shape: tuple[int, int]) -> Grid | None:
     """Grid of a pinhole camera's cloud, or None where it is not one: columns and rows are linear in
-    x/z and y/z, and pixels are square."""
+    x/z and y/z, and pixels are square.
+
+    tangent : (2, N) x/z and y/z of the points.  place : (N,) their flat indices in the cloud, of
+        ``shape`` (rows, columns).
+    """
     row, column = np.divmod(place, shape[1])
     pixel = np.stack([column, row])
     step = max(1, len(place) // 2000)
@@ -67,6 +78,9 @@ def plain_grid(tangent: np.ndarray, focal_px: float | None) -> Grid:
     Where the directions lie on a regular grid (a camera's cloud without its empty pixels) that
     grid is found and every point gets its own pixel; otherwise the pixels are made coarse enough
     to leave few holes.
+
+    tangent : (2, N) x/z and y/z of the points.  focal_px : of the grid to be expected, where that
+        is known.
     """
     extent = float(np.ptp(tangent, axis=1).max())
     expected = 1 / focal_px if focal_px else None

@@ -66,7 +66,9 @@ def section_points(coordinates: np.ndarray, plane: int, pitch_m: float) -> np.nd
 
 
 def section_grid(flat: np.ndarray, pitch_m: float) -> SectionGrid:
-    """The grid over a section's points, widened by a fifth on each side."""
+    """The grid over a section's points (K, 2), m, widened by a fifth on each side; of no points one
+    cell.
+    """
     if not len(flat):
         return SectionGrid((0.0, 0.0), (1, 1), pitch_m)
     low, span = flat.min(axis=0), np.ptp(flat, axis=0)
@@ -78,7 +80,7 @@ def section_grid(flat: np.ndarray, pitch_m: float) -> SectionGrid:
 
 
 def section_pattern(flat: np.ndarray, grid: SectionGrid) -> SectionPattern:
-    """Count a section's points in the grid's cells; points outside are left out."""
+    """Count a section's points (K, 2), m, in the grid's cells; points outside are left out."""
     cell = grid.cells(flat)
     inside = ((cell >= 0) & (cell < grid.shape)).all(axis=1)
     count = np.zeros(grid.shape)

@@ -75,9 +75,9 @@ def fading_limb(
         # Windows side by side share their returns.
         independent = np.maximum(num / (2 * planes.radius_px + 1), 1)
         sigma = planes.normal_noise_rad * np.sqrt(2 / independent)
-        told = num > 0.5 * count
-        sure |= told & (mean > np.maximum(_SURE * sigma, _LEAST_RAD))
-        perhaps |= ~told | (mean + _PERHAPS * sigma > _MOST_RAD)
+        enough = num > 0.5 * count
+        sure |= enough & (mean > np.maximum(_SURE * sigma, _LEAST_RAD))
+        perhaps |= ~enough | (mean + _PERHAPS * sigma > _MOST_RAD)
     # Where nothing fades for sure faces are as steep as they are.
     fading = np.count_nonzero(sure[run]) >= _FEWEST
     fades[steep] = (sure | perhaps)[run] if fading else False

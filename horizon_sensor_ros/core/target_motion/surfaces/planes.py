@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.robust import least_share
+from horizon_sensor_ros.core.mathematics.robust import lower_quantile
 from horizon_sensor_ros.core.target_motion.noise.range_noise import ReturnNoise, noise_of_returns
 from horizon_sensor_ros.core.target_motion.noise.smoothed_noise import (
     within_surfaces,
@@ -152,27 +152,27 @@ def _fit_and_noise(
     image: RangeImage, seen: np.ndarray, sigma_m: float | None
 ) -> tuple[PlaneFit, _Noise]:
     """Planes in windows as wide as the noise asks for, and what they tell of it."""
-    middle = least_share(image.inverse_depth[seen], 0.5)
+    middle = lower_quantile(image.inverse_depth[seen], 0.5)
     footprint = 1 / (middle * image.focal_px)
-    told = noise_of_returns(image) if sigma_m is None else ReturnNoise(sigma_m)
+    noise = noise_of_returns(image) if sigma_m is None else ReturnNoise(sigma_m)
     least = 1e-3 * footprint
-    sigma = max(told.sigma_m, least)
+    sigma = max(noise.sigma_m, least)
     radius = window_radius(sigma / footprint, seen if image.on_grid else None)
     filled = without_holes(image.inverse_depth)
-    if told.reach_px2:
+    if noise.reach_px2:
         filled = within_surfaces(filled, sigma, image.focal_px)
-    elif told.smoothed:
+    elif noise.smoothed:
         filled = without_outline(filled)
     fit = fit_windows(filled, seen, middle, radius)
-    if told.stepped:
+    if noise.stepped:
         return fit, _Noise(sigma, 0.0, np.float32(1), footprint, radius)
     growth, gain = fit.slant_noise(image, radius, max(sigma_m or 0.0, least))
     left = 1.0
-    if told.smoothed:
+    if noise.smoothed:
         left = fit.noise_m(sigma, radius, gain) / sigma
     elif sigma_m is None:
         sigma = max(fit.noise_m(sigma, radius, gain), least)
-    sag_gain = 1 + told.reach_px2 / (radius * (radius + 1) / 3)
+    sag_gain = 1 + noise.reach_px2 / (radius * (radius + 1) / 3)
     return fit, _Noise(sigma, growth, gain, footprint, radius, left, sag_gain)
 
 

@@ -19,6 +19,10 @@ def sag_of_windows(
     """By how much a curved surface leads the planes fitted to it, where it bends, and where it is
     curved: bends alike from window to window.
 
+    flat : (H, W) bool, windows that hold one plane. sigma_m : of single returns, for all or (H, W).
+    radius : of the windows, px. Returns by how much the surface's inverse depth (H, W), 1/m, is
+    above the planes', and both masks (H, W).
+
     The plane of a window passes behind the middle of a dome, the farther the more slanted the dome
     is seen: two views of it would differ, all over the surface alike. What a fit of second degree
     adds in the middle of full windows is noise one by one, so they are averaged over a

@@ -37,7 +37,11 @@ class Surfels:
 def find_surfels(
     image: RangeImage, planes: Planes, tilt: np.ndarray, noise_m: np.ndarray
 ) -> Surfels:
-    """Planes on a lattice thin enough to keep their number moderate, and bare returns."""
+    """Planes on a lattice thin enough to keep their number moderate, and bare returns.
+
+    tilt (H W,), rad : `Surfels.tilt_rad` of the planes at the image's pixels. noise_m (H W,) :
+        their sigmas.
+    """
     width = planes.found.shape[1]
     index = np.flatnonzero(planes.found & ~planes.limb)
     share = 1

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.robust import least_share
+from horizon_sensor_ros.core.mathematics.robust import lower_quantile
 from horizon_sensor_ros.core.target_motion.noise.range_noise import (
     NO_PLANE,
     least_gain,
@@ -81,7 +81,7 @@ class PlaneFit:
         # Of chi squared per degree of freedom a tenth lies below this (Wilson and Hilferty).
         tenth = (1 - 2 / (9 * dof) - 1.2816 * np.sqrt(2 / (9 * dof))) ** 3
         square = (self.mean_square / (gain * gain))[full] / self.level[full] ** 4
-        return min(guess_m, float(np.sqrt(least_share(square, 0.1) / tenth)))
+        return min(guess_m, float(np.sqrt(lower_quantile(square, 0.1) / tenth)))
 
     def slant_noise(
         self, image: RangeImage, radius: int, least_m: float
