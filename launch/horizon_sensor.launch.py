@@ -12,7 +12,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from horizon_sensor_ros.ros.node_names import NODES
+from horizon_sensor_ros.ros.process.node_names import NODES
 
 PACKAGE = "horizon_sensor_ros"
 # No default: without the cameras' rotations, or the word that TF has them, no node starts.

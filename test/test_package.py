@@ -340,6 +340,6 @@ def test_config_files_parse() -> None:
 def test_nodes_start_without_the_slow_libraries(node: str) -> None:
     """A third of a second of start-up; the core imports them where they are needed."""
     slow = "{'scipy', 'matplotlib', 'rosbags'}"
-    code = f"import sys, horizon_sensor_ros.ros.{node}; print({slow} & set(sys.modules))"
+    code = f"import sys, horizon_sensor_ros.ros.nodes.{node}; print({slow} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "set()", done.stderr

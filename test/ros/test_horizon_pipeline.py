@@ -28,11 +28,11 @@ from hypothesis import strategies as st
 from sensor_msgs.msg import Image
 
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros import horizon_pipeline
-from horizon_sensor_ros.ros.debug_image import draw_fix
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
+from horizon_sensor_ros.ros.pictures.debug_image import draw_fix
+from horizon_sensor_ros.ros.pipelines import horizon_pipeline
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline, HorizonResult, Step
 
 FLAT = np.full((HEIGHT, WIDTH), 90, np.uint8)
 

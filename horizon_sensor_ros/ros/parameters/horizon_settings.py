@@ -14,6 +14,8 @@ import numpy as np
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.ros.files.resources import read_mask, resource_path
+from horizon_sensor_ros.ros.files.yaml_file import shown
 from horizon_sensor_ros.ros.parameters.camera import (
     corner_blur_parameter,
     exposure_parameter,
@@ -31,8 +33,6 @@ from horizon_sensor_ros.ros.parameters.parameter import (
     accept_all,
     with_parameter_names,
 )
-from horizon_sensor_ros.ros.resources import read_mask, resource_path
-from horizon_sensor_ros.ros.yaml_file import shown
 
 _CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _EARTHS_RADII_M = 6.35e6, 6.39e6  # polar to equatorial, and some more

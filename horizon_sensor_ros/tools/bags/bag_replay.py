@@ -12,15 +12,6 @@ from typing import Any, TypeVar
 
 from rosbags.serde import SerdeError
 
-from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC, OF_NO_AVAIL
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
-from horizon_sensor_ros.ros.node_names import (
-    HORIZON_NODES,
-    NODES,
-    ONE_PROCESS,
-    TARGET_NODE,
-    nodes_of,
-)
 from horizon_sensor_ros.ros.parameters.common import NODES_PARAMETER
 from horizon_sensor_ros.ros.parameters.file import misspelt_sections, read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
@@ -34,7 +25,20 @@ from horizon_sensor_ros.ros.parameters.ignored import ignored_parameters
 from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
 from horizon_sensor_ros.ros.parameters.target import target_parameters
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings, target_settings
-from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TargetPipeline
+from horizon_sensor_ros.ros.pipelines.aiding_sources import (
+    COARSE_POSE_TOPIC,
+    IMU_TOPIC,
+    OF_NO_AVAIL,
+)
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline
+from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC, TargetPipeline
+from horizon_sensor_ros.ros.process.node_names import (
+    HORIZON_NODES,
+    NODES,
+    ONE_PROCESS,
+    TARGET_NODE,
+    nodes_of,
+)
 from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.input_bag import (
     STORAGE,

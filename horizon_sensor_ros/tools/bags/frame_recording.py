@@ -23,7 +23,7 @@ from horizon_sensor_ros.ros.messages.sensors import (
 )
 from horizon_sensor_ros.ros.parameters.horizon_settings import cameras_of
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
-from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
+from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.cloud_files import CLOUD_SUFFIXES, read_cloud
 from horizon_sensor_ros.tools.bags.frame_files import FrameFile, StampRule, frame_files

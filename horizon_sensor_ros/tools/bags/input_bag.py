@@ -14,7 +14,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
-from horizon_sensor_ros.ros.yaml_file import YamlFileError, read_yaml
+from horizon_sensor_ros.ros.files.yaml_file import YamlFileError, read_yaml
 from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.compressed_images import SUFFIX, decompressed
 from horizon_sensor_ros.tools.bags.message_types import COMPRESSED_IMAGE, IMAGE

@@ -9,13 +9,17 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
-from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
+from horizon_sensor_ros.ros.diagnostics.horizon_diagnostics import HorizonMonitor
+from horizon_sensor_ros.ros.diagnostics.target_diagnostics import TargetMonitor
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings
-from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
-from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS, TargetPipeline, TargetStep
+from horizon_sensor_ros.ros.pipelines.horizon_outputs import HORIZON_OUTPUTS
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline, Step
+from horizon_sensor_ros.ros.pipelines.target_pipeline import (
+    TARGET_TOPICS,
+    TargetPipeline,
+    TargetStep,
+)
 from horizon_sensor_ros.tools.bag_errors import UsageError
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag
 

@@ -27,13 +27,13 @@ from horizon_sensor_ros.core.self_calibration.measurement import (
     NadirReference,
     camera_horizon,
 )
-from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.messages.stamps import stamp_ns
-from horizon_sensor_ros.ros.pairing import Pairing
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings, PipelineSettings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
+from horizon_sensor_ros.ros.pipelines.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline
+from horizon_sensor_ros.ros.pipelines.pairing import Pairing
 from horizon_sensor_ros.tools.bag_errors import BagError, UsageError
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
 from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
-from horizon_sensor_ros.ros.node_names import HORIZON_NODES, NODES
-from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
+from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC
+from horizon_sensor_ros.ros.process.node_names import HORIZON_NODES, NODES
 from horizon_sensor_ros.sim.flight import Flight
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
 from horizon_sensor_ros.tools.bags.output_bag import check_own

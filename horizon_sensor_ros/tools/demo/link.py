@@ -26,8 +26,8 @@ from horizon_sensor_ros.ros.messages.sensors import (
     encoded_image,
 )
 from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
-from horizon_sensor_ros.ros.participant_end import on_one_core
-from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
+from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
+from horizon_sensor_ros.ros.process.participant_end import on_one_core
 from horizon_sensor_ros.tools.demo.failures import LinkTimeoutError
 
 VERTICAL_TOPIC, ATTITUDE_TOPIC = "local_vertical", "attitude"

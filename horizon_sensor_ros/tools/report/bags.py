@@ -11,11 +11,11 @@ from typing import Any
 from rosbags.interfaces import Connection
 from rosbags.serde import SerdeError
 
-from horizon_sensor_ros.ros.aiding_sources import IMU_TOPIC
-from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.messages.stamps import stamp_ns
-from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
+from horizon_sensor_ros.ros.pipelines.aiding_sources import IMU_TOPIC
+from horizon_sensor_ros.ros.pipelines.horizon_outputs import HORIZON_OUTPUTS
+from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
 from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.input_bag import InputBag, open_bag, progress
 from horizon_sensor_ros.tools.bags.message_types import (

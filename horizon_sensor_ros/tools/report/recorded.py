@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
+from horizon_sensor_ros.ros.pipelines.horizon_outputs import HORIZON_OUTPUTS
 
 # On /diagnostics, where every node of a craft writes, these end the names of the nodes' statuses.
 _HORIZON_STATUS = ": horizon"

@@ -15,7 +15,7 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     vector_from_rotation,
 )
 from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
-from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
+from horizon_sensor_ros.ros.pipelines.target_pipeline import TARGET_TOPICS
 from horizon_sensor_ros.tools.truth.horizon_errors import error_lines
 from horizon_sensor_ros.tools.truth.nees import nees, within_95
 from horizon_sensor_ros.tools.truth.topics import pose_in_target_frame

@@ -16,13 +16,13 @@ from rcl_interfaces.msg import (
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
 
-from horizon_sensor_ros.ros.parameter_requests import refuse_values_of_no_type
+from horizon_sensor_ros.ros.files.yaml_file import shown
+from horizon_sensor_ros.ros.nodes.parameter_requests import refuse_values_of_no_type
+from horizon_sensor_ros.ros.nodes.qos import check_overrides, misspelt_topics
+from horizon_sensor_ros.ros.nodes.sim_time import refuse_times_before_1970
 from horizon_sensor_ros.ros.parameters.ignored import ignored_parameters
 from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
-from horizon_sensor_ros.ros.participant_end import on_one_core
-from horizon_sensor_ros.ros.qos import check_overrides, misspelt_topics
-from horizon_sensor_ros.ros.sim_time import refuse_times_before_1970
-from horizon_sensor_ros.ros.yaml_file import shown
+from horizon_sensor_ros.ros.process.participant_end import on_one_core
 
 Settings = TypeVar("Settings")
 

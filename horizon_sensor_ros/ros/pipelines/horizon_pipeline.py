@@ -24,14 +24,14 @@ from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.aiding_sources import AidingSources
+from horizon_sensor_ros.ros.files.resources import read_mask
 from horizon_sensor_ros.ros.messages.camera_info import camera_from_info, camera_info_key
 from horizon_sensor_ros.ros.messages.images import gray_from_image
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, repeated_stamp, stamp_ns
-from horizon_sensor_ros.ros.pairing import Pairing
 from horizon_sensor_ros.ros.parameters.horizon_settings import CameraSettings, PipelineSettings
-from horizon_sensor_ros.ros.resources import read_mask
+from horizon_sensor_ros.ros.pipelines.aiding_sources import AidingSources
+from horizon_sensor_ros.ros.pipelines.pairing import Pairing
 
 # Rotation (3, 3), optical to base frame, of a camera: its name and its images' frame_id.
 Extrinsics = Callable[[str, str], "np.ndarray | Refusal"]
