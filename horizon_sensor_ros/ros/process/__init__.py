@@ -4,5 +4,6 @@
 ``closed_streams``, ``participant_end`` (of the DDS graph), ``defect`` (what is told of one),
 ``node_names``.
 
-All of it is light, and so is this folder: it is loaded before everything that takes time.
+These are light, and so is this folder: they are loaded before everything that takes time. Not by
+them, but by the launch files: ``launch_parts``.
 """
