@@ -20,8 +20,8 @@ from horizon_sensor_ros.ros.pipelines.target_pipeline import (
     TargetPipeline,
     TargetStep,
 )
-from horizon_sensor_ros.tools.bag_errors import UsageError
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag
+from horizon_sensor_ros.tools.command_errors import UsageError
 
 _TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 

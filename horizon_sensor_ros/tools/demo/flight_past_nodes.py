@@ -94,8 +94,8 @@ class _Flown:
 
 
 def fly_past_nodes(options: argparse.Namespace) -> None:
-    """Fly as the command line says. Raises BagError and OSError where the flight cannot be kept,
-    NodeFailedError, LinkTimeoutError and NoAnswerError of the nodes.
+    """Fly as the command line says. Raises CommandError and OSError where the flight cannot be
+    kept, NodeFailedError, LinkTimeoutError and NoAnswerError of the nodes.
     """
     output = options.output
     output.mkdir(parents=True, exist_ok=True)

@@ -12,8 +12,8 @@ import numpy as np
 
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
-from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
+from horizon_sensor_ros.tools.command_errors import CommandError
 from horizon_sensor_ros.tools.horizon_parameters import (
     base_frame_in,
     horizon_values,
@@ -86,25 +86,25 @@ def write_page(
 
 
 def _parameter_values(params: Path | None, namespace: str) -> list[dict[str, Any]] | None:
-    """What a parameter file has for each of the horizon's nodes; None without one. BagError says
-    what is wrong with it.
+    """What a parameter file has for each of the horizon's nodes; None without one. CommandError
+    says what is wrong with it.
     """
     if params is None:
         return None
     try:
         return horizon_values(params, namespace)
     except ParameterError as error:
-        raise BagError(str(error)) from None
+        raise CommandError(str(error)) from None
 
 
 def _pipeline_settings(values: Sequence[Mapping[str, Any]] | None) -> HorizonSettings | None:
-    """Settings of such values; None without any. BagError says what is wrong with them."""
+    """Settings of such values; None without any. CommandError says what is wrong with them."""
     if values is None:
         return None
     try:
         return settings_of_a_node(values)
     except ParameterError as error:
-        raise BagError(str(error)) from None
+        raise CommandError(str(error)) from None
 
 
 def _lead(recorded: Recorded) -> str:
