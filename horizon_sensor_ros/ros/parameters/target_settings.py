@@ -22,8 +22,8 @@ _REGISTRATION_FIELDS = {
     "min_points": "min_points",
     "min_score": "min_score",
     "min_overlap": "min_overlap",
-    "max_rotation_sigma": "max_rotation_std_rad",
-    "max_shift_sigma": "max_shift_std_m",
+    "max_rotation_sigma": "max_rotation_sigma_rad",
+    "max_shift_sigma": "max_shift_sigma_m",
     "search_angle": "search_rad",
 }
 _TRACKER_FIELDS = {
