@@ -8,5 +8,5 @@ What they share: ``command`` (signals, errors, exit codes), ``command_errors`` (
 ``standard_streams`` (what cannot be printed), ``output_files`` (there only when whole),
 ``camera_file`` and ``horizon_parameters`` (read what a person wrote), ``reference_topics`` (nadir
 and altitude from elsewhere), ``package_share`` (the package's own files), ``private_domain`` (runs
-side by side), ``reasons`` (counted, for a person).
+side by side), ``reasons`` (counted, for a person), ``colours`` (of what is drawn).
 """

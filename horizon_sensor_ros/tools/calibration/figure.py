@@ -19,11 +19,11 @@ from horizon_sensor_ros.core.self_calibration.differences import (
     nadir_differences,
 )
 from horizon_sensor_ros.core.self_calibration.result import Calibration
+from horizon_sensor_ros.tools.colours import BLUE, VERMILION
 from horizon_sensor_ros.tools.command_errors import CommandError, UsageError, in_one_line
 
-# Okabe & Ito's colours, which colour-blind readers tell apart; the markers differ as well.
-_BEFORE: dict[str, Any] = {"color": "#D55E00", "marker": "x", "label": "before"}
-_AFTER: dict[str, Any] = {"color": "#0072B2", "marker": "o", "label": "after"}
+_BEFORE: dict[str, Any] = {"color": VERMILION, "marker": "x", "label": "before"}
+_AFTER: dict[str, Any] = {"color": BLUE, "marker": "o", "label": "after"}
 
 
 def check_picture(path: Path) -> None:

@@ -16,8 +16,8 @@ from horizon_sensor_ros.core.self_calibration.differences import (
 )
 from horizon_sensor_ros.core.self_calibration.measurement import CameraHorizon, FrameSet
 from horizon_sensor_ros.ros.parameters.horizon_settings import PipelineSettings
+from horizon_sensor_ros.tools.colours import COLOURS
 from horizon_sensor_ros.tools.report.blocks import (
-    COLOURS,
     Block,
     Section,
     Table,

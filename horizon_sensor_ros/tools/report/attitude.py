@@ -9,11 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.mathematics.attitude import roll_pitch_from_nadir
+from horizon_sensor_ros.tools.colours import BLUE, COLOURS, GREEN, VERMILION
 from horizon_sensor_ros.tools.report.blocks import (
-    BLUE,
-    COLOURS,
-    GREEN,
-    VERMILION,
     Block,
     Section,
     Table,

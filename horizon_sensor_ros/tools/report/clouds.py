@@ -28,7 +28,8 @@ from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
 from horizon_sensor_ros.tools.bags.message_types import POINT_CLOUD
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
-from horizon_sensor_ros.tools.report.blocks import BLUE, VERMILION, Block, Text, chart
+from horizon_sensor_ros.tools.colours import BLUE, VERMILION
+from horizon_sensor_ros.tools.report.blocks import Block, Text, chart
 from horizon_sensor_ros.tools.report.recorded import Recorded
 from horizon_sensor_ros.tools.truth.target_errors import pose_of
 

@@ -11,11 +11,9 @@ from matplotlib.axes import Axes
 from horizon_sensor_ros.core.mathematics.attitude import nadir_sign, rotation_from_quaternion
 from horizon_sensor_ros.core.mathematics.rigid import pose_matrix
 from horizon_sensor_ros.ros.pipelines.target_pipeline import TARGET_TOPICS
+from horizon_sensor_ros.tools.colours import BLUE, GREEN, VERMILION
 from horizon_sensor_ros.tools.report.attitude import attitudes
 from horizon_sensor_ros.tools.report.blocks import (
-    BLUE,
-    GREEN,
-    VERMILION,
     Block,
     Section,
     Table,

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
+from horizon_sensor_ros.tools.colours import BLUE, COLOURS, GREEN
 from horizon_sensor_ros.tools.report.bags import ANSWER_TOPICS
 from horizon_sensor_ros.tools.report.blocks import (
-    BLUE,
-    COLOURS,
-    GREEN,
     Block,
     Section,
     Table,

@@ -156,6 +156,12 @@ def error_lines(
     return lines
 
 
+def latency_line(what: str, latency_s: np.ndarray) -> str:
+    """Return the line of a table on latencies (N,)."""
+    median_ms, most_ms = 1e3 * np.median(latency_s), 1e3 * np.percentile(latency_s, 95)
+    return f"latency        {what}: median {median_ms:.0f} ms, 95 % {most_ms:.0f} ms"
+
+
 def error_table(errors: FlightErrors, latency_s: np.ndarray) -> str:
     """Return the table that the demo prints: of magnitudes, over the moments with an answer."""
     degrees, kilometres = np.degrees, 1e-3
@@ -186,9 +192,8 @@ def error_table(errors: FlightErrors, latency_s: np.ndarray) -> str:
             f"flights); {within_95(seen, 3):.0%} of the errors within the 95 % ellipsoid",
             f"{'':15}Of one flight it says little: its errors hang together, the altitude's most,",
             f"{'':15}while clouds and air at the limb stay much the same. More: doc/report.md",
-            f"latency        image published to attitude heard: median "
-            f"{1e3 * np.median(latency_s):.0f} ms, 95 % {1e3 * np.percentile(latency_s, 95):.0f} ms"
-            " (the rendering runs on the same cores)",
+            latency_line("image published to attitude heard", latency_s)
+            + " (the rendering runs on the same cores)",
         ]
     return "\n".join(lines)
 

@@ -17,7 +17,7 @@ from horizon_sensor_ros.core.mathematics.rigid import (
 from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
 from horizon_sensor_ros.ros.pipelines.target_pipeline import TARGET_TOPICS
 from horizon_sensor_ros.tools.truth.columns import columns_of
-from horizon_sensor_ros.tools.truth.horizon_errors import error_lines
+from horizon_sensor_ros.tools.truth.horizon_errors import error_lines, latency_line
 from horizon_sensor_ros.tools.truth.nees import nees, within_95
 from horizon_sensor_ros.tools.truth.topics import pose_in_target_frame
 
@@ -165,8 +165,5 @@ def target_table(errors: TargetErrors, latency_s: np.ndarray) -> str:
                 f"{within_95(seen, 6):.0%} of the errors within the 95 % ellipsoid"
             )
     if latency_s.size:
-        lines.append(
-            f"latency        cloud published to pose heard: median "
-            f"{1e3 * np.median(latency_s):.0f} ms, 95 % {1e3 * np.percentile(latency_s, 95):.0f} ms"
-        )
+        lines.append(latency_line("cloud published to pose heard", latency_s))
     return "\n".join(lines)
