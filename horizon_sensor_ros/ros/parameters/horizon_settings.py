@@ -16,6 +16,7 @@ from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternio
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.files.resources import read_mask, resource_path
 from horizon_sensor_ros.ros.files.yaml_file import shown
+from horizon_sensor_ros.ros.messages.stamps import ns_from_s
 from horizon_sensor_ros.ros.parameters.camera import (
     corner_blur_parameter,
     exposure_parameter,
@@ -146,22 +147,22 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
         pipeline=PipelineSettings(
             each=tuple(each),
             aiding=AidingSettings(
-                max_age_ns=round(accepted["coarse_pose_max_age"] * 1e9),
+                max_age_ns=ns_from_s(accepted["coarse_pose_max_age"]),
                 position_sigma_m=accepted["coarse_pose_position_sigma"],
                 rotation_sigma_rad=accepted["coarse_pose_rotation_sigma"],
                 pose_altitude_sigma_m=accepted["coarse_pose_altitude_sigma"],
                 altitude_m=accepted["altitude_prior"],
                 altitude_sigma_m=accepted["altitude_prior_sigma"],
-                imu_max_gap_ns=round(accepted["imu_max_gap"] * 1e9),
+                imu_max_gap_ns=ns_from_s(accepted["imu_max_gap"]),
             ),
             base_frame=accepted["base_frame"],
             sensor=sensor,
-            slop_ns=round(accepted["slop"] * 1e9),
-            camera_timeout_ns=round(accepted["camera_timeout"] * 1e9),
+            slop_ns=ns_from_s(accepted["slop"]),
+            camera_timeout_ns=ns_from_s(accepted["camera_timeout"]),
             queue_size=accepted["queue_size"],
         ),
         level_z=accepted["level_z"],
-        stale_after_ns=round(accepted["stale_after"] * 1e9),
+        stale_after_ns=ns_from_s(accepted["stale_after"]),
         diagnostics_period_s=accepted["diagnostics_period"],
     )
 

@@ -21,6 +21,7 @@ from horizon_sensor_ros.ros.messages.sensors import (
     cloud_message,
     encoded_image,
 )
+from horizon_sensor_ros.ros.messages.stamps import ns_from_s
 from horizon_sensor_ros.ros.parameters.horizon_settings import cameras_of
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC
@@ -97,7 +98,7 @@ def _sources(arguments: argparse.Namespace, rig: Rig | None) -> list[_Source]:
         arguments.stamps_in_names,
         arguments.stamp_unit,
         arguments.rate,
-        round(arguments.start * 1e9),
+        ns_from_s(arguments.start),
     )
     sources = []
     if rig is not None:

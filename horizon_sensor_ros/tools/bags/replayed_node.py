@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.diagnostics.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.diagnostics.target_diagnostics import TargetMonitor
+from horizon_sensor_ros.ros.messages.stamps import ns_from_s
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings
 from horizon_sensor_ros.ros.pipelines.horizon_outputs import HORIZON_OUTPUTS
@@ -107,7 +108,7 @@ class ReplayedNode:
         self._bag = bag
         self._diagnostics = names("/diagnostics")
         self._monitor: Any = monitor
-        self._period = round(settings.diagnostics_period_s * 1e9)
+        self._period = ns_from_s(settings.diagnostics_period_s)
         self._due: int | None = None
         self._now = 0
         bag.add_topic(self._diagnostics, DiagnosticArray)

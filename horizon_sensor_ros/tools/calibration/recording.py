@@ -28,7 +28,7 @@ from horizon_sensor_ros.core.self_calibration.measurement import (
     camera_horizon,
 )
 from horizon_sensor_ros.ros.messages.refusal import Refusal
-from horizon_sensor_ros.ros.messages.stamps import stamp_ns
+from horizon_sensor_ros.ros.messages.stamps import ns_from_s, s_from_ns, stamp_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings, PipelineSettings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.ros.pipelines.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
@@ -196,7 +196,7 @@ class _OtherInstruments:
         for listener, series in self._topics:
             if stamps and all(series.at(stamp) is None for stamp in stamps):
                 raise CommandError(
-                    f"{listener.topic} tells nothing within {_MAX_GAP_NS * 1e-9:.0f} s of any "
+                    f"{listener.topic} tells nothing within {s_from_ns(_MAX_GAP_NS):.0f} s of any "
                     "frame: are its stamps by another clock?"
                 )
 
@@ -220,7 +220,7 @@ def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -
     settings = _settings(arguments)
     pipeline = settings.pipeline
     names = TopicNames(arguments.namespace, arguments.remap)
-    horizons = Horizons(pipeline, round(arguments.interval * 1e9), focal=True)
+    horizons = Horizons(pipeline, ns_from_s(arguments.interval), focal=True)
     others = _OtherInstruments(arguments, settings, horizons.sphere, names)
     coarse_pose, imu = _plain(horizons.on_coarse_pose), _plain(horizons.on_imu)
     listeners = [
@@ -243,7 +243,10 @@ def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -
     return Recording(
         tuple(
             FrameSet(
-                (stamp - start) * 1e-9, seen, others.altitude_at(stamp), others.reference_at(stamp)
+                s_from_ns(stamp - start),
+                seen,
+                others.altitude_at(stamp),
+                others.reference_at(stamp),
             )
             for stamp, seen in found
         ),

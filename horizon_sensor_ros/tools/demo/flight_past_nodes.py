@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, ns_from_s, s_from_ns
 from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.ros.process.node_names import HORIZON_NODES, NODES
 from horizon_sensor_ros.sim.flight import Flight
@@ -90,7 +90,7 @@ class _Flown:
     def latency_s(self, answers: Answers, topic: str) -> np.ndarray:
         """(N,) from the publishing of the inputs to the arrival of a topic's messages."""
         heard = answers.heard_ns[topic].items()
-        return np.array([(at - self.sent_ns[stamp]) * 1e-9 for stamp, at in heard])
+        return np.array([s_from_ns(at - self.sent_ns[stamp]) for stamp, at in heard])
 
 
 def fly_past_nodes(options: argparse.Namespace) -> None:
@@ -169,7 +169,7 @@ def _fly(
         due = max(due, time.monotonic()) + 1.0 / rate_hz
         require_alive(nodes)
         moment = future.result()
-        stamp = start + round(moment.time_s * NANOSECONDS)
+        stamp = start + ns_from_s(moment.time_s)
         flown.add(stamp, moment)
         link.publish(stamp, moment.images, moment.points)
         bag.record_truth(stamp, moment.nadir_base, moment.altitude_m, moment.pose_tof_from_body)

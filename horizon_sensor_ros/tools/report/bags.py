@@ -12,7 +12,7 @@ from rosbags.interfaces import Connection
 from rosbags.serde import SerdeError
 
 from horizon_sensor_ros.ros.messages.refusal import Refusal
-from horizon_sensor_ros.ros.messages.stamps import stamp_ns
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, stamp_ns
 from horizon_sensor_ros.ros.pipelines.aiding_sources import IMU_TOPIC
 from horizon_sensor_ros.ros.pipelines.horizon_outputs import HORIZON_OUTPUTS
 from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
@@ -259,7 +259,7 @@ def _stamp_in(raw: bytes) -> int:
     """
     little = len(raw) > 1 and raw[1] & 1
     seconds, nanoseconds = struct.unpack_from("<iI" if little else ">iI", raw, 4)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+    return int(seconds) * NANOSECONDS + int(nanoseconds)
 
 
 def _imu_sample(stamp: int, msg: Any) -> ImuSample:

@@ -11,7 +11,7 @@ from typing import Any
 
 from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.ros.messages.refusal import Refusal
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, stamp_ns
+from horizon_sensor_ros.ros.messages.stamps import ns_from_s, stamp_ns
 from horizon_sensor_ros.ros.parameters.horizon import CAMERA_TIMEOUT, SLOP
 from horizon_sensor_ros.ros.parameters.horizon_settings import PipelineSettings
 from horizon_sensor_ros.ros.pipelines.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
@@ -30,7 +30,7 @@ from horizon_sensor_ros.tools.report.photos import (
 )
 
 USUAL_SLOP_NS, _USUAL_TIMEOUT_NS = (
-    round(float(parameter.default) * NANOSECONDS)  # type: ignore[arg-type]
+    ns_from_s(float(parameter.default))  # type: ignore[arg-type]
     for parameter in (SLOP, CAMERA_TIMEOUT)
 )
 
