@@ -10,6 +10,7 @@ import pytest
 from horizon_sensor_ros.core.mathematics.rigid import vector_from_rotation
 from horizon_sensor_ros.ros.messages.refusal import internal_error
 from horizon_sensor_ros.ros.process.defect import words_of
+from horizon_sensor_ros.tools.reasons import ReasonCounts
 
 
 def test_the_innermost_line_of_the_package_is_named() -> None:
@@ -42,3 +43,13 @@ def test_an_error_from_elsewhere_has_no_line_of_the_package() -> None:
     refusal = internal_error(raised.value)
     assert refusal.cause == "internal_error"
     assert refusal.reason == "internal error: OSError: full"
+
+
+def test_a_tally_of_reasons_keeps_the_lines_of_files() -> None:
+    counts = ReasonCounts()
+    for index, line in ((5, 108), (7, 108), (5, 33)):
+        counts.add(f"internal error: IndexError: index {index} at core/limb/detector.py:{line}")
+    assert list(counts.lines(5)) == [
+        "2: internal error: IndexError: index # at core/limb/detector.py:108",
+        "1: internal error: IndexError: index 5 at core/limb/detector.py:33",
+    ]
