@@ -26,9 +26,9 @@ from horizon_rig import rig
 from start_up import compare, cpu_seconds
 from tables import Table, number, verdict
 
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.messages.sensors import camera_info_message, encoded_image
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.tools.package_share import share_directory
 from horizon_sensor_ros.tools.private_domain import isolated_environment, private_domain
 

@@ -27,8 +27,8 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, rotation_from_vector
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
+from horizon_sensor_ros.ros.diagnostics.horizon_diagnostics import HorizonMonitor
+from horizon_sensor_ros.ros.diagnostics.target_diagnostics import TargetMonitor
 from horizon_sensor_ros.ros.messages.estimates import attitude_message, local_vertical_message
 from horizon_sensor_ros.ros.messages.sensors import (
     camera_info_message,
@@ -38,8 +38,8 @@ from horizon_sensor_ros.ros.messages.sensors import (
 from horizon_sensor_ros.ros.messages.stamps import time_from_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
 from horizon_sensor_ros.ros.parameters.target_settings import target_settings
-from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
-from horizon_sensor_ros.ros.target_pipeline import TargetPipeline
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline
+from horizon_sensor_ros.ros.pipelines.target_pipeline import TargetPipeline
 from horizon_sensor_ros.sim.shapes import sich_n5
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 

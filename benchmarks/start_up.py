@@ -15,7 +15,7 @@ import numpy as np
 # What `ros2 run` starts, told to wait when it has just become active.
 _NODE = """
 import sys
-from horizon_sensor_ros.ros import executable
+from horizon_sensor_ros.ros.process import executable
 
 def wait():
     print("ready", flush=True)

@@ -26,7 +26,7 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.ros.messages.sensors import cloud_message
 from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, time_from_ns
-from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
+from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
 from horizon_sensor_ros.tools.package_share import share_directory

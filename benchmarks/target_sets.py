@@ -98,7 +98,7 @@ class RandomSet:
             self.reasons[str(found.status)] = self.reasons.get(str(found.status), 0) + 1
             # What it would have said: the same with no bar to pass.
             bare = RegistrationConfig(
-                min_score=0.0, min_overlap=0.0, max_rotation_std_rad=1e9, max_shift_std_m=1e9
+                min_score=0.0, min_overlap=0.0, max_rotation_sigma_rad=1e9, max_shift_sigma_m=1e9
             )
             loose = register(target_view(pair.a.points), target_view(pair.b.points), bare)
             if loose.status is Status.OK:

@@ -28,7 +28,7 @@ _TARGETS = ("n5", "winged_cylinder", "plate_with_dish", "l_truss")
 _PERIOD_S, _CLOUDS = 0.2, 8
 _RATES_DEG_S = (1.0, 5.0, 15.0, 30.0)
 # Returns on no grid leave a turn less certain than is allowed by default.
-_ALLOWED = RegistrationConfig(max_rotation_std_rad=np.radians(2.0), max_shift_std_m=0.05)
+_ALLOWED = RegistrationConfig(max_rotation_sigma_rad=np.radians(2.0), max_shift_sigma_m=0.05)
 NOTES = (
     f"{_CLOUDS} clouds, {_CAMERA.width} x {_CAMERA.height}, each swept from its top to its bottom "
     f"in all of the {_PERIOD_S:g} s to the next one, 5 mm of noise, 5.3 m away; "

@@ -18,6 +18,8 @@ myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 3
 
 autodoc_member_order = "bysource"
+# Part of a ROS installation, and not to be had from PyPI.
+autodoc_mock_imports = ["launch", "launch_ros"]
 # Annotations are all there are; to look for others is a tenth of the time.
 autodoc_use_type_comments = False
 autodoc_typehints_format = "short"

@@ -7,40 +7,12 @@ relative: with `namespace:=nav` the nodes listen to /nav/camera_1/image_raw and 
 """
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 
-PACKAGE = "horizon_sensor_ros"
-# No default: without the cameras' rotations, or the word that TF has them, no node starts.
-PARAMS_FILE = (
-    "ROS parameter file; it must hold camera_N.rotation of every camera that is used, "
-    "or extrinsics_source: tf, which takes the rotations from TF"
-)
+from horizon_sensor_ros.ros.process.launch_parts import common_arguments, process
+from horizon_sensor_ros.ros.process.node_names import ONE_PROCESS
 
 
 def generate_launch_description() -> LaunchDescription:
     """One process; its nodes bring themselves to active."""
-    use_sim_time = ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument(
-                "namespace", default_value="", description="Namespace of the nodes"
-            ),
-            DeclareLaunchArgument("params_file", description=PARAMS_FILE),
-            DeclareLaunchArgument(
-                "use_sim_time",
-                default_value="false",
-                description="Take the time from /clock, where the parameter file does not say",
-            ),
-            # No name here: it would be given to every node of the process.
-            Node(
-                package=PACKAGE,
-                executable="horizon_sensor",
-                namespace=LaunchConfiguration("namespace"),
-                parameters=[{"use_sim_time": use_sim_time}, LaunchConfiguration("params_file")],
-                output="screen",
-            ),
-        ]
-    )
+    # No name: it would be given to every node of the process.
+    return LaunchDescription([*common_arguments(), process(ONE_PROCESS)])

@@ -291,7 +291,7 @@ def test_what_the_page_says_of_the_targets_step() -> None:
     from target_messages import good_cloud
 
     from horizon_sensor_ros.ros.parameters.target_settings import target_settings
-    from horizon_sensor_ros.ros.target_pipeline import TargetPipeline
+    from horizon_sensor_ros.ros.pipelines.target_pipeline import TargetPipeline
 
     rows = table_rows("conventions.md", "The target's pose, step and twist")
     pipeline = TargetPipeline(target_settings({}).pipeline)

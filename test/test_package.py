@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import os
 import py_compile
 import re
+import runpy
 import signal
 import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -286,35 +287,84 @@ def test_launch_files_bring_all_nodes_to_active(
     assert "Traceback" not in output
 
 
-def test_launch_files_ask_for_the_parameters() -> None:
-    # Read, not run: with any default of ours the nodes lack their rotations.
-    for path in launch_files():
-        calls = [
-            node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)
-        ]
-        (call,) = [
-            c
-            for c in calls
-            if c.args
-            and ast.unparse(c.args[0]) == "'params_file'"
-            and ast.unparse(c.func) == "DeclareLaunchArgument"
-        ]
-        assert [keyword.arg for keyword in call.keywords] == ["description"]
-        assert "extrinsics_source: tf" in path.read_text(), "rotations may come from TF instead"
+class Made:
+    """An object of the launch system: what it was made of."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        self.arguments, self.options = arguments, options
 
 
-def test_launch_files_let_the_parameter_file_say_more_than_their_defaults() -> None:
+@pytest.fixture
+def described(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, list[Made]]]:
+    """What each launch file describes, without the launch system, which is not on PyPI."""
+
+    def kind(name: str) -> type:
+        return type(name, (Made,), {})
+
+    for module, kinds in {
+        "launch": ("LaunchDescription",),
+        "launch.actions": ("DeclareLaunchArgument",),
+        "launch.conditions": ("IfCondition",),
+        "launch.substitutions": ("LaunchConfiguration",),
+        "launch_ros": (),
+        "launch_ros.actions": ("Node",),
+        "launch_ros.parameter_descriptions": ("ParameterValue",),
+    }.items():
+        instead = ModuleType(module)
+        instead.__dict__.update({name: kind(name) for name in kinds})
+        monkeypatch.setitem(sys.modules, module, instead)
+    shared = f"{PACKAGE}.ros.process.launch_parts"
+    monkeypatch.delitem(sys.modules, shared, raising=False)
+    yield {
+        path.name: runpy.run_path(str(path))["generate_launch_description"]().arguments[0]
+        for path in launch_files()
+    }
+    sys.modules.pop(shared, None)
+
+
+def of_kind(name: str, parts: list[Made]) -> list[Made]:
+    return [part for part in parts if type(part).__name__ == name]
+
+
+def test_launch_files_ask_for_the_parameters(described: dict[str, list[Made]]) -> None:
+    for parts in described.values():
+        arguments = {a.arguments: a.options for a in of_kind("DeclareLaunchArgument", parts)}
+        assert {("namespace",), ("params_file",), ("use_sim_time",)} <= arguments.keys()
+        # With any default of ours the nodes lack their rotations.
+        asked = arguments["params_file",]
+        assert list(asked) == ["description"]
+        assert "extrinsics_source: tf" in asked["description"], "rotations may come from TF instead"
+
+
+def test_launch_files_let_the_parameter_file_say_more_than_their_defaults(
+    described: dict[str, list[Made]],
+) -> None:
     # Of two sources for one parameter the later one counts.
-    for path in launch_files():
-        (node,) = [
-            keyword.value
-            for call in ast.walk(ast.parse(path.read_text()))
-            if isinstance(call, ast.Call)
-            for keyword in call.keywords
-            if keyword.arg == "parameters"
-        ]
-        assert "use_sim_time" in ast.unparse(node).split(", Launch")[0], path
-        assert ast.unparse(node).endswith("LaunchConfiguration('params_file')]"), path
+    for parts in described.values():
+        for node in of_kind("Node", parts):
+            defaults, file = node.options["parameters"]
+            assert list(defaults) == ["use_sim_time"]
+            assert type(file).__name__ == "LaunchConfiguration"
+            assert file.arguments == ("params_file",)
+
+
+def test_launch_files_start_executables_that_are_there(described: dict[str, list[Made]]) -> None:
+    started = {
+        name: [node.options["executable"] for node in of_kind("Node", parts)]
+        for name, parts in described.items()
+    }
+    assert started == {
+        "horizon_sensor.launch.py": list(NODES),
+        "horizon_sensor_one_process.launch.py": ["horizon_sensor"],
+    }
+    nodes = [node for parts in described.values() for node in of_kind("Node", parts)]
+    assert {node.options["package"] for node in nodes} == {PACKAGE}
+
+
+def test_only_launch_files_import_the_launch_system() -> None:
+    pattern = re.compile(r"^\s*(?:from|import) (?:launch|\S*launch_parts\b)", re.M)
+    files = [p for p in (ROOT / PACKAGE).rglob("*.py") if pattern.search(p.read_text())]
+    assert [path.name for path in files] == ["launch_parts.py"]
 
 
 def test_params_file_is_written_from_the_table_of_parameters() -> None:
@@ -340,6 +390,6 @@ def test_config_files_parse() -> None:
 def test_nodes_start_without_the_slow_libraries(node: str) -> None:
     """A third of a second of start-up; the core imports them where they are needed."""
     slow = "{'scipy', 'matplotlib', 'rosbags'}"
-    code = f"import sys, horizon_sensor_ros.ros.{node}; print({slow} & set(sys.modules))"
+    code = f"import sys, horizon_sensor_ros.ros.nodes.{node}; print({slow} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "set()", done.stderr

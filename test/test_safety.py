@@ -11,8 +11,8 @@ from horizon_messages import recording, write_bag
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags import input_bag
+from horizon_sensor_ros.tools.command_errors import CommandError
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(
@@ -92,7 +92,7 @@ def test_a_bag_that_swells_when_it_is_read(tmp_path: Path, monkeypatch: pytest.M
         bag = input_bag.open_bag(path)
         return len(list(bag.messages(bag.connections)))
 
-    with pytest.raises(BagError, match=r"truncated or damaged|cannot be read"):
+    with pytest.raises(CommandError, match=r"truncated or damaged|cannot be read"):
         read(path)
     # And this process has its memory back.
     assert read(write_bag(tmp_path / "good", recording(1))) == 4

@@ -36,10 +36,10 @@ ROS_IN = (
     ("ros/messages/point_cloud.py", "clouds to numpy"),
 )
 ROS_OUT = (
-    ("ros/horizon_pipeline.py", "pairs frames, counts causes"),
-    ("ros/target_pipeline.py", "the same for clouds"),
+    ("ros/pipelines/horizon_pipeline.py", "pairs frames, counts causes"),
+    ("ros/pipelines/target_pipeline.py", "the same for clouds"),
 )
-NODES = (("ros/horizon_node.py", "two nodes"), ("ros/target_node.py", "one node"))
+NODES = (("ros/nodes/horizon_node.py", "two nodes"), ("ros/nodes/target_node.py", "one node"))
 TOOLS = (("tools/", "replay, report, demo, maps"), ("sim/", "scenes with truth"))
 
 

@@ -13,7 +13,7 @@ from horizon_sensor_ros.core.limb.search.candidates import (
     canny_candidates,
     space_boundary_candidates,
 )
-from horizon_sensor_ros.ros.debug_image import draw_fix
+from horizon_sensor_ros.ros.pictures.debug_image import draw_fix
 from horizon_sensor_ros.sim.hard_scenes import hard_scenes
 
 _ORANGE = (0, 159, 230)  # blue, green, red; tells apart for the colour-blind as well

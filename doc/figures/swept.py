@@ -21,7 +21,7 @@ from horizon_sensor_ros.sim.tof_camera import ToFCamera
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
 
 _PERIOD_S, _CLOUDS, _SHOWN = 0.2, 12, 2
-_WIDE = RegistrationConfig(max_rotation_std_rad=np.radians(2.0), max_shift_std_m=0.05)
+_WIDE = RegistrationConfig(max_rotation_sigma_rad=np.radians(2.0), max_shift_sigma_m=0.05)
 
 
 def draw(folder: Path) -> None:

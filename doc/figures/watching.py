@@ -9,7 +9,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
-from horizon_sensor_ros.ros.debug_image import draw_fix
+from horizon_sensor_ros.ros.pictures.debug_image import draw_fix
 from horizon_sensor_ros.sim.hard_scenes import hard_scenes
 
 _SCENES = (("boom", 5), ("terminator", 4))

@@ -2,7 +2,7 @@
 
 import sys
 
-from horizon_sensor_ros.ros.executable import run
+from horizon_sensor_ros.ros.process.executable import run
 
 
 def main() -> int:

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
 
 
-def _erfcx(x: FloatArray) -> FloatArray:
+def _erfcx(x: np.ndarray) -> np.ndarray:
     """exp(x^2) erfc(x) for x >= 0, by its upper bound (exact at 0 and far out, 8 % between)."""
     return 2.0 / (np.sqrt(np.pi) * (x + np.sqrt(x * x + 4.0 / np.pi)))
 
 
 def glow_above_limb(
-    height_m: FloatArray, ahead_m: FloatArray, scale_height_m: float, radius_m: float
-) -> FloatArray:
+    height_m: np.ndarray, ahead_m: np.ndarray, scale_height_m: float, radius_m: float
+) -> np.ndarray:
     """Column of an exponential atmosphere along rays that miss the planet.
 
     height_m : (N,) of the rays' lowest points; ahead_m : (N,) distance from the camera to those
@@ -28,12 +25,12 @@ def glow_above_limb(
 
 
 def glow_inside_limb(
-    depth_m: FloatArray,
-    ahead_m: FloatArray,
+    depth_m: np.ndarray,
+    ahead_m: np.ndarray,
     altitude_m: float,
     scale_height_m: float,
     radius_m: float,
-) -> FloatArray:
+) -> np.ndarray:
     """Column in front of the surface for rays that hit it, over that of the grazing ray's half.
 
     depth_m : (N,) how far below the surface the unhindered ray would pass.
@@ -44,8 +41,8 @@ def glow_inside_limb(
 
 
 def airglow_layer(
-    height_m: FloatArray, layer_height_m: FloatArray | float, thickness_m: float
-) -> FloatArray:
+    height_m: np.ndarray, layer_height_m: np.ndarray | float, thickness_m: float
+) -> np.ndarray:
     """Brightness of a thin emitting shell by the rays' lowest points; about 1 seen edge-on."""
     below = (layer_height_m - height_m) / thickness_m
     edge_on = 1.0 / np.sqrt(1.0 + np.maximum(below, 0.0))

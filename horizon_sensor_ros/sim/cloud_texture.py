@@ -12,9 +12,6 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
 
 _REMAP_WIDTH = 2048  # remap works on images; long lists of points are folded to this width
 
@@ -44,7 +41,7 @@ def _band_sigma(band: _Band) -> float:
     return float(np.sqrt((band.longest**power - band.shortest**power) / whole))
 
 
-def _tile(band: _Band, rng: np.random.Generator) -> NDArray[np.float32]:
+def _tile(band: _Band, rng: np.random.Generator) -> np.ndarray:
     """Periodic band-limited fractal with zero mean and unit variance."""
     n = band.size_texels
     spectrum = np.fft.rfft2(rng.standard_normal((n, n)))
@@ -59,19 +56,19 @@ def _tile(band: _Band, rng: np.random.Generator) -> NDArray[np.float32]:
 
 
 @lru_cache(maxsize=8)
-def _tiles(seed: int) -> tuple[NDArray[np.float32], ...]:
+def _tiles(seed: int) -> tuple[np.ndarray, ...]:
     rng = np.random.default_rng([seed, 0xC10D])
     return tuple(_tile(band, rng) for band in _BANDS)
 
 
 @lru_cache(maxsize=64)
-def _orientation(seed: int) -> FloatArray:
+def _orientation(seed: int) -> np.ndarray:
     """Random rotation of the texture, so that the tiles' axes are nowhere special."""
     q, _ = np.linalg.qr(np.random.default_rng([seed, 0x0A1E]).standard_normal((3, 3)))
     return q * np.sign(np.linalg.det(q))
 
 
-def _sample(tile: NDArray[np.float32], x: FloatArray, y: FloatArray) -> NDArray[np.float32]:
+def _sample(tile: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Bilinear look-up in a periodic tile; `x`, `y` (N,) in periods."""
     n = tile.shape[0]
     count = x.size
@@ -87,7 +84,7 @@ def _sample(tile: NDArray[np.float32], x: FloatArray, y: FloatArray) -> NDArray[
     return np.asarray(out, np.float32).reshape(-1)[:count]
 
 
-def _plane_weights(points: FloatArray) -> NDArray[np.float32]:
+def _plane_weights(points: np.ndarray) -> np.ndarray:
     """Weights (3, N) of the three projections, largest for the plane most nearly tangent."""
     squares = np.square(points.T.astype(np.float32, order="C"))
     weights = np.square(squares)
@@ -96,8 +93,8 @@ def _plane_weights(points: FloatArray) -> NDArray[np.float32]:
 
 
 def _triplanar(
-    tile: NDArray[np.float32], points: FloatArray, weights: NDArray[np.float32], shift: float
-) -> NDArray[np.float32]:
+    tile: np.ndarray, points: np.ndarray, weights: np.ndarray, shift: float
+) -> np.ndarray:
     x, y, z = points.T
     return (
         weights[0] * _sample(tile, y + shift, z)
@@ -106,12 +103,12 @@ def _triplanar(
     )
 
 
-def cloud_noise(points: FloatArray, seed: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def cloud_noise(points: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Fractal noise on the unit sphere.
 
     points : (N, 3) unit vectors fixed to the planet.
-    Returns two (N,) fields of zero mean and about unit variance: the fractal, and an independent
-    smooth one (continents, sharp and soft regions).
+    Returns two float32 fields (N,) of zero mean and about unit variance: the fractal, and an
+    independent smooth one (continents, sharp and soft regions).
     """
     turned = (_orientation(seed) @ points.T).T
     weights = _plane_weights(turned)
@@ -126,9 +123,9 @@ def cloud_noise(points: FloatArray, seed: int) -> tuple[NDArray[np.float32], NDA
 
 
 def cloud_brightness(
-    points: FloatArray, seed: int, cover: float, ground_dn: float, cloud_dn: float
-) -> NDArray[np.float32]:
-    """Brightness of clouds over darker ground, in DN.
+    points: np.ndarray, seed: int, cover: float, ground_dn: float, cloud_dn: float
+) -> np.ndarray:
+    """Brightness (N,) of clouds over darker ground, float32, in DN.
 
     points : (N, 3) unit vectors fixed to the planet; cover : share of the sky that is clouded.
     Edges are sharp in some regions and soft in others; a cloud's inside is modulated too.
@@ -145,7 +142,7 @@ def cloud_brightness(
     return ground + veil * (body - ground)
 
 
-def city_brightness(points: FloatArray, seed: int) -> NDArray[np.float32]:
+def city_brightness(points: np.ndarray, seed: int) -> np.ndarray:
     """City lights, (N,) in 0..1: small bright grains, clustered on half of the surface.
 
     points : (N, 3) unit vectors fixed to the planet.

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
@@ -22,29 +21,26 @@ from horizon_sensor_ros.sim.scene_light import SceneLight, pieces, turned
 from horizon_sensor_ros.sim.sky import add_flare, add_moon, add_stars, add_sun
 from horizon_sensor_ros.sim.supersampled_limb import draw_limb
 
-FloatArray = NDArray[np.float64]
-Image = NDArray[np.float32]
-
 
 @dataclass(frozen=True, eq=False)
 class SimFrame:
     """A simulated frame: image (H, W) uint8, or uint16 for more than 8 bits, and its truth."""
 
-    image: NDArray[np.uint8] | NDArray[np.uint16]
+    image: np.ndarray
     truth: FrameTruth
 
 
 def render(
     camera: Camera,
-    rot_world_from_cam: FloatArray,
-    position_ecef_m: FloatArray,
+    rot_world_from_cam: np.ndarray,
+    position_ecef_m: np.ndarray,
     scene: EarthScene,
     rng: np.random.Generator,
     *,
     imaging: Imaging | None = None,
-    rot_base_from_cam: FloatArray | None = None,
-    turn_base_rad: FloatArray | None = None,
-    readout_turn_base_rad: FloatArray | None = None,
+    rot_base_from_cam: np.ndarray | None = None,
+    turn_base_rad: np.ndarray | None = None,
+    readout_turn_base_rad: np.ndarray | None = None,
 ) -> SimFrame:
     """Draw one frame.
 
@@ -87,14 +83,14 @@ def render(
 
 def render_views(
     views: Sequence[CameraView],
-    rot_world_from_base: FloatArray,
-    position_ecef_m: FloatArray,
+    rot_world_from_base: np.ndarray,
+    position_ecef_m: np.ndarray,
     scene: EarthScene,
     rng: np.random.Generator,
     *,
     imaging: Imaging | Sequence[Imaging] | None = None,
-    turn_base_rad: FloatArray | None = None,
-    readout_turn_base_rad: FloatArray | None = None,
+    turn_base_rad: np.ndarray | None = None,
+    readout_turn_base_rad: np.ndarray | None = None,
 ) -> tuple[SimFrame, ...]:
     """Draw the frames of several cameras of one craft at one moment, in the order of `views`.
 
@@ -120,17 +116,19 @@ def render_views(
     )
 
 
-def _exposed(world: SceneLight, camera: Camera, rot: FloatArray, turn_cam_rad: FloatArray) -> Image:
+def _exposed(
+    world: SceneLight, camera: Camera, rot: np.ndarray, turn_cam_rad: np.ndarray
+) -> np.ndarray:
     """`_light` over an exposure during which the camera turns (3,), in its own frame."""
     moments = attitudes_during(rot, turn_cam_rad, camera)
     return np.mean([_light(world, camera, at) for at in moments], axis=0)
 
 
-def _light(world: SceneLight, camera: Camera, rot: FloatArray) -> Image:
+def _light(world: SceneLight, camera: Camera, rot: np.ndarray) -> np.ndarray:
     """Brightness (H, W) at a moment, before the optics; without the Sun."""
     shape = (camera.height, camera.width)
     rays = _frame_rays(camera)
-    light: Image = np.zeros(shape, np.float32)
+    light = np.zeros(shape, np.float32)
     excess = np.empty(shape)
     for piece in pieces(len(rays)):
         sight = world.sight(turned(rays[piece], rot))
@@ -148,7 +146,7 @@ def _light(world: SceneLight, camera: Camera, rot: FloatArray) -> Image:
 
 
 @lru_cache(maxsize=2)
-def _frame_rays(camera: Camera) -> FloatArray:
+def _frame_rays(camera: Camera) -> np.ndarray:
     """Optical-frame rays (H * W, 3) of all pixels' centres, row by row."""
     x, y = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
     rays = np.asfortranarray(camera.rays(np.stack([x.ravel(), y.ravel()], axis=1)))
@@ -156,7 +154,9 @@ def _frame_rays(camera: Camera) -> FloatArray:
     return rays
 
 
-def _draw_sky_objects(light: Image, world: SceneLight, camera: Camera, rot: FloatArray) -> None:
+def _draw_sky_objects(
+    light: np.ndarray, world: SceneLight, camera: Camera, rot: np.ndarray
+) -> None:
     scene = world.scene
     if scene.star_count > 0:
         add_stars(light, camera, rot, world.hits, count=scene.star_count, seed=scene.star_seed)
@@ -173,7 +173,7 @@ def _draw_sky_objects(light: Image, world: SceneLight, camera: Camera, rot: Floa
         )
 
 
-def _sun_px(world: SceneLight, camera: Camera, rot: FloatArray) -> FloatArray | None:
+def _sun_px(world: SceneLight, camera: Camera, rot: np.ndarray) -> np.ndarray | None:
     """Where the Sun appears, in the frame or beside it; None where it is hidden or behind."""
     if world.sun is None or world.hits(world.sun[None])[0]:
         return None
@@ -182,7 +182,7 @@ def _sun_px(world: SceneLight, camera: Camera, rot: FloatArray) -> FloatArray | 
 
 
 def _draw_sun(
-    light: Image, sun_px: FloatArray, scene: EarthScene, imaging: Imaging, hidden: Image
+    light: np.ndarray, sun_px: np.ndarray, scene: EarthScene, imaging: Imaging, hidden: np.ndarray
 ) -> None:
     """Add the Sun, where it is in the frame, and its ghosts; not if the craft hides it."""
     height, width = light.shape

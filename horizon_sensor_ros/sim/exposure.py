@@ -7,12 +7,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector
-
-FloatArray = NDArray[np.float64]
 
 # Moments to a pixel of motion in the middle of the frame. Pixels are about as wide as the steps
 # between moments, which leaves nothing of these.
@@ -23,8 +20,8 @@ _ROWS_AT_ONCE, ROWS_AROUND = 4, 2
 
 
 def attitudes_during(
-    rot_world_from_cam: FloatArray, turn_cam_rad: FloatArray, camera: Camera
-) -> list[FloatArray]:
+    rot_world_from_cam: np.ndarray, turn_cam_rad: np.ndarray, camera: Camera
+) -> list[np.ndarray]:
     """Attitudes (3, 3) at moments spread evenly over an exposure, about that in its middle.
 
     turn_cam_rad : (3,) by which the camera turns meanwhile, in its own frame.
@@ -38,8 +35,8 @@ def attitudes_during(
 
 
 def strips_read_out(
-    rot_world_from_cam: FloatArray, turn_cam_rad: FloatArray, camera: Camera
-) -> Iterator[tuple[slice, Camera, FloatArray]]:
+    rot_world_from_cam: np.ndarray, turn_cam_rad: np.ndarray, camera: Camera
+) -> Iterator[tuple[slice, Camera, np.ndarray]]:
     """Rows of a frame that is read out row by row: which they are, a camera of them and of
     `ROWS_AROUND` on either side, and its attitude (3, 3) when they are read.
 

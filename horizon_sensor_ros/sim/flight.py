@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
@@ -13,8 +12,6 @@ from horizon_sensor_ros.core.mathematics.rigid import vector_from_rotation
 from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.poses import ROT_BASE_FROM_BODY, rot_level_from_body, side_views
-
-FloatArray = NDArray[np.float64]
 
 _GRAVITY_EARTH = 3.986004418e14  # m^3 / s^2
 _EARTH_RATE = 7.292115e-5  # rad / s
@@ -71,7 +68,7 @@ class Flight:
         """The two cameras in the base frame."""
         return side_views(self.camera, self.base_axes)
 
-    def pose(self, time_s: float) -> tuple[FloatArray, FloatArray]:
+    def pose(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Attitude rot_world_from_base (3, 3) and position_ecef_m (3,)."""
         earth_from_inertial = _about_z(-_EARTH_RATE * time_s)
         position, velocity = self._orbit(time_s)
@@ -97,14 +94,14 @@ class Flight:
             readout_turn_base_rad=self.turn(time_s, self.readout_s),
         )
 
-    def turn(self, time_s: float, span_s: float) -> FloatArray:
+    def turn(self, time_s: float, span_s: float) -> np.ndarray:
         """Rotation vector (3,) by which the base frame turns within a span, in its own axes."""
         if span_s == 0.0:
             return np.zeros(3)
         (before, _), (after, _) = self.pose(time_s), self.pose(time_s + span_s)
         return vector_from_rotation(before.T @ after)
 
-    def _orbit(self, time_s: float) -> tuple[FloatArray, FloatArray]:
+    def _orbit(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Position (m) and velocity (m/s) in the inertial frame that is the world's at time 0."""
         radius = self.scene.planet.mean_radius_m + self.altitude_m
         rate = np.sqrt(_GRAVITY_EARTH / radius**3)
@@ -132,6 +129,6 @@ def swinging_flight(rate_rad_s: float, rng: np.random.Generator) -> Flight:
     )
 
 
-def _about_z(angle_rad: float) -> FloatArray:
+def _about_z(angle_rad: float) -> np.ndarray:
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

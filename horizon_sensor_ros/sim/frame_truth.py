@@ -8,15 +8,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.scene_light import SceneLight
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-Image = NDArray[np.float32]
 
 _CURVE_SAMPLES = 8192
 _CLEAR_AIR = 0.1  # optical depth of air that hides nothing
@@ -32,12 +27,12 @@ class LimbTruth:
     before noise; in_the_open (N,) : not hidden by a part of the craft.
     """
 
-    px: FloatArray
-    normal_px: FloatArray
-    step_dn: FloatArray
-    in_the_open: BoolArray
+    px: np.ndarray
+    normal_px: np.ndarray
+    step_dn: np.ndarray
+    in_the_open: np.ndarray
 
-    def visible(self, min_step_dn: float) -> BoolArray:
+    def visible(self, min_step_dn: float) -> np.ndarray:
         """Return which samples (N,) show an unhidden step of at least `min_step_dn`."""
         return self.in_the_open & (self.step_dn >= min_step_dn)
 
@@ -62,20 +57,20 @@ class FrameTruth:
 
     camera: Camera
     planet: Planet
-    nadir_cam: FloatArray
-    nadir_base: FloatArray
-    geodetic_nadir_base: FloatArray
+    nadir_cam: np.ndarray
+    nadir_base: np.ndarray
+    geodetic_nadir_base: np.ndarray
     altitude_m: float
     rho_rad: float
-    position_ecef_m: FloatArray
-    rot_world_from_cam: FloatArray
-    rot_world_from_base: FloatArray
+    position_ecef_m: np.ndarray
+    rot_world_from_cam: np.ndarray
+    rot_world_from_base: np.ndarray
     limb: LimbTruth
 
 
 def limb_curve(
-    camera: Camera, planet: Planet, rot_world_from_cam: FloatArray, position_ecef_m: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+    camera: Camera, planet: Planet, rot_world_from_cam: np.ndarray, position_ecef_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Limb samples px (N, 2) inside the frame and their unit normals (N, 2) towards space."""
     azimuth = np.linspace(0.0, 2.0 * np.pi, _CURVE_SAMPLES, endpoint=False)
     rays = planet.limb_rays_ecef(position_ecef_m, azimuth) @ rot_world_from_cam
@@ -98,7 +93,7 @@ def limb_curve(
 
 
 def limb_truth(
-    world: SceneLight, camera: Camera, rot: FloatArray, signal: Image, hidden: Image
+    world: SceneLight, camera: Camera, rot: np.ndarray, signal: np.ndarray, hidden: np.ndarray
 ) -> LimbTruth:
     """The limb as a frame of that scene shows it.
 
@@ -107,7 +102,7 @@ def limb_truth(
     """
     px, normal = limb_curve(camera, world.scene.planet, rot, world.position)
 
-    def at(image: Image, offset_px: float) -> FloatArray:
+    def at(image: np.ndarray, offset_px: float) -> np.ndarray:
         if len(px) == 0:
             return np.empty(0)
         x, y = (px + offset_px * normal).astype(np.float32).T
@@ -137,9 +132,9 @@ def _hidden_px(world: SceneLight, camera: Camera) -> float:
 def frame_truth(
     world: SceneLight,
     camera: Camera,
-    rot: FloatArray,
+    rot: np.ndarray,
     limb: LimbTruth,
-    base_from_cam: FloatArray | None,
+    base_from_cam: np.ndarray | None,
 ) -> FrameTruth:
     """Truth of a frame from its pose.
 
@@ -164,7 +159,7 @@ def frame_truth(
     )
 
 
-def _mean_rho(planet: Planet, position: FloatArray) -> float:
+def _mean_rho(planet: Planet, position: np.ndarray) -> float:
     """Angle from nadir to the limb, averaged over azimuth where the planet is an ellipsoid."""
     azimuth = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
     rays = planet.limb_rays_ecef(position, azimuth)

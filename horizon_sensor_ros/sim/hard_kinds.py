@@ -6,14 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging, Occluder
 from horizon_sensor_ros.sim.poses import camera_from_fov
-
-FloatArray = NDArray[np.float64]
 
 _WIDTH, _HEIGHT = 640, 480
 _FOVS_RAD = (np.radians(50.0), np.radians(70.0))
@@ -28,8 +25,8 @@ class SceneDraft:
     scene: EarthScene
     imaging: tuple[Imaging, Imaging]
     aim_rad: tuple[float, float]  # angles of the cameras' axes above the limb
-    sun_beside_camera: FloatArray | None = None  # in the frame of camera 1: direction to the Sun
-    moon_beside_camera: FloatArray | None = None  # the same of camera 2, to the Moon
+    sun_beside_camera: np.ndarray | None = None  # in the frame of camera 1: direction to the Sun
+    moon_beside_camera: np.ndarray | None = None  # the same of camera 2, to the Moon
     sun_zenith_rad: float | None = None  # angle of the Sun off the craft's zenith
 
     def record(self, **changes: object) -> SceneDraft:
@@ -64,7 +61,7 @@ def plain_draft(rng: np.random.Generator) -> SceneDraft:
     )
 
 
-def _in_frame(rng: np.random.Generator, camera: Camera, low: float, high: float) -> FloatArray:
+def _in_frame(rng: np.random.Generator, camera: Camera, low: float, high: float) -> np.ndarray:
     """Direction of a random pixel between two shares of the frame's height, the top being 0."""
     px = [rng.uniform(0.1, 0.9) * camera.width, rng.uniform(low, high) * camera.height]
     return camera.rays(np.array([px]))[0]

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.planet import Planet
@@ -23,8 +22,6 @@ from horizon_sensor_ros.sim.poses import (
     random_direction,
     side_views,
 )
-
-FloatArray = NDArray[np.float64]
 
 _CLEAR_LIMB_PX = 200.0  # visible limb from which a camera is held to have a limb ...
 _NO_LIMB_PX = 40.0  # ... and below which it is held to have none
@@ -107,7 +104,7 @@ def hard_scene(kind: str, i: int, seed: int = 0) -> HardScene:
     )
 
 
-def _nadir_body(draft: SceneDraft, planet: Planet) -> FloatArray:
+def _nadir_body(draft: SceneDraft, planet: Planet) -> np.ndarray:
     """Nadir in the body frame, so that the cameras look `aim_rad` above the limb where possible."""
     rho = planet.rho_from_altitude(draft.altitude_m)
     x, y = (np.cos(rho + aim) for aim in draft.aim_rad)
@@ -119,8 +116,8 @@ def _nadir_body(draft: SceneDraft, planet: Planet) -> FloatArray:
 
 
 def _place(
-    rng: np.random.Generator, nadir_body: FloatArray, altitude_m: float, planet: Planet
-) -> tuple[FloatArray, FloatArray]:
+    rng: np.random.Generator, nadir_body: np.ndarray, altitude_m: float, planet: Planet
+) -> tuple[np.ndarray, np.ndarray]:
     """Random place over the planet, and an attitude there with that nadir and any heading."""
     latitude = float(np.arcsin(rng.uniform(-1.0, 1.0)))
     position = planet.ecef_from_geodetic(latitude, float(rng.uniform(-np.pi, np.pi)), altitude_m)
@@ -128,7 +125,7 @@ def _place(
     return _frame(nadir, random_direction(rng)) @ _frame(nadir_body, np.eye(3)[0]).T, position
 
 
-def _frame(z: FloatArray, towards: FloatArray) -> FloatArray:
+def _frame(z: np.ndarray, towards: np.ndarray) -> np.ndarray:
     """Orthonormal columns with the last along z and the first as near to a direction as it goes."""
     x = towards - z * (towards @ z)
     x /= np.linalg.norm(x)
@@ -138,8 +135,8 @@ def _frame(z: FloatArray, towards: FloatArray) -> FloatArray:
 def _light(
     rng: np.random.Generator,
     draft: SceneDraft,
-    rot_world_from_body: FloatArray,
-    position: FloatArray,
+    rot_world_from_body: np.ndarray,
+    position: np.ndarray,
 ) -> EarthScene:
     """Place Sun and Moon in the world."""
     scene = draft.scene

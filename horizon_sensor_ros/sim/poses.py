@@ -6,13 +6,10 @@ Body frame of paper C: x forward, y right, z down; its level frame has z towards
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.planet import Planet
-
-FloatArray = NDArray[np.float64]
 
 # Optical frame (x right, y down, z forward) of a camera that looks along a body axis, to the body.
 ROT_BODY_FROM_FORWARD_CAMERA = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -46,7 +43,7 @@ def camera_from_fov(width: int, height: int, fov_rad: float) -> Camera:
     return Camera(width, height, focal, focal, (width - 1) / 2.0, (height - 1) / 2.0)
 
 
-def rot_level_from_body(roll_rad: float, pitch_rad: float, yaw_rad: float = 0.0) -> FloatArray:
+def rot_level_from_body(roll_rad: float, pitch_rad: float, yaw_rad: float = 0.0) -> np.ndarray:
     """Rotation (3, 3), Rz(yaw) Ry(pitch) Rx(roll), into a level frame whose z points down."""
     cr, sr = np.cos(roll_rad), np.sin(roll_rad)
     cp, sp = np.cos(pitch_rad), np.sin(pitch_rad)
@@ -60,7 +57,7 @@ def rot_level_from_body(roll_rad: float, pitch_rad: float, yaw_rad: float = 0.0)
     )
 
 
-def rot_world_from_level(position_ecef_m: FloatArray, planet: Planet) -> FloatArray:
+def rot_world_from_level(position_ecef_m: np.ndarray, planet: Planet) -> np.ndarray:
     """Rotation (3, 3) of the geocentric north, east, down frame at a position (3,) into ECEF."""
     down = planet.nadir_ecef(position_ecef_m)
     east = np.cross([0.0, 0.0, 1.0], -down)
@@ -79,7 +76,7 @@ def pose_from_attitude(
     latitude_rad: float = 0.0,
     longitude_rad: float = 0.0,
     planet: Planet | None = None,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Attitude rot_world_from_body (3, 3) and position_ecef_m (3,) of a body above the planet.
 
     Roll, pitch and yaw are paper C's, against geocentric north, east, down; latitude is geodetic.
@@ -90,7 +87,7 @@ def pose_from_attitude(
     return level @ rot_level_from_body(roll_rad, pitch_rad, yaw_rad), position
 
 
-def rot_from_axis(axis: FloatArray, roll_rad: float = 0.0) -> FloatArray:
+def rot_from_axis(axis: np.ndarray, roll_rad: float = 0.0) -> np.ndarray:
     """Rotation (3, 3) out of an optical frame whose z is `axis` (3,), turned about it by roll."""
     z = np.asarray(axis, float) / np.linalg.norm(axis)
     x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
@@ -100,7 +97,7 @@ def rot_from_axis(axis: FloatArray, roll_rad: float = 0.0) -> FloatArray:
     return np.stack([c * x + s * y, -s * x + c * y, z], axis=1)
 
 
-def random_direction(rng: np.random.Generator) -> FloatArray:
+def random_direction(rng: np.random.Generator) -> np.ndarray:
     """Unit vector (3,), uniform over the sphere."""
     v = rng.standard_normal(3)
     return v / np.linalg.norm(v)

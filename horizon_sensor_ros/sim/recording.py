@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from horizon_sensor_ros.sim.earth_scene import Imaging, Occluder
-
-Image = NDArray[np.float32]
 
 _SUPERSAMPLING = 4
 
 
-def occlusion(occluders: tuple[Occluder, ...], shape: tuple[int, int]) -> tuple[Image, Image]:
-    """Share of each pixel that is hidden, and the light (DN) that the hiding parts add."""
+def occlusion(
+    occluders: tuple[Occluder, ...], shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Share of each pixel that is hidden, and the light (DN) that the hiding parts add: float32,
+    of that shape.
+    """
     height, width = shape
     hidden = np.zeros(shape, np.float32)
     light = np.zeros(shape, np.float32)
@@ -29,9 +30,9 @@ def occlusion(occluders: tuple[Occluder, ...], shape: tuple[int, int]) -> tuple[
     return hidden, light
 
 
-def expose(light: Image, imaging: Imaging, rng: np.random.Generator) -> Image:
-    """Signal in DN without noise: vignetting, PSF, gain, rolling brightness, stray light,
-    background.
+def expose(light: np.ndarray, imaging: Imaging, rng: np.random.Generator) -> np.ndarray:
+    """Signal of light (H, W), both float32 in DN, without noise: vignetting, PSF, gain, rolling
+    brightness, stray light, background.
     """
     height, width = light.shape
     signal = light
@@ -56,7 +57,7 @@ def expose(light: Image, imaging: Imaging, rng: np.random.Generator) -> Image:
     return signal + np.float32(imaging.background_dn)
 
 
-def _cornered(height: int, width: int) -> Image:
+def _cornered(height: int, width: int) -> np.ndarray:
     """From 0 in the middle of a frame (H, W) to 1 in its corners, as the square of the distance,
     for which its sides are of one length.
     """
@@ -65,14 +66,14 @@ def _cornered(height: int, width: int) -> Image:
     return np.asarray(0.5 * ((y * y)[:, None] + (x * x)[None, :]), np.float32)
 
 
-def _blurred(signal: Image, psf_sigma_px: float) -> Image:
+def _blurred(signal: np.ndarray, psf_sigma_px: float) -> np.ndarray:
     if psf_sigma_px == 0.0:
         return signal
     blurred = cv2.GaussianBlur(signal, (0, 0), psf_sigma_px, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(blurred, np.float32)
 
 
-def _ramp(shape: tuple[int, ...], angle_rad: float) -> Image:
+def _ramp(shape: tuple[int, ...], angle_rad: float) -> np.ndarray:
     """From 0 to 1 across a frame (H, W), corner to corner at most, in a direction."""
     height, width = shape
     x = np.cos(angle_rad) * np.linspace(-0.5, 0.5, width) * width
@@ -81,10 +82,10 @@ def _ramp(shape: tuple[int, ...], angle_rad: float) -> Image:
     return np.asarray((along - along.min()) / (along.max() - along.min()), np.float32)
 
 
-def digitise(
-    signal: Image, imaging: Imaging, rng: np.random.Generator
-) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Add noise and defects, then quantise; 255 DN are full scale whatever the number of bits."""
+def digitise(signal: np.ndarray, imaging: Imaging, rng: np.random.Generator) -> np.ndarray:
+    """Add noise and defects to a signal (H, W), DN, then quantise: uint8, or uint16 for more than 8
+    bits. 255 DN are full scale whatever the number of bits.
+    """
     noise = rng.standard_normal(signal.shape, dtype=np.float32)
     if imaging.shot_noise_dn > 0.0:
         variance = imaging.noise_dn**2 + imaging.shot_noise_dn * np.maximum(signal, 0.0)

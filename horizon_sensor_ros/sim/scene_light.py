@@ -10,16 +10,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from horizon_sensor_ros.sim.air import airglow_layer, glow_above_limb, glow_inside_limb
 from horizon_sensor_ros.sim.cloud_texture import city_brightness, cloud_brightness
 from horizon_sensor_ros.sim.earth_scene import EarthScene
 from horizon_sensor_ros.sim.smooth_texture import smooth_field
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-Image = NDArray[np.float32]
 
 # Half-widths of the terminator in the cosine of the Sun's zenith angle: on the ground, and in air.
 _TWILIGHT, _AIR_TWILIGHT = 0.02, 0.12
@@ -38,11 +33,11 @@ class Sight:
     to its centre; excess (N,) : cos_nadir minus that of the limb, positive on the planet.
     """
 
-    rays: FloatArray
-    cos_nadir: FloatArray
-    excess: FloatArray
+    rays: np.ndarray
+    cos_nadir: np.ndarray
+    excess: np.ndarray
 
-    def take(self, which: BoolArray) -> Sight:
+    def take(self, which: np.ndarray) -> Sight:
         """Return those of a mask (N,)."""
         if which.all():
             return self
@@ -57,7 +52,7 @@ class SceneLight:
     ValueError for a place inside the planet.
     """
 
-    def __init__(self, scene: EarthScene, position_ecef_m: FloatArray) -> None:
+    def __init__(self, scene: EarthScene, position_ecef_m: np.ndarray) -> None:
         self.scene = scene
         planet = scene.planet
         surface = np.array([planet.radius_m, planet.radius_m, planet.polar_radius_m])
@@ -73,7 +68,7 @@ class SceneLight:
         self.sun = None if scene.sun_direction is None else np.array(scene.sun_direction)
         self.lamp = None if scene.even_light else self.sun
 
-    def sight(self, rays_world: FloatArray) -> Sight:
+    def sight(self, rays_world: np.ndarray) -> Sight:
         """Lines of sight along rays (N, 3), of the world."""
         rays = _unit(rays_world / self.axes)
         cos_nadir = rays @ self.nadir
@@ -98,11 +93,11 @@ class SceneLight:
         """Whether there is anything to be seen beside the planet."""
         return self.scene.air_dn > 0.0 or self.scene.airglow_dn > 0.0
 
-    def hits(self, rays_world: FloatArray) -> BoolArray:
+    def hits(self, rays_world: np.ndarray) -> np.ndarray:
         """Which of the rays (N, 3), of the world, meet the planet."""
         return self.sight(rays_world).excess > 0.0
 
-    def surface(self, sight: Sight) -> Image:
+    def surface(self, sight: Sight) -> np.ndarray:
         """Brightness (N,) where rays meet the planet; at the limb's point for rays that miss it."""
         scene = self.scene
         along = sight.cos_nadir * self.distance
@@ -148,7 +143,7 @@ class SceneLight:
             light += (0.5 * scene.airglow_dn * layer).astype(np.float32)
         return light
 
-    def sky(self, sight: Sight) -> Image:
+    def sky(self, sight: Sight) -> np.ndarray:
         """Brightness (N,) of the air along rays beside the planet (rays on it count as grazing)."""
         scene = self.scene
         out = np.zeros(len(sight.rays), np.float32)
@@ -174,7 +169,7 @@ class SceneLight:
             out[near] += (scene.airglow_dn * layer).astype(np.float32)
         return out
 
-    def _airglow_m(self, sight: Sight) -> FloatArray | float:
+    def _airglow_m(self, sight: Sight) -> np.ndarray | float:
         """Height of the layer of airglow where rays come nearest to the planet."""
         scene = self.scene
         if scene.airglow_uneven_m == 0.0:
@@ -182,15 +177,15 @@ class SceneLight:
         waves = smooth_field(self._lowest(sight), scene.texture_seed)
         return scene.airglow_height_m + scene.airglow_uneven_m * waves.astype(np.float64)
 
-    def _lowest(self, sight: Sight) -> FloatArray:
+    def _lowest(self, sight: Sight) -> np.ndarray:
         """Directions (N, 3) of the rays' points nearest to the planet's centre."""
         points = self.origin + (sight.cos_nadir * self.distance)[:, None] * sight.rays
         return _unit(points)
 
-    def _normals(self, points: FloatArray) -> FloatArray:
+    def _normals(self, points: np.ndarray) -> np.ndarray:
         return _unit(points / self.axes)
 
-    def _air_light(self, points: FloatArray, rays: FloatArray) -> FloatArray | float:
+    def _air_light(self, points: np.ndarray, rays: np.ndarray) -> np.ndarray | float:
         """Share of sunlight that the air over surface points gets, twilight included, and scatters
         against rays (N, 3).
         """
@@ -207,7 +202,7 @@ class SceneLight:
         return np.asarray(light * (1.0 + self.scene.air_rayleigh * scattered))
 
 
-def turned(rays: FloatArray, rot: FloatArray) -> FloatArray:
+def turned(rays: np.ndarray, rot: np.ndarray) -> np.ndarray:
     """Rays (N, 3), turned; each coordinate in one piece."""
     return (rot @ rays.T).T
 
@@ -217,18 +212,18 @@ def pieces(count: int, size: int = PIECE) -> Iterator[slice]:
     return (slice(first, first + size) for first in range(0, count, size))
 
 
-def _unit(vectors: FloatArray) -> FloatArray:
+def _unit(vectors: np.ndarray) -> np.ndarray:
     """The vectors (N, 3), made unit vectors in place."""
     vectors /= np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None]
     return vectors
 
 
-def _sine(cos_sun: FloatArray, width: float) -> FloatArray:
+def _sine(cos_sun: np.ndarray, width: float) -> np.ndarray:
     """Cosines of the Sun's zenith angle (N,) by day; by night none, with a soft transition."""
     return np.asarray(0.5 * (cos_sun + np.sqrt(cos_sun * cos_sun + width**2)))
 
 
-def _through_air(column: FloatArray, depth: float) -> tuple[FloatArray, FloatArray]:
+def _through_air(column: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarray]:
     """What columns (N,) of air show, over the brightest they may, and the share of what lies behind
     that they let through; of air without depth, over the grazing ray's, and all.
     """

@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
@@ -21,8 +20,6 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.earth_camera import SimFrame, render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.poses import camera_from_fov, random_direction, rot_from_axis
-
-FloatArray = NDArray[np.float64]
 
 _SPHERE = EarthScene().planet
 _ALTITUDES_M = (300e3, 6000e3)
@@ -50,7 +47,7 @@ class SceneCase:
     name: str
     views: tuple[CameraView, ...]
     frames: tuple[SimFrame, ...]
-    turn_base_rad: FloatArray = field(default_factory=lambda: np.zeros(3))
+    turn_base_rad: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
 def set_a(n: int = 200, seed: int = 0) -> Iterator[SceneCase]:
@@ -158,7 +155,7 @@ def _size_and_fov(rng: np.random.Generator) -> tuple[int, float]:
     return int(rng.integers(_SIZES_PX[0], _SIZES_PX[1] + 1)), float(rng.uniform(*_FIELDS_RAD))
 
 
-def _near(rng: np.random.Generator, direction: FloatArray, within_rad: float) -> FloatArray:
+def _near(rng: np.random.Generator, direction: np.ndarray, within_rad: float) -> np.ndarray:
     """Direction at a random angle of at most `within_rad` from another."""
     across = np.cross(direction, random_direction(rng))
     across /= np.linalg.norm(across)
@@ -166,15 +163,15 @@ def _near(rng: np.random.Generator, direction: FloatArray, within_rad: float) ->
     return np.cos(angle) * direction + np.sin(angle) * across
 
 
-def _limb_point(rng: np.random.Generator, nadir: FloatArray, rho: float) -> FloatArray:
+def _limb_point(rng: np.random.Generator, nadir: np.ndarray, rho: float) -> np.ndarray:
     across = np.cross(nadir, random_direction(rng))
     across /= np.linalg.norm(across)
     return np.cos(rho) * nadir + np.sin(rho) * across
 
 
 def _perpendicular_axes(
-    rng: np.random.Generator, nadir: FloatArray, rho: float, within_rad: float
-) -> tuple[FloatArray, FloatArray]:
+    rng: np.random.Generator, nadir: np.ndarray, rho: float, within_rad: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Two perpendicular directions, both within an angle of the limb.
 
     The limb's own points span up to 2 rho; seen from far (rho < 45 deg) no two lie 90 deg apart,
@@ -209,7 +206,7 @@ def _one_camera(
     return SceneCase(f"{name}{i}", views, frames, turn)
 
 
-def _turn(rng: np.random.Generator, camera: Camera, smear_px: float) -> FloatArray:
+def _turn(rng: np.random.Generator, camera: Camera, smear_px: float) -> np.ndarray:
     """Rotation vector (3,) that moves the middle of the frame by so much, and rolls it besides."""
     angle = smear_px / camera.fx
     across = rng.uniform(0.0, 2.0 * np.pi)

@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from horizon_sensor_ros.core.cameras.camera import Camera
 
-FloatArray = NDArray[np.float64]
-Image = NDArray[np.float32]
-HitsPlanet = Callable[[FloatArray], NDArray[np.bool_]]
+HitsPlanet = Callable[[np.ndarray], np.ndarray]
 
 _SUN_CORE_PX = 12.0
 _GHOSTS = (  # place along the line Sun - image centre, radius over the image width, brightness
@@ -23,15 +20,17 @@ _GHOSTS = (  # place along the line Sun - image centre, radius over the image wi
 
 
 def add_stars(
-    image: Image,
+    image: np.ndarray,
     camera: Camera,
-    rot_world_from_cam: FloatArray,
+    rot_world_from_cam: np.ndarray,
     hits_planet: HitsPlanet,
     *,
     count: int,
     seed: int,
 ) -> None:
-    """Add point stars, fixed in the world, `count` over the whole sky, as spots of one pixel."""
+    """Add point stars, fixed in the world, to an image (H, W), float32: `count` over the whole sky,
+    as spots of one pixel.
+    """
     rng = np.random.default_rng([seed, 0x57A8])
     directions = rng.standard_normal((count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -51,15 +50,15 @@ def add_stars(
 
 
 def add_moon(
-    image: Image,
+    image: np.ndarray,
     camera: Camera,
-    rot_world_from_cam: FloatArray,
+    rot_world_from_cam: np.ndarray,
     hits_planet: HitsPlanet,
     *,
-    direction: FloatArray,
+    direction: np.ndarray,
     radius_rad: float,
     brightness_dn: float,
-    sun_direction: FloatArray | None,
+    sun_direction: np.ndarray | None,
 ) -> None:
     """Add the Moon's disc, lit from the Sun's side (full without a Sun), 4 x 4 supersampled."""
     centre_cam = direction @ rot_world_from_cam
@@ -89,7 +88,7 @@ def add_moon(
     image[y0:y1, x0:x1] += np.float32(brightness_dn) * patch.astype(np.float32)
 
 
-def add_sun(image: Image, sun_px: FloatArray, brightness_dn: float) -> None:
+def add_sun(image: np.ndarray, sun_px: np.ndarray, brightness_dn: float) -> None:
     """Add the overexposed Sun with its halo and the row-wise streak of a blooming sensor."""
     height, width = image.shape
     dx = (np.arange(width) - sun_px[0]).astype(np.float32)
@@ -103,7 +102,7 @@ def add_sun(image: Image, sun_px: FloatArray, brightness_dn: float) -> None:
     image += np.float32(brightness_dn) * np.exp(-dy * dy / 8.0)[:, None] * streak[None, :]
 
 
-def add_flare(image: Image, sun_px: FloatArray, brightness_dn: float) -> None:
+def add_flare(image: np.ndarray, sun_px: np.ndarray, brightness_dn: float) -> None:
     """Add the lens' ghosts: soft-edged discs on the line through the Sun and the image centre."""
     height, width = image.shape
     centre = np.array([(width - 1) / 2.0, (height - 1) / 2.0])

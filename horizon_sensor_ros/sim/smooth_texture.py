@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 _WAVES = 60
 _WAVELENGTHS = (0.5, 2.0)  # planet radii
@@ -11,9 +10,9 @@ _ROUGHNESS = 0.75  # amplitude of a wave goes with this power of its length
 
 
 def smooth_field(
-    points: NDArray[np.float64], seed: int, wavelengths: tuple[float, float] = _WAVELENGTHS
-) -> NDArray[np.float32]:
-    """Field (N,) of zero mean and unit variance at points (N, 3) of the unit sphere.
+    points: np.ndarray, seed: int, wavelengths: tuple[float, float] = _WAVELENGTHS
+) -> np.ndarray:
+    """Field (N,), float32, of zero mean and unit variance at points (N, 3) of the unit sphere.
 
     Plane waves through space, of random directions, phases and lengths (log-uniform, between two
     wavelengths in planet radii).

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 RING_SHARE = GHOST_SHARE = JPEG_SHARE = 0.3  # of the frames that have one
 _BEYOND_PX = 60.0  # the Sun's middle may be so far outside the frame
@@ -16,7 +15,7 @@ _BEYOND_PX = 60.0  # the Sun's middle may be so far outside the frame
 class SunFrame:
     """image : (H, W) uint8. ring, ghost : whether there is one."""
 
-    image: npt.NDArray[np.uint8]
+    image: np.ndarray
     ring: bool
     ghost: bool
 

@@ -8,20 +8,15 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.sim.scene_light import PIECE, SceneLight, pieces, turned
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-Image = NDArray[np.float32]
 
 _SUBPIXELS = 8
 
 
 def draw_limb(
-    light: Image, world: SceneLight, camera: Camera, rot: FloatArray, excess: FloatArray
+    light: np.ndarray, world: SceneLight, camera: Camera, rot: np.ndarray, excess: np.ndarray
 ) -> None:
     """Redraw the pixels of light (H, W) that the limb touches, in place.
 
@@ -46,7 +41,9 @@ def draw_limb(
     light.flat[edge] = samples.mean(axis=1)
 
 
-def _shared_out(world: SceneLight, rays: FloatArray, rot: FloatArray, ramp: FloatArray) -> Image:
+def _shared_out(
+    world: SceneLight, rays: np.ndarray, rot: np.ndarray, ramp: np.ndarray
+) -> np.ndarray:
     """Brightness (N,) of little squares about rays (N, 3), optical frame, each by the share of it
     that lies on the planet.
 
@@ -63,14 +60,14 @@ def _shared_out(world: SceneLight, rays: FloatArray, rot: FloatArray, ramp: Floa
     return out
 
 
-def _limb_pixels(excess: FloatArray) -> BoolArray:
+def _limb_pixels(excess: np.ndarray) -> np.ndarray:
     """Mask (H, W) of pixels with the limb inside them or in their immediate neighbours."""
     on = (excess > 0.0).astype(np.uint8)
     kernel = np.ones((3, 3), np.uint8)
     return np.asarray(cv2.dilate(on, kernel) != cv2.erode(on, kernel))
 
 
-def _gradient(values: FloatArray, pixel: NDArray[np.intp]) -> FloatArray:
+def _gradient(values: np.ndarray, pixel: np.ndarray) -> np.ndarray:
     """Gradient (N, 2) of an image (H, W) at flat pixel indices, one-sided at the borders."""
     height, width = values.shape
     y, x = np.divmod(pixel, width)

@@ -18,7 +18,7 @@ from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.ros.yaml_file import YamlFileError, read_yaml, shown
+from horizon_sensor_ros.ros.files.yaml_file import YamlFileError, read_yaml, shown
 
 _FILE_KEYS = ("cameras", "altitude_km", "nadir_at_zero", "planet")
 _PLANET_KEYS = ("shape", "radius_km", "limb_height_km", "latitude_deg", "heading_deg")

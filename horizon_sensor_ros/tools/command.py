@@ -15,7 +15,7 @@ from threading import Event
 from types import FrameType
 from typing import Any
 
-from horizon_sensor_ros.tools.bag_errors import BagError
+from horizon_sensor_ros.tools.command_errors import CommandError
 from horizon_sensor_ros.tools.output_files import remove_unfinished
 from horizon_sensor_ros.tools.standard_streams import StandardStream, lasting_streams
 
@@ -27,7 +27,7 @@ def run_command(name: str, work: Callable[[Callable[[], bool]], str]) -> int:
     """Run a command's work, print its answer on stderr, and return the exit code.
 
     work : takes a function that says whether to stop; it then raises KeyboardInterrupt, leaving
-    nothing behind. A BagError is printed after the command's name, and says the exit code. What
+    nothing behind. A CommandError is printed after the command's name, and says the exit code. What
     cannot be printed is lost without ending the work.
     """
     # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
@@ -43,7 +43,7 @@ def run_command(name: str, work: Callable[[Callable[[], bool]], str]) -> int:
             except KeyboardInterrupt:
                 print(f"{name}: interrupted, nothing written", file=sys.stderr)
                 return _INTERRUPTED
-            except BagError as error:
+            except CommandError as error:
                 print(f"{name}: {error}", file=sys.stderr)
                 return error.exit_code
             return _all_printed(name, output)

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from horizon_sensor_ros.ros.node_names import HORIZON_NODES
 from horizon_sensor_ros.ros.parameters.file import read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings, horizon_settings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
+from horizon_sensor_ros.ros.process.node_names import HORIZON_NODES
 
 
 def horizon_values(params: Path, namespace: str) -> list[dict[str, Any]]:

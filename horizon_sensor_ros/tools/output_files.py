@@ -10,16 +10,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from horizon_sensor_ros.tools.bag_errors import BagError
+from horizon_sensor_ros.tools.command_errors import CommandError
 
 _unfinished: set[Path] = set()  # directories
 
 
 def check_place(path: Path) -> None:
-    """BagError where no file can be written to a path, before all the work for it."""
+    """CommandError where no file can be written to a path, before all the work for it."""
     try:
         if path.is_dir():
-            raise BagError(f"cannot write {path}: it is a folder")
+            raise CommandError(f"cannot write {path}: it is a folder")
         place = path.resolve()
         if _is_file_or_none(path):
             place = next(each for each in place.parents if each.exists())
@@ -28,15 +28,15 @@ def check_place(path: Path) -> None:
         if place != path.resolve() and not place.is_dir():
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
     except OSError as error:
-        raise BagError(f"cannot write {path}: {error.strerror}") from None
+        raise CommandError(f"cannot write {path}: {error.strerror}") from None
 
 
 @contextmanager
 def written_whole(*paths: Path) -> Iterator[tuple[Path, ...]]:
     """Yield for each path one beside it to write to; these take their places when the block ends.
 
-    Folders are made. Where the block raises nothing is left behind; an OSError becomes a BagError
-    that names the paths. What is no file, as /dev/stdout, is written to as it is.
+    Folders are made. Where the block raises nothing is left behind; an OSError becomes a
+    CommandError that names the paths. What is no file, as /dev/stdout, is written to as it is.
     """
     directories: dict[Path, Path] = {}
     made: list[Path] = []
@@ -52,7 +52,7 @@ def written_whole(*paths: Path) -> Iterator[tuple[Path, ...]]:
         made.clear()
     except OSError as error:
         why = error.strerror or str(error) or type(error).__name__
-        raise BagError(f"cannot write {_named(paths)}: {why}") from None
+        raise CommandError(f"cannot write {_named(paths)}: {why}") from None
     finally:
         for directory in directories.values():
             _remove(directory)

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 
 def general(reason: str) -> str:
     """Return a reason with # for its numbers, which change from frame to frame; cameras keep
-    theirs.
+    theirs, and so do lines of files.
     """
-    return re.sub(r"(?<![\w.])-?\d+(\.\d+)?(e-?\d+)?(?![\w])", "#", reason)
+    return re.sub(r"(?<![\w.])(?<!\.py:)-?\d+(\.\d+)?(e-?\d+)?(?![\w])", "#", reason)
 
 
 class ReasonCounts:

@@ -11,8 +11,8 @@ from horizon_sensor_ros.core.mathematics.attitude import nadir_sign, rotation_fr
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.messages.aiding import EARTH_FRAME
 from horizon_sensor_ros.ros.messages.estimates import LEVEL_FRAME
-from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.message_types import IMU, POSE, POSE_WITH_COVARIANCE, VECTOR
+from horizon_sensor_ros.tools.command_errors import CommandError
 
 POSE_TYPES = (POSE, POSE_WITH_COVARIANCE)
 NADIR_TYPES = (VECTOR, *POSE_TYPES, IMU)
@@ -23,8 +23,8 @@ def nadir_of(msg: Any, msgtype: str, level_z: str, base_frame: str) -> np.ndarra
 
     A Vector3Stamped is nadir itself. A pose is that of the base frame in the level frame
     (`level_z` says where its z points). An Imu's orientation is taken in a world frame with z up;
-    without one (first covariance -1) what it feels at rest is up. Raises BagError for a frame that
-    nadir cannot be told from.
+    without one (first covariance -1) what it feels at rest is up. Raises CommandError for a frame
+    that nadir cannot be told from.
     """
     if msgtype == VECTOR:
         _require_frame(msg, base_frame, "vectors")
@@ -52,7 +52,7 @@ def altitude_of(msg: Any, planet: Planet) -> float | None:
         altitude = float(np.linalg.norm([position.x, position.y, position.z]))
         altitude -= planet.mean_radius_m
     else:
-        raise BagError(
+        raise CommandError(
             f"its poses are in {msg.header.frame_id!r}, not in {LEVEL_FRAME!r} or {EARTH_FRAME!r}"
         )
     return altitude if np.isfinite(altitude) else None
@@ -93,7 +93,7 @@ class Series:
 def _require_frame(msg: Any, frame: str, what: str) -> None:
     """Refuse another frame, and none, as the nodes do."""
     if msg.header.frame_id != frame:
-        raise BagError(f"its {what} are in {msg.header.frame_id!r}, not in {frame!r}")
+        raise CommandError(f"its {what} are in {msg.header.frame_id!r}, not in {frame!r}")
 
 
 def _pose(msg: Any) -> Any:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from horizon_sensor_ros.ros.closed_streams import open_closed_streams, write_to_nothing
+from horizon_sensor_ros.ros.process.closed_streams import open_closed_streams, write_to_nothing
 
 
 class StandardStream:

@@ -34,11 +34,11 @@ from horizon_sensor_ros.core.aiding import Aiding
 from horizon_sensor_ros.core.horizon.fix import HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.ros.aiding_sources import AidingSources
-from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
+from horizon_sensor_ros.ros.diagnostics.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
+from horizon_sensor_ros.ros.pipelines.aiding_sources import AidingSources
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline
 
 S = 1_000_000_000
 POSITION = np.array([4.0e6, -3.0e6, 4.6e6])

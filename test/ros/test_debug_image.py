@@ -29,7 +29,7 @@ from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet_figure import disc_of
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.canvas import (
+from horizon_sensor_ros.ros.pictures.canvas import (
     BLUISH_GREEN,
     LIGHT_GREEN,
     PURPLE,
@@ -37,7 +37,7 @@ from horizon_sensor_ros.ros.canvas import (
     VERMILLION,
     YELLOW,
 )
-from horizon_sensor_ros.ros.debug_image import draw_fix, sigma_in_frame
+from horizon_sensor_ros.ros.pictures.debug_image import draw_fix, sigma_in_frame
 
 CAMERA = Camera(WIDTH, HEIGHT, FOCAL_PX, FOCAL_PX, (WIDTH - 1) / 2, (HEIGHT - 1) / 2)
 NADIR = nadir_of(3.0, -2.0)

@@ -27,10 +27,10 @@ from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.planet_figure import Disc, MeanSphere
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
+from horizon_sensor_ros.ros.diagnostics.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline, HorizonResult, Step
 
 S = 1_000_000_000
 

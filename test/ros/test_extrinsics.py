@@ -18,9 +18,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
-from horizon_sensor_ros.ros.extrinsics import TfExtrinsics
-from horizon_sensor_ros.ros.horizon_node import AttitudeNode
 from horizon_sensor_ros.ros.messages.refusal import Refusal
+from horizon_sensor_ros.ros.nodes.extrinsics import TfExtrinsics
+from horizon_sensor_ros.ros.nodes.horizon_node import AttitudeNode
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 
 

@@ -42,7 +42,7 @@ from node_processes import Listener, Program
 from sensor_msgs.msg import Image
 from target_messages import CLOUD_PERIOD_NS, cloud_of, scan, stamp_of
 
-from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
+from horizon_sensor_ros.ros.pipelines.target_pipeline import TARGET_TOPICS
 
 RECOVERY_NS = 2_000_000_000
 # An hour: far from any slop, and longer than anything that is kept.

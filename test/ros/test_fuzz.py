@@ -41,14 +41,13 @@ from target_messages import CLOUD_PERIOD_NS, MESHES, cloud_of, timed_cloud, trut
 from horizon_sensor_ros.core.limb.edge.model import KEPT_BYTES, EdgeTable
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.horizon_node import LocalVerticalNode
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
 from horizon_sensor_ros.ros.messages.aiding import coarse_pose_from_message, rate_from_imu
 from horizon_sensor_ros.ros.messages.camera_info import camera_from_info
 from horizon_sensor_ros.ros.messages.images import gray_from_image
 from horizon_sensor_ros.ros.messages.point_cloud import points_from_cloud
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.messages.stamps import stamp_ns
+from horizon_sensor_ros.ros.nodes.horizon_node import LocalVerticalNode
 from horizon_sensor_ros.ros.parameters.file import read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
@@ -57,7 +56,8 @@ from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.ros.parameters.reference import parameter_file
 from horizon_sensor_ros.ros.parameters.target import target_parameters
 from horizon_sensor_ros.ros.parameters.target_settings import target_settings
-from horizon_sensor_ros.ros.target_pipeline import TargetPipeline, TargetStep
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline, Step
+from horizon_sensor_ros.ros.pipelines.target_pipeline import TargetPipeline, TargetStep
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 
 # Half the size of the other tests' frames.

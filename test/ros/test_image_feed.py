@@ -24,9 +24,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import Image
 
-from horizon_sensor_ros.ros import horizon_node
-from horizon_sensor_ros.ros.horizon_node import AttitudeNode, HorizonNode, LocalVerticalNode
-from horizon_sensor_ros.ros.image_feed import ImageFeeds
+from horizon_sensor_ros.ros.nodes import horizon_node
+from horizon_sensor_ros.ros.nodes.horizon_node import AttitudeNode, HorizonNode, LocalVerticalNode
+from horizon_sensor_ros.ros.nodes.image_feed import ImageFeeds
 
 IMAGES = "/camera_1/image_raw"
 RELIABLE = {f"qos_overrides.{IMAGES}.subscription.reliability": "reliable"}

@@ -11,7 +11,7 @@ from types import FrameType
 
 import pytest
 
-from horizon_sensor_ros.ros.interruption import Interrupted, Interruption
+from horizon_sensor_ros.ros.process.interruption import Interrupted, Interruption
 
 TURNS = 10**9  # of a loop, far more than the signal takes
 
@@ -83,7 +83,7 @@ def test_an_end_that_is_stuck_outside_python_is_cut_short() -> None:
     """As in a library that does not return, and keeps the interpreter."""
     code = """
 import ctypes
-from horizon_sensor_ros.ros import executable
+from horizon_sensor_ros.ros.process import executable
 
 executable._END_S = 1
 executable._QuietEnd.begin()

@@ -12,8 +12,8 @@ from node_processes import Listener
 from rclpy.context import Context
 from rclpy.parameter import Parameter
 
-from horizon_sensor_ros.ros.participant_end import on_one_core
-from horizon_sensor_ros.ros.target_node import TargetPoseNode
+from horizon_sensor_ros.ros.nodes.target_node import TargetPoseNode
+from horizon_sensor_ros.ros.process.participant_end import on_one_core
 
 
 def test_a_destroyed_node_leaves_the_graph_without_the_garbage_collector(ros_domain: int) -> None:

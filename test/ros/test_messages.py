@@ -38,7 +38,14 @@ from horizon_sensor_ros.ros.messages.estimates import (
 from horizon_sensor_ros.ros.messages.images import ENCODINGS, gray_from_image
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.messages.sensors import camera_info_message, encoded_image
-from horizon_sensor_ros.ros.messages.stamps import repeated_stamp, stamp_ns, time_from_ns
+from horizon_sensor_ros.ros.messages.stamps import (
+    ns_from_s,
+    ns_from_time,
+    repeated_stamp,
+    s_from_ns,
+    stamp_ns,
+    time_from_ns,
+)
 
 RGB_WEIGHTS = (0.299, 0.587, 0.114)
 
@@ -407,3 +414,14 @@ def test_poses_and_twists_have_position_before_rotation() -> None:
     assert (angular.x, angular.y, angular.z) == (0.0, 1.0, 2.0)
     assert (linear.x, linear.y, linear.z) == (3.0, 4.0, 5.0)
     np.testing.assert_array_equal(moving.twist.covariance, expected)
+
+
+@given(st.integers(0, 2**31 * 10**9 - 1))
+def test_a_time_is_its_nanoseconds(stamp: int) -> None:
+    assert ns_from_time(time_from_ns(stamp)) == stamp
+
+
+@given(st.integers(-(10**15), 10**15))
+def test_seconds_are_nanoseconds_again(span_ns: int) -> None:
+    assert ns_from_s(s_from_ns(span_ns)) == span_ns
+    assert s_from_ns(np.array([span_ns]))[0] == s_from_ns(span_ns)

@@ -49,7 +49,7 @@ from sensor_msgs.msg import Image, Imu
 from target_messages import good_cloud
 
 from horizon_sensor_ros.ros.messages.stamps import time_from_ns
-from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
+from horizon_sensor_ros.ros.pipelines.target_pipeline import TARGET_TOPICS
 
 NODES = ("local_vertical_node", "attitude_node")
 IMAGE_QOS = "qos_overrides./camera_1/image_raw.subscription"
@@ -305,7 +305,7 @@ def test_signals_that_come_again_while_a_node_ends_do_not_kill_it(
 # Ends again and again beneath signals that never pause: of 300 ends some meet one halfway.
 _ENDS = """
 import os, signal, subprocess, sys, time
-from horizon_sensor_ros.ros.executable import _QuietEnd
+from horizon_sensor_ros.ros.process.executable import _QuietEnd
 hammer = "import os, signal, sys\\nwhile True: os.kill(int(sys.argv[1]), signal.SIGINT)"
 end = _QuietEnd()
 end.immediately = False

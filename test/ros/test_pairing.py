@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from horizon_sensor_ros.ros.pairing import Pairing
+from horizon_sensor_ros.ros.pipelines.pairing import Pairing
 
 MS = 1_000_000
 SLOP = 20 * MS

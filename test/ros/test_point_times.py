@@ -11,11 +11,11 @@ from sensor_msgs.msg import PointCloud2
 from target_messages import cloud_of, scan, stamp_of, timed_cloud
 
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.ros.diagnostics.target_diagnostics import TargetMonitor
 from horizon_sensor_ros.ros.messages.point_cloud import points_from_cloud
 from horizon_sensor_ros.ros.messages.point_times import PointTimes, point_times
 from horizon_sensor_ros.ros.parameters.target_settings import target_settings
-from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
-from horizon_sensor_ros.ros.target_pipeline import TargetPipeline
+from horizon_sensor_ros.ros.pipelines.target_pipeline import TargetPipeline
 
 # A tenth of a second from the first row to the last.
 SWEEP_S = np.linspace(0.0, 0.1, 96)[:, None] * np.ones(96)

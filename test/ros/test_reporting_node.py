@@ -20,9 +20,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from target_messages import good_cloud
 
-from horizon_sensor_ros.ros.horizon_node import AttitudeNode
-from horizon_sensor_ros.ros.reporting_node import ReportingNode
-from horizon_sensor_ros.ros.target_node import TargetPoseNode
+from horizon_sensor_ros.ros.nodes.horizon_node import AttitudeNode
+from horizon_sensor_ros.ros.nodes.reporting_node import ReportingNode
+from horizon_sensor_ros.ros.nodes.target_node import TargetPoseNode
 
 KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
 # Fast DDS keeps 5000 on either side.

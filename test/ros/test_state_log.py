@@ -8,8 +8,15 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.logging import LoggingSeverity, get_logger, set_logger_level
 from sensor_msgs.msg import CompressedImage
 
-from horizon_sensor_ros.ros.diagnostics import ERROR, OK, STALE, WARN, Health, diagnostic_message
-from horizon_sensor_ros.ros.state_log import StateLog, unpublished
+from horizon_sensor_ros.ros.diagnostics.diagnostics import (
+    ERROR,
+    OK,
+    STALE,
+    WARN,
+    Health,
+    diagnostic_message,
+)
+from horizon_sensor_ros.ros.diagnostics.state_log import StateLog, unpublished
 
 pytestmark = pytest.mark.usefixtures("environment")
 

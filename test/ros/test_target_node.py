@@ -31,7 +31,7 @@ from target_messages import (
     stamp_of,
 )
 
-from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
+from horizon_sensor_ros.ros.pipelines.target_pipeline import TARGET_TOPICS
 
 NODE = "target_pose_node"
 POSE, _, TWIST = TARGET_TOPICS

@@ -26,10 +26,10 @@ from target_messages import (
 
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.diagnostics import Health
+from horizon_sensor_ros.ros.diagnostics.diagnostics import Health
+from horizon_sensor_ros.ros.diagnostics.target_diagnostics import TargetMonitor
 from horizon_sensor_ros.ros.parameters.target_settings import target_settings
-from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
-from horizon_sensor_ros.ros.target_pipeline import (
+from horizon_sensor_ros.ros.pipelines.target_pipeline import (
     TARGET_TOPICS,
     TargetPipeline,
     TargetStep,

@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from target_messages import BAD_MESSAGES, CLOUD_PERIOD_NS, good_cloud
 
-from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
+from horizon_sensor_ros.ros.pipelines.target_pipeline import TARGET_TOPICS
 
 ESTIMATES = {"local_vertical": Vector3Stamped, "attitude": PoseWithCovarianceStamped}
 

@@ -6,9 +6,9 @@ import os
 import sys
 from typing import Any
 
-from horizon_sensor_ros.ros import executable
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
-from horizon_sensor_ros.ros.target_pipeline import TargetPipeline
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline
+from horizon_sensor_ros.ros.pipelines.target_pipeline import TargetPipeline
+from horizon_sensor_ros.ros.process import executable
 
 
 def meet(kind: type, name: str, number: int) -> None:

@@ -19,7 +19,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
-from horizon_sensor_ros.ros.participant_end import on_one_core
+from horizon_sensor_ros.ros.process.participant_end import on_one_core
 
 PATIENCE_S, ANSWER_S = 20.0, 5.0
 GOALS = {

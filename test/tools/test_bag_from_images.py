@@ -32,10 +32,10 @@ from target_messages import scan
 
 from horizon_sensor_ros.ros.messages.images import gray_from_image
 from horizon_sensor_ros.ros.messages.point_cloud import points_from_cloud
-from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags import bag_from_images, bag_to_csv, replay
 from horizon_sensor_ros.tools.bags.frame_files import stamp_text
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag
+from horizon_sensor_ros.tools.command_errors import CommandError
 
 PAIRS = 3
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
@@ -413,7 +413,7 @@ def test_without_a_bag_there_are_no_other_parameters(
     tmp_path: Path, folders: Path, refused: Refused, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(_: OutputBag) -> None:
-        raise BagError("the disk is full")
+        raise CommandError("the disk is full")
 
     monkeypatch.setattr(OutputBag, "finish", fail)
     given = arguments(folders, "camera_1")

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.cloud_files import CLOUD_SUFFIXES, read_cloud
+from horizon_sensor_ros.tools.command_errors import CommandError
 
 POINTS = np.random.default_rng(3).normal(0.0, 2.0, (6, 3)).astype(np.float32)
 
@@ -87,7 +87,7 @@ def test_points_that_are_nan_stay_so(tmp_path: Path) -> None:
 
 def said(path: Path, data: bytes) -> str:
     path.write_bytes(data)
-    with pytest.raises(BagError) as caught:
+    with pytest.raises(CommandError) as caught:
         read_cloud(path)
     assert str(path) in str(caught.value)
     return str(caught.value)
@@ -131,11 +131,11 @@ def test_a_header_that_promises_more_than_there_is_takes_no_memory(tmp_path: Pat
 
 def test_larger_files_than_are_read_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.xyz").write_bytes(FILES["plain.xyz"])
-    with pytest.raises(BagError, match="more than the 10 that are read"):
+    with pytest.raises(CommandError, match="more than the 10 that are read"):
         read_cloud(tmp_path / "a.xyz", max_bytes=10)
-    with pytest.raises(BagError, match="1 to 5 are read"):
+    with pytest.raises(CommandError, match="1 to 5 are read"):
         read_cloud(tmp_path / "a.xyz", max_points=5)
-    with pytest.raises(BagError, match="cannot be read: No such file"):
+    with pytest.raises(CommandError, match="cannot be read: No such file"):
         read_cloud(tmp_path / "none.xyz")
 
 
@@ -158,7 +158,7 @@ def test_damage_is_refused_or_gives_points_but_never_raises_else(
     path.write_bytes(data)
     try:
         points = read_cloud(path)
-    except BagError:
+    except CommandError:
         return
     assert points.shape[-1] == 3
 

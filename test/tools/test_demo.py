@@ -31,8 +31,8 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     vector_from_rotation,
 )
 from horizon_sensor_ros.ros.messages.estimates import pose_message, twist_message
-from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.replay import main as replay
+from horizon_sensor_ros.tools.command_errors import CommandError
 from horizon_sensor_ros.tools.demo import processes as demo_processes
 from horizon_sensor_ros.tools.demo.failures import NodeFailedError
 from horizon_sensor_ros.tools.demo.flight_past_nodes import slower_than
@@ -464,7 +464,9 @@ def test_only_the_bag_of_an_earlier_flight_is_overwritten(tmp_path: Path) -> Non
     assert done.returncode == 1
     assert f"{place} is not replaced: only another bag is" in done.stderr
     (place / "metadata.yaml").write_text("of somebody's bag")
-    with pytest.raises(BagError, match=r"thesis\.txt in it is no part of a bag of this package"):
+    with pytest.raises(
+        CommandError, match=r"thesis\.txt in it is no part of a bag of this package"
+    ):
         DemoBag(place, [], "up")
     assert [each.name for each in tmp_path.iterdir()] == ["demo"]
     shutil.rmtree(place)
@@ -476,7 +478,7 @@ def test_only_the_bag_of_an_earlier_flight_is_overwritten(tmp_path: Path) -> Non
 
 def test_what_came_to_the_bag_s_place_during_the_flight_stays(tmp_path: Path) -> None:
     place = tmp_path / "demo"
-    said = pytest.raises(BagError, match="only another bag")
+    said = pytest.raises(CommandError, match="only another bag")
     with said, DemoBag(place, [], "up"):
         place.mkdir()
         (place / "thesis.txt").write_text("mine")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from small_files import no_larger_files
 
-from horizon_sensor_ros.tools.bag_errors import BagError
+from horizon_sensor_ros.tools.command_errors import CommandError
 from horizon_sensor_ros.tools.output_files import check_place, remove_unfinished, written_whole
 
 
@@ -37,7 +37,7 @@ def test_what_cannot_be_written_leaves_the_older_one(tmp_path: Path) -> None:
             fresh_old.write_text("new")
             fresh_new.write_text("long" * 100)
 
-    with pytest.raises(BagError, match=f"^cannot write {old} and {new}: File too large$"):
+    with pytest.raises(CommandError, match=f"^cannot write {old} and {new}: File too large$"):
         write()
     assert old.read_text() == "old"
     assert list(tmp_path.iterdir()) == [old]
@@ -56,7 +56,7 @@ def test_what_is_interrupted_leaves_nothing(tmp_path: Path) -> None:
         write(interrupt)
     assert list(tmp_path.iterdir()) == []
     # As by a signal's handler, after which there would be no more.
-    with pytest.raises(BagError, match="cannot write"):
+    with pytest.raises(CommandError, match="cannot write"):
         write(remove_unfinished)
     assert list(tmp_path.iterdir()) == []
 
@@ -81,7 +81,7 @@ def test_a_device_is_written_to_as_it_is() -> None:
         with written_whole(full) as (fresh,):
             fresh.write_text("anything")
 
-    with pytest.raises(BagError, match="/dev/full: No space left"):
+    with pytest.raises(CommandError, match="/dev/full: No space left"):
         write()
     assert full.is_char_device()
 
@@ -91,8 +91,8 @@ def test_a_place_can_be_asked_for_before_the_work(tmp_path: Path) -> None:
     file.touch()
     for path in (file, tmp_path / "new" / "file", Path("/dev/null")):
         check_place(path)
-    with pytest.raises(BagError, match=f"^cannot write {tmp_path}: it is a folder$"):
+    with pytest.raises(CommandError, match=f"^cannot write {tmp_path}: it is a folder$"):
         check_place(tmp_path)
-    with pytest.raises(BagError, match=f"^cannot write {file}/new: Not a directory$"):
+    with pytest.raises(CommandError, match=f"^cannot write {file}/new: Not a directory$"):
         check_place(file / "new")
     assert list(tmp_path.iterdir()) == [file]

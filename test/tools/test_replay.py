@@ -43,8 +43,8 @@ from sensor_msgs.msg import CompressedImage, Image, Imu
 from std_msgs.msg import String
 
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.tools.bag_errors import in_one_line
 from horizon_sensor_ros.tools.bags.replay import main
+from horizon_sensor_ros.tools.command_errors import in_one_line
 
 KINDS = {
     "/local_vertical": Vector3Stamped,

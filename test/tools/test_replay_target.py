@@ -16,7 +16,7 @@ from rosbags.rosbag2 import Reader
 from target_messages import BAD_CLOUDS, BAD_MESSAGES, cloud_of, good_cloud, stamp_of
 
 from horizon_sensor_ros.ros.parameters.target_settings import target_settings
-from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS, TargetPipeline
+from horizon_sensor_ros.ros.pipelines.target_pipeline import TARGET_TOPICS, TargetPipeline
 from horizon_sensor_ros.tools.bags.replay import main
 
 KINDS = {f"/{topic}": kind for topic, kind in TARGET_TOPICS.items()}

@@ -38,8 +38,8 @@ from sensor_msgs.msg import Imu
 from small_files import no_larger_files
 from target_messages import FRAME_ID, cloud_of, scan, stamp_of, truth_at
 
-from horizon_sensor_ros.ros.aiding_sources import AidingSources
 from horizon_sensor_ros.ros.messages.estimates import pose_message
+from horizon_sensor_ros.ros.pipelines.aiding_sources import AidingSources
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag
 from horizon_sensor_ros.tools.bags.replay import main as replay
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames

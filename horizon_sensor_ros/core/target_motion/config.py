@@ -23,7 +23,7 @@ class RegistrationConfig:
         long or too short by, for the covariance.
     min_points : fewest points of a cloud.  min_score, min_overlap : least view consistency (see
         Consistency); the score may be lower by what odd returns in the clouds take from it.
-    max_rotation_std_rad, max_shift_std_m : a motion known worse than this in any direction is
+    max_rotation_sigma_rad, max_shift_sigma_m : a motion known worse than this in any direction is
         refused.
     search_rad : largest turn that the search starts cover.
     """
@@ -34,8 +34,8 @@ class RegistrationConfig:
     min_points: int = 100
     min_score: float = 0.85
     min_overlap: float = 0.3
-    max_rotation_std_rad: float = np.radians(0.37)
-    max_shift_std_m: float = 0.0076
+    max_rotation_sigma_rad: float = np.radians(0.37)
+    max_shift_sigma_m: float = 0.0076
     search_rad: float = np.radians(33.0)
 
     def __post_init__(self) -> None:
@@ -49,7 +49,7 @@ class RegistrationConfig:
             )
         if not self.min_points >= LEAST_POINTS:
             raise ValueError(f"min_points must be at least {LEAST_POINTS}; got {self.min_points}")
-        for name in ("max_rotation_std_rad", "max_shift_std_m", "search_rad"):
+        for name in ("max_rotation_sigma_rad", "max_shift_sigma_m", "search_rad"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive; got {getattr(self, name)}")
         for name in ("min_score", "min_overlap"):

@@ -68,7 +68,7 @@ class KnownView:
             float(np.sqrt(np.linalg.eigvalsh(known[part, part])[-1]))
             for part in (slice(None, 3), slice(3, None))
         )
-        if turn_rad <= config.max_rotation_std_rad and shift_m <= config.max_shift_std_m:
+        if turn_rad <= config.max_rotation_sigma_rad and shift_m <= config.max_shift_sigma_m:
             return ""
         return (
             "by how the target moved while the cloud was measured the motion is known to"

@@ -207,7 +207,7 @@ def _judge(
     by_bias = config.range_bias_sigma_m * turn_and_shift(turn_b) @ judged.by_range
     covariance = rotated_covariance(judged.covariance, turn_b) + np.outer(by_bias, by_bias)
     known = replace(known, rms_residual_m=judged.rms_residual_m)
-    weak = weak_directions(covariance, config.max_rotation_std_rad, config.max_shift_std_m)
+    weak = weak_directions(covariance, config.max_rotation_sigma_rad, config.max_shift_sigma_m)
     if len(weak):
         reason = _tell(weak[0], covariance)
         return replace(known, status=Status.ILL_CONDITIONED, reason=reason, weak=weak)

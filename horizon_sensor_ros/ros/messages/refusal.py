@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from reprlib import Repr
 
+from horizon_sensor_ros.ros.process.defect import words_of
+
 
 @dataclass(frozen=True)
 class Refusal:
@@ -12,6 +14,11 @@ class Refusal:
 
     cause: str
     reason: str
+
+
+def internal_error(error: Exception) -> Refusal:
+    """Why a message is not used that a defect of this package met."""
+    return Refusal("internal_error", f"internal error: {words_of(error)}")
 
 
 def quoted(text: str, most: int = 60) -> str:

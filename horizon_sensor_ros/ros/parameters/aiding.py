@@ -11,8 +11,9 @@ AIDING_PARAMETERS = (
         "coarse_pose_max_age",
         "double",
         60.0,
-        "A coarse pose older than this, by its stamp and the image's, is not used. What the craft "
-        "may have flown and turned by until then is claimed.",
+        "A coarse pose farther off in time than this, before or after, by its stamp and the "
+        "image's, is not used. What the craft may have flown and turned by between the two is "
+        "claimed.",
         unit="s",
         minimum=0.0,
         maximum=1e6,

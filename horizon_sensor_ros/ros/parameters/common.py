@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from horizon_sensor_ros.ros.node_names import NODES
 from horizon_sensor_ros.ros.parameters.parameter import Parameter
+from horizon_sensor_ros.ros.process.node_names import NODES
 
 # Of every node, and of its part in a replay.
 COMMON_PARAMETERS = (

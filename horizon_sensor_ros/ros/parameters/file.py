@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from horizon_sensor_ros.ros.files.yaml_file import YamlFileError
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.ros.parameters.ros_yaml import (
     PARAMETERS,
@@ -15,7 +16,6 @@ from horizon_sensor_ros.ros.parameters.ros_yaml import (
     list_fault,
     read_ros_yaml,
 )
-from horizon_sensor_ros.ros.yaml_file import YamlFileError
 
 
 def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str, Any]:

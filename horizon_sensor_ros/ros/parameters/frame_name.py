@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from horizon_sensor_ros.ros.yaml_file import shown
+from horizon_sensor_ros.ros.files.yaml_file import shown
 
 
 def frame_problems(name: str, accepted: Mapping[str, Any]) -> list[str]:

@@ -14,6 +14,9 @@ import numpy as np
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.ros.files.resources import read_mask, resource_path
+from horizon_sensor_ros.ros.files.yaml_file import shown
+from horizon_sensor_ros.ros.messages.stamps import ns_from_s
 from horizon_sensor_ros.ros.parameters.camera import (
     corner_blur_parameter,
     exposure_parameter,
@@ -31,8 +34,6 @@ from horizon_sensor_ros.ros.parameters.parameter import (
     accept_all,
     with_parameter_names,
 )
-from horizon_sensor_ros.ros.resources import read_mask, resource_path
-from horizon_sensor_ros.ros.yaml_file import shown
 
 _CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _EARTHS_RADII_M = 6.35e6, 6.39e6  # polar to equatorial, and some more
@@ -146,22 +147,22 @@ def horizon_settings(values: Mapping[str, Any]) -> HorizonSettings:
         pipeline=PipelineSettings(
             each=tuple(each),
             aiding=AidingSettings(
-                max_age_ns=round(accepted["coarse_pose_max_age"] * 1e9),
+                max_age_ns=ns_from_s(accepted["coarse_pose_max_age"]),
                 position_sigma_m=accepted["coarse_pose_position_sigma"],
                 rotation_sigma_rad=accepted["coarse_pose_rotation_sigma"],
                 pose_altitude_sigma_m=accepted["coarse_pose_altitude_sigma"],
                 altitude_m=accepted["altitude_prior"],
                 altitude_sigma_m=accepted["altitude_prior_sigma"],
-                imu_max_gap_ns=round(accepted["imu_max_gap"] * 1e9),
+                imu_max_gap_ns=ns_from_s(accepted["imu_max_gap"]),
             ),
             base_frame=accepted["base_frame"],
             sensor=sensor,
-            slop_ns=round(accepted["slop"] * 1e9),
-            camera_timeout_ns=round(accepted["camera_timeout"] * 1e9),
+            slop_ns=ns_from_s(accepted["slop"]),
+            camera_timeout_ns=ns_from_s(accepted["camera_timeout"]),
             queue_size=accepted["queue_size"],
         ),
         level_z=accepted["level_z"],
-        stale_after_ns=round(accepted["stale_after"] * 1e9),
+        stale_after_ns=ns_from_s(accepted["stale_after"]),
         diagnostics_period_s=accepted["diagnostics_period"],
     )
 

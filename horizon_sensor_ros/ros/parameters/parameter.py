@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from horizon_sensor_ros.ros.yaml_file import shown
+from horizon_sensor_ros.ros.files.yaml_file import shown
 
 _KIND_WORDS = {
     "string": "a string",

@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from horizon_sensor_ros.ros.yaml_file import YamlFileError, read_yaml, shown, yaml_events
+from horizon_sensor_ros.ros.files.yaml_file import YamlFileError, read_yaml, shown, yaml_events
 
 PARAMETERS = "ros__parameters"
 

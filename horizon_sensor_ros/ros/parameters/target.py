@@ -119,7 +119,7 @@ TARGET_PARAMETERS = (
     Parameter(
         "max_rotation_sigma",
         "double",
-        float(RegistrationConfig.max_rotation_std_rad),
+        float(RegistrationConfig.max_rotation_sigma_rad),
         "A motion whose rotation is less certain than this about any axis is withheld.",
         unit="rad",
         minimum=1e-06,
@@ -129,7 +129,7 @@ TARGET_PARAMETERS = (
     Parameter(
         "max_shift_sigma",
         "double",
-        float(RegistrationConfig.max_shift_std_m),
+        float(RegistrationConfig.max_shift_sigma_m),
         "A motion whose translation is less certain than this in any direction is withheld.",
         unit="m",
         minimum=1e-06,

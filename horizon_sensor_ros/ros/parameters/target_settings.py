@@ -8,6 +8,7 @@ from typing import Any
 
 from horizon_sensor_ros.core.target_motion.config import RegistrationConfig, TrackerConfig
 from horizon_sensor_ros.core.target_motion.ranges.crop import Crop
+from horizon_sensor_ros.ros.messages.stamps import ns_from_s
 from horizon_sensor_ros.ros.parameters.common import COMMON_PARAMETERS
 from horizon_sensor_ros.ros.parameters.frame_name import frame_problems
 from horizon_sensor_ros.ros.parameters.parameter import (
@@ -22,8 +23,8 @@ _REGISTRATION_FIELDS = {
     "min_points": "min_points",
     "min_score": "min_score",
     "min_overlap": "min_overlap",
-    "max_rotation_sigma": "max_rotation_std_rad",
-    "max_shift_sigma": "max_shift_std_m",
+    "max_rotation_sigma": "max_rotation_sigma_rad",
+    "max_shift_sigma": "max_shift_sigma_m",
     "search_angle": "search_rad",
 }
 _TRACKER_FIELDS = {
@@ -79,6 +80,6 @@ def target_settings(values: Mapping[str, Any]) -> TargetSettings:
         raise ParameterError(with_parameter_names(str(error), fields)) from None
     return TargetSettings(
         pipeline=TargetPipelineSettings(accepted["target_frame"], accepted["point_times"], tracker),
-        stale_after_ns=round(accepted["stale_after"] * 1e9),
+        stale_after_ns=ns_from_s(accepted["stale_after"]),
         diagnostics_period_s=accepted["diagnostics_period"],
     )

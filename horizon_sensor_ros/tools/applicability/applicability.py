@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from horizon_sensor_ros.tools.applicability.idle_options import DEFAULTS, idle_option
-from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.command import fill_defaults, run_computation
+from horizon_sensor_ros.tools.command_errors import CommandError
 
 DESCRIPTION = """\
 Field of applicability: at which attitudes the horizon is in the frames of the cameras, and how
@@ -60,7 +60,7 @@ def _run(argv: Sequence[str] | None) -> int:
 
     try:
         print(_mode(args)(args))
-    except BagError as error:
+    except CommandError as error:
         told = f"{error}; choose another place with -o PREFIX"
         print(f"horizon_applicability: error: {told}", file=sys.stderr)
         return 1

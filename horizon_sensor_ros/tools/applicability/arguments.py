@@ -6,7 +6,7 @@ import argparse
 
 import numpy as np
 
-from horizon_sensor_ros.core.applicability.visibility import rot_base_from_down
+from horizon_sensor_ros.core.applicability.visibility import horizon_rays, rot_base_from_down
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.tools.applicability.figures import AngleGrid
 from horizon_sensor_ros.tools.camera_file import CameraFileError, Rig
@@ -71,6 +71,11 @@ def altitude_of(args: argparse.Namespace, rig: Rig) -> float:
             f"got {altitude_m / 1e3:g}"
         )
     return altitude_m
+
+
+def horizon_of(rig: Rig, altitude_m: float, samples: int = 720) -> np.ndarray:
+    """Return rays (samples, 3) to the horizon from an altitude, as of `horizon_rays`."""
+    return horizon_rays(rig.planet, altitude_m, samples, rig.latitude_rad, rig.heading_rad)
 
 
 def check_noise(args: argparse.Namespace) -> None:

@@ -17,9 +17,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
+from horizon_sensor_ros.tools.colours import BLUE, VERMILION
+
 NOT_SEEN = "0.86"
-# Okabe & Ito's colours, which colour-blind readers tell apart.
-EXACT_COLOUR, CIRCLE_COLOUR = "#0072B2", "#D55E00"
+EXACT_COLOUR, CIRCLE_COLOUR = BLUE, VERMILION
 
 
 @dataclass(frozen=True, eq=False)

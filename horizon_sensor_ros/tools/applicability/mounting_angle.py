@@ -10,13 +10,13 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.applicability.visibility import rot_base_from_down
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
-from horizon_sensor_ros.core.fits.bound import horizon_information, nadir_sigma_bound_rad
+from horizon_sensor_ros.core.fits.bound import nadir_sigma_bound_rad
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.tools.applicability.expected_sigma import information_of
 
 ALTITUDES = 9
 STEP_DEG = 2.0
-_SAMPLES = 1440
 _LEAST_TILT = 1e-3  # sine of the angle to nadir below which an axis has no direction to tilt in
 _NEAR_BEST = 1.5  # angles whose worst sigma is up to this many times the best are as good as it
 
@@ -89,7 +89,7 @@ def mountings(
     """Sigma of the fix from all these cameras, each tilted alike, over angle and altitude.
 
     tilt_deg : the craft turns by up to this about its two level axes; the extremes are taken, and
-    the worst counts. Raises ValueError as `tilted` and `horizon_information` do.
+    the worst counts. Raises ValueError as `tilted` and `information_of` do.
     """
     low, high = altitudes_m
     heights = np.geomspace(low, high, ALTITUDES) if high > low else np.array([low])
@@ -105,10 +105,7 @@ def mountings(
             sigma[i, j] = max(
                 nadir_sigma_bound_rad(
                     np.sum(
-                        [
-                            horizon_information(v, planet, nadir, height, sigma_px, _SAMPLES)
-                            for v in turned
-                        ],
+                        [information_of(v, planet, nadir, height, sigma_px) for v in turned],
                         axis=0,
                     )
                 )

@@ -10,14 +10,11 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.applicability.visibility import horizon_in_view
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
-from horizon_sensor_ros.core.fits.bound import horizon_information, nadir_sigma_bound_rad
-from horizon_sensor_ros.core.horizon.config import HorizonConfig
+from horizon_sensor_ros.core.fits.bound import nadir_sigma_bound_rad
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.tools.applicability.expected_sigma import information_of
 
 ALL = "all cameras"
-# A sigma above this is refused by the nodes, unless they are told otherwise.
-USABLE_DEG = float(np.degrees(HorizonConfig.max_nadir_sigma_rad))
-_SAMPLES = 1440
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +41,7 @@ def quality_maps(
     """Quality by camera, and of `ALL` where there is more than one.
 
     rays_down, attitudes : as of `horizon_in_view`. sigma_px : error of a limb point, one a pixel.
-    Raises ValueError as `horizon_information` does.
+    Raises ValueError as `information_of` does.
     """
     shares = [horizon_in_view(view, rays_down, attitudes).fraction for view in views]
     informations = np.zeros((len(views), len(attitudes), 3, 3))
@@ -52,8 +49,8 @@ def quality_maps(
     for i, attitude in enumerate(attitudes):
         for k, view in enumerate(views):
             if shares[k][i] > 0:
-                informations[k, i] = horizon_information(
-                    view, planet, attitude[:, 2], altitude_m, sigma_px, _SAMPLES
+                informations[k, i] = information_of(
+                    view, planet, attitude[:, 2], altitude_m, sigma_px
                 )
         bar.update()
     bar.close()

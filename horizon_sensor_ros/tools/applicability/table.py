@@ -13,7 +13,7 @@ from horizon_sensor_ros.tools.output_files import check_place
 
 
 def output_paths(prefix: Path) -> tuple[Path, Path]:
-    """Paths of the PNG and the CSV; BagError where they cannot be written."""
+    """Paths of the PNG and the CSV; CommandError where they cannot be written."""
     png, table = (prefix.with_name(prefix.name + suffix) for suffix in (".png", ".csv"))
     for path in (png, table):
         check_place(path)

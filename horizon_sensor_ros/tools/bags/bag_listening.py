@@ -9,10 +9,10 @@ from typing import Any
 
 from rosbags.serde import SerdeError
 
-from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.input_bag import open_bag, progress
 from horizon_sensor_ros.tools.bags.topic_advice import advice, of_other_types
 from horizon_sensor_ros.tools.bags.unreadable import Unreadable
+from horizon_sensor_ros.tools.command_errors import CommandError, in_one_line
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ def listen(path: Path, listeners: Sequence[Listener], stopped: Callable[[], bool
     """Read a bag with a progress bar, and return what a person should know of what was not read:
     messages that cannot be, and topics that are not needed and have another type.
 
-    Raises BagError for a bag that cannot be read or has not what is needed, and KeyboardInterrupt
-    soon after `stopped` says so.
+    Raises CommandError for a bag that cannot be read or has not what is needed, and
+    KeyboardInterrupt soon after `stopped` says so.
     """
     bag = open_bag(path)
     unreadable = Unreadable()
@@ -49,7 +49,7 @@ def listen(path: Path, listeners: Sequence[Listener], stopped: Callable[[], bool
         ]
         missing = [each for each in absent if each.needed]
         if missing:
-            raise BagError(
+            raise CommandError(
                 _complaint(path, missing, [(c.topic, c.msgtype) for c in bag.connections])
             )
         unread = of_other_types([(each.topic, each.types[0]) for each in absent], bag)

@@ -12,15 +12,6 @@ from typing import Any, TypeVar
 
 from rosbags.serde import SerdeError
 
-from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC, OF_NO_AVAIL
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
-from horizon_sensor_ros.ros.node_names import (
-    HORIZON_NODES,
-    NODES,
-    ONE_PROCESS,
-    TARGET_NODE,
-    nodes_of,
-)
 from horizon_sensor_ros.ros.parameters.common import NODES_PARAMETER
 from horizon_sensor_ros.ros.parameters.file import misspelt_sections, read_parameter_file
 from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
@@ -34,8 +25,20 @@ from horizon_sensor_ros.ros.parameters.ignored import ignored_parameters
 from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
 from horizon_sensor_ros.ros.parameters.target import target_parameters
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings, target_settings
-from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TargetPipeline
-from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
+from horizon_sensor_ros.ros.pipelines.aiding_sources import (
+    COARSE_POSE_TOPIC,
+    IMU_TOPIC,
+    OF_NO_AVAIL,
+)
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline
+from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC, TargetPipeline
+from horizon_sensor_ros.ros.process.node_names import (
+    HORIZON_NODES,
+    NODES,
+    ONE_PROCESS,
+    TARGET_NODE,
+    nodes_of,
+)
 from horizon_sensor_ros.tools.bags.input_bag import (
     STORAGE,
     InputBag,
@@ -54,6 +57,7 @@ from horizon_sensor_ros.tools.bags.replayed_node import (
 )
 from horizon_sensor_ros.tools.bags.topic_advice import advice, lacking, of_other_types
 from horizon_sensor_ros.tools.bags.unreadable import Unreadable
+from horizon_sensor_ros.tools.command_errors import CommandError, in_one_line
 
 # Those of a kind share their sensors.
 _KINDS = (frozenset(HORIZON_NODES), frozenset([TARGET_NODE]))
@@ -212,7 +216,9 @@ def _taking_part(
         looked_for = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(wanted))
         there = "\n".join(f"  {topic} ({kind})" for topic, kind in sorted(present)) or "  nothing"
         lines = [looked_for, "It has:", there, *advice(wanted, present)]
-        raise BagError("\n".join([f"{recorded.path} has none of the topics looked for:", *lines]))
+        raise CommandError(
+            "\n".join([f"{recorded.path} has none of the topics looked for:", *lines])
+        )
     for topic, kind in sorted(wanted - present):
         print(lacking(topic, kind, recorded), file=sys.stderr)
     for line in advice(wanted - present, present - wanted):
@@ -269,7 +275,8 @@ def _of_each(
     values: dict[str, dict[str, Any]], make: Callable[[str, dict[str, Any]], _Made]
 ) -> dict[str, _Made]:
     """What is made of each node's parameters; a node that cannot be is said and left out, as live
-    the others run without it. BagError when that leaves none for the cameras, or for the target.
+    the others run without it. CommandError when that leaves none for the cameras, or for the
+    target.
     """
     made: dict[str, _Made] = {}
     problems: dict[str, list[str]] = {}
@@ -281,7 +288,7 @@ def _of_each(
     lines = [f"{', '.join(nodes)}: {problem}" for problem, nodes in problems.items()]
     left_out = values.keys() - made.keys()
     if any(left_out & kind and not made.keys() & kind for kind in _KINDS):
-        raise BagError("\n".join(lines))
+        raise CommandError("\n".join(lines))
     for line in lines:
         print(f"left out, {line}", file=sys.stderr)
     return made
@@ -290,14 +297,14 @@ def _of_each(
 def replay(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) -> str:
     """Do what the command line asks for and return the summary.
 
-    Raises BagError, saying why there is no replay, and KeyboardInterrupt soon after `stopped`
+    Raises CommandError, saying why there is no replay, and KeyboardInterrupt soon after `stopped`
     says so; nothing is then left behind.
     """
     names = TopicNames(arguments.namespace, arguments.remap)
     try:
         values = _read_values(arguments.params, arguments.namespace)
     except ParameterError as error:
-        raise BagError(str(error)) from None
+        raise CommandError(str(error)) from None
     recorded = open_bag(arguments.in_bag)
     try:
         nodes = _taking_part(_inputs_of(values, names), frozenset(_aiding_inputs(names)), recorded)

@@ -13,7 +13,6 @@ from typing import Any
 from rosbags.interfaces import Connection
 from rosbags.serde import SerdeError
 
-from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.input_bag import InputBag, open_bag, progress
 from horizon_sensor_ros.tools.bags.message_tables import (
     TABLES,
@@ -22,14 +21,15 @@ from horizon_sensor_ros.tools.bags.message_tables import (
 )
 from horizon_sensor_ros.tools.bags.message_types import DIAGNOSTICS
 from horizon_sensor_ros.tools.bags.unreadable import Unreadable
+from horizon_sensor_ros.tools.command_errors import CommandError, in_one_line
 from horizon_sensor_ros.tools.output_files import written_whole
 
 
 def write_tables(arguments: argparse.Namespace, stopped: Callable[[], bool]) -> str:
     """Do what the command line asks for and return what was written.
 
-    Raises BagError, saying why there are no tables, and KeyboardInterrupt soon after `stopped` says
-    so; nothing is then left behind.
+    Raises CommandError, saying why there are no tables, and KeyboardInterrupt soon after `stopped`
+    says so; nothing is then left behind.
     """
     out: Path = arguments.out_dir
     bag = open_bag(arguments.bag)
@@ -38,7 +38,7 @@ def write_tables(arguments: argparse.Namespace, stopped: Callable[[], bool]) -> 
         files = {topic: _file_name(topic) for topic in chosen}
         for name in files.values():
             if (out / name).exists() and not arguments.force:
-                raise BagError(f"{out / name} exists; choose another OUT_DIR, or --force")
+                raise CommandError(f"{out / name} exists; choose another OUT_DIR, or --force")
         tables = {topic: _table(bag, kind, topic, stopped) for topic, kind in chosen.items()}
         with written_whole(*(out / name for name in files.values())) as fresh:
             places = dict(zip(files, fresh, strict=True))
@@ -60,10 +60,12 @@ def _chosen(bag: InputBag, wanted: list[str] | None) -> dict[str, str]:
             if topic not in able:
                 kind = present.get(topic)
                 why = f"is a {kind}, of which there is no table" if kind else "is not there"
-                raise BagError(f"--topics: {topic} {why}. {bag.path} has:\n{there or '  nothing'}")
+                raise CommandError(
+                    f"--topics: {topic} {why}. {bag.path} has:\n{there or '  nothing'}"
+                )
         return {topic: able[topic] for topic in names}
     if not able:
-        raise BagError(
+        raise CommandError(
             f"{bag.path} has no topic that can be a table. It has:\n{there or '  nothing'}\n"
             "Estimates come from horizon_replay, or from recording the nodes' topics."
         )

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
+from horizon_sensor_ros.tools.command_errors import CommandError, in_one_line
 
 _PCD_TYPES = {
     ("F", 4): "f4", ("F", 8): "f8",
@@ -28,7 +28,8 @@ def read_cloud(path: Path, max_bytes: int = 256_000_000, max_points: int = 5_000
 
     Reads .pcd (ascii, binary), .ply (ascii, binary; the element vertex), .npy (an array of numbers
     of shape (N, 3+) or (H, W, 3+)) and .xyz, .txt, .csv (columns x, y, z, more are passed over).
-    Raises BagError, naming the file, where it is none of these, broken, or larger than the bounds.
+    Raises CommandError, naming the file, where it is none of these, broken, or larger than the
+    bounds.
     """
     readers = {
         ".pcd": _read_pcd,
@@ -38,22 +39,22 @@ def read_cloud(path: Path, max_bytes: int = 256_000_000, max_points: int = 5_000
     }
     reader = readers.get(path.suffix.lower())
     if reader is None:
-        raise BagError(f"{path}: clouds are read from {', '.join(readers)}")
+        raise CommandError(f"{path}: clouds are read from {', '.join(readers)}")
     try:
         size = path.stat().st_size
         if size > max_bytes:
-            raise BagError(f"{path}: has {size} bytes, more than the {max_bytes} that are read")
+            raise CommandError(f"{path}: has {size} bytes, more than the {max_bytes} that are read")
         points = reader(path)
     except OSError as error:
-        raise BagError(f"{path}: cannot be read: {error.strerror}") from None
-    except BagError:
+        raise CommandError(f"{path}: cannot be read: {error.strerror}") from None
+    except CommandError:
         raise
     except Exception as error:
         # Not only ours: what numpy's reader of .npy raises depends on how a file is broken.
-        raise BagError(f"{path}: is no cloud that can be read: {in_one_line(error)}") from None
+        raise CommandError(f"{path}: is no cloud that can be read: {in_one_line(error)}") from None
     count = points.size // 3
     if not 0 < count <= max_points:
-        raise BagError(f"{path}: has {count} points; 1 to {max_points} are read")
+        raise CommandError(f"{path}: has {count} points; 1 to {max_points} are read")
     return points
 
 

@@ -9,7 +9,7 @@ from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
 
-from horizon_sensor_ros.tools.bag_errors import BagError
+from horizon_sensor_ros.tools.command_errors import CommandError
 
 UNITS_NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 # The seconds of a ROS stamp have 31 bits.
@@ -43,14 +43,14 @@ class StampRule:
 def frame_files(folder: Path, suffixes: Collection[str], rule: StampRule) -> list[FrameFile]:
     """Frames of a folder, by time. Numbers in names count as numbers: 9.png comes before 10.png.
 
-    Raises BagError where there is none, a stamp is missing, or two frames have the same.
+    Raises CommandError where there is none, a stamp is missing, or two frames have the same.
     """
     try:
         names = [p for p in folder.iterdir() if p.suffix.lower() in suffixes and p.is_file()]
     except OSError as error:
-        raise BagError(f"{folder}: cannot be read: {error.strerror}; give a folder") from None
+        raise CommandError(f"{folder}: cannot be read: {error.strerror}; give a folder") from None
     if not names:
-        raise BagError(f"{folder}: has no file that ends in {', '.join(sorted(suffixes))}")
+        raise CommandError(f"{folder}: has no file that ends in {', '.join(sorted(suffixes))}")
     paths = sorted(names, key=lambda path: _natural(path.name))
     if rule.file is not None:
         frames = _from_file(rule.file, paths, rule.unit)
@@ -62,14 +62,14 @@ def frame_files(folder: Path, suffixes: Collection[str], rule: StampRule) -> lis
             FrameFile(path, rule.start_ns + round(i * period)) for i, path in enumerate(paths)
         ]
         if frames[-1].stamp >= _LAST_NS:
-            raise BagError(
+            raise CommandError(
                 f"{folder}: at {rule.rate_hz:g} frames a second the last of {len(frames)} is later "
                 "than a ROS stamp can say (2^31 s); give a higher rate, or an earlier start"
             )
     frames.sort(key=lambda frame: frame.stamp)
     for one, other in pairwise(frames):
         if one.stamp == other.stamp:
-            raise BagError(
+            raise CommandError(
                 f"{one.path} and {other.path.name} have the same stamp, "
                 f"{stamp_text(one.stamp)} s; no two frames of a folder may"
             )
@@ -91,7 +91,7 @@ def _natural(name: str) -> list[tuple[int, str]]:
 def _stamp_in_name(path: Path, unit: str) -> int:
     numbers = re.findall(r"\d+(?:\.\d+)?", path.stem)
     if not numbers:
-        raise BagError(f"{path}: has no number in its name to take as its stamp")
+        raise CommandError(f"{path}: has no number in its name to take as its stamp")
     return _stamp(numbers[-1], unit, str(path))
 
 
@@ -100,16 +100,16 @@ def _from_file(file: Path, paths: Sequence[Path], unit: str) -> list[FrameFile]:
     named = [row for row in rows if len(row[1]) > 1]
     if named and len(named) < len(rows):
         line = next(number for number, words in rows if len(words) == 1)
-        raise BagError(f"{file}, line {line}: has no frame's name, as others have")
+        raise CommandError(f"{file}, line {line}: has no frame's name, as others have")
     if named:
         known = {Path(words[1]).name: (number, words[0]) for number, words in rows}
         for path in paths:
             if path.name not in known:
-                raise BagError(f"{file}: has no line for {path}; add one, or remove the frame")
+                raise CommandError(f"{file}: has no line for {path}; add one, or remove the frame")
         found = [known[path.name] for path in paths]
     else:
         if len(rows) != len(paths):
-            raise BagError(
+            raise CommandError(
                 f"{file}: has {len(rows)} stamps, and {paths[0].parent} {len(paths)} frames; "
                 "give one a frame, or add the frames' names"
             )
@@ -127,16 +127,18 @@ def _rows(file: Path, names: Collection[str]) -> list[tuple[int, list[str]]]:
     """
     try:
         if file.stat().st_size > _MOST_STAMP_BYTES:
-            raise BagError(f"{file}: is larger than {_MOST_STAMP_BYTES} bytes; no list of stamps")
+            raise CommandError(
+                f"{file}: is larger than {_MOST_STAMP_BYTES} bytes; no list of stamps"
+            )
         text = file.read_text(encoding="utf-8")
     except OSError as error:
-        raise BagError(f"{file}: cannot be read: {error.strerror}") from None
+        raise CommandError(f"{file}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise BagError(f"{file}: is not a text file in UTF-8") from None
+        raise CommandError(f"{file}: is not a text file in UTF-8") from None
     lines = enumerate(text.split("\n"), 1)
     rows = [(number, words) for number, line in lines if (words := _words(line, names))]
     if not rows:
-        raise BagError(f"{file}: has no stamps")
+        raise CommandError(f"{file}: has no stamps")
     return rows
 
 
@@ -158,10 +160,10 @@ def _stamp(text: str, unit: str, where: str) -> int:
     except ArithmeticError:
         number = Decimal("nan")
     if not number.is_finite():
-        raise BagError(f"{where}: {text[:40]!r} is not a stamp; a number of {unit} is")
+        raise CommandError(f"{where}: {text[:40]!r} is not a stamp; a number of {unit} is")
     whole = int(number.to_integral_value()) if 0 <= number <= _LAST_NS else -1
     if not 0 <= whole < _LAST_NS:
-        raise BagError(
+        raise CommandError(
             f"{where}: {text[:40]} {unit} is not a time that a ROS stamp can hold (0 to 2^31 s); "
             f"--stamp-unit says what the numbers are: {', '.join(UNITS_NS)}"
         )

@@ -21,15 +21,16 @@ from horizon_sensor_ros.ros.messages.sensors import (
     cloud_message,
     encoded_image,
 )
+from horizon_sensor_ros.ros.messages.stamps import ns_from_s
 from horizon_sensor_ros.ros.parameters.horizon_settings import cameras_of
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
-from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
-from horizon_sensor_ros.tools.bag_errors import BagError
+from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.tools.bags.cloud_files import CLOUD_SUFFIXES, read_cloud
 from horizon_sensor_ros.tools.bags.frame_files import FrameFile, StampRule, frame_files
 from horizon_sensor_ros.tools.bags.input_bag import STORAGE
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag, check_replaceable
 from horizon_sensor_ros.tools.camera_file import CameraFileError, Rig, read_camera_file
+from horizon_sensor_ros.tools.command_errors import CommandError
 from horizon_sensor_ros.tools.output_files import written_whole
 
 IMAGE_SUFFIXES = (
@@ -51,14 +52,14 @@ class _Source:
 def record(arguments: argparse.Namespace, stopped: Callable[[], bool] = bool) -> str:
     """Do what the command line asks for and return what was done.
 
-    Raises BagError, saying why there is no bag, and KeyboardInterrupt soon after `stopped` says
+    Raises CommandError, saying why there is no bag, and KeyboardInterrupt soon after `stopped` says
     so; nothing is then left behind.
     """
     out: Path = arguments.out_bag
     check_replaceable(out, *_inputs(arguments), force=arguments.force)
     params = out.with_name(out.name + ".params.yaml")
     if arguments.images and params.exists() and not arguments.force:
-        raise BagError(f"{params} exists; choose another OUT_BAG, or --force to replace it")
+        raise CommandError(f"{params} exists; choose another OUT_BAG, or --force to replace it")
     rig = _read_rig(arguments.camera_file) if arguments.images else None
     sources = _sources(arguments, rig)
     bag = OutputBag(out, STORAGE[arguments.storage])
@@ -88,7 +89,7 @@ def _read_rig(file: Path) -> Rig:
     try:
         return read_camera_file(file)
     except CameraFileError as error:
-        raise BagError(str(error)) from None
+        raise CommandError(str(error)) from None
 
 
 def _sources(arguments: argparse.Namespace, rig: Rig | None) -> list[_Source]:
@@ -97,7 +98,7 @@ def _sources(arguments: argparse.Namespace, rig: Rig | None) -> list[_Source]:
         arguments.stamps_in_names,
         arguments.stamp_unit,
         arguments.rate,
-        round(arguments.start * 1e9),
+        ns_from_s(arguments.start),
     )
     sources = []
     if rig is not None:
@@ -105,7 +106,7 @@ def _sources(arguments: argparse.Namespace, rig: Rig | None) -> list[_Source]:
         sources = [_camera_source(view, folder, rule) for view, folder in folders]
     if rule.file is None and not rule.in_names and len({len(s.frames) for s in sources}) > 1:
         counts = ", ".join(f"{source.name}: {len(source.frames)}" for source in sources)
-        raise BagError(
+        raise CommandError(
             f"the cameras have not the same number of images ({counts}), so that by --rate alone "
             "the wrong ones would meet; give --stamps or --stamps-in-names, or remove the odd ones"
         )
@@ -129,17 +130,17 @@ def _folders(given: list[str], rig: Rig, file: Path) -> list[tuple[CameraView, P
             (name,) = views
         if name not in views:
             what = f"no camera {name!r}" if equals else f"more than one camera for {text!r}"
-            raise BagError(
+            raise CommandError(
                 f"--images {text}: {file} has {what}; write CAMERA=FOLDER, with one of "
                 f"{', '.join(views)}"
             )
         if name in found:
-            raise BagError(f"--images {text}: {name} has its folder already, {found[name]}")
+            raise CommandError(f"--images {text}: {name} has its folder already, {found[name]}")
         found[name] = Path(folder)
     try:
         cameras_of({"cameras": list(found)})
     except ParameterError as error:
-        raise BagError(f"{file}: {error}") from None
+        raise CommandError(f"{file}: {error}") from None
     return [(views[name], folder) for name, folder in found.items()]
 
 
@@ -172,15 +173,17 @@ def _cloud_source(folder: Path, frame_id: str, rule: StampRule) -> _Source:
 def read_image(path: Path, view: CameraView) -> np.ndarray:
     """Pixels of a file as `encoded_image` takes them; colours of 16 bits come back as gray.
 
-    Raises BagError where it is no image, or not one of this camera.
+    Raises CommandError where it is no image, or not one of this camera.
     """
     try:
         size = path.stat().st_size
         if size > _MOST_IMAGE_BYTES:
-            raise BagError(f"{path}: has {size} bytes, more than the {_MOST_IMAGE_BYTES} allowed")
+            raise CommandError(
+                f"{path}: has {size} bytes, more than the {_MOST_IMAGE_BYTES} allowed"
+            )
         data = np.frombuffer(path.read_bytes(), np.uint8)
     except OSError as error:
-        raise BagError(f"{path}: cannot be read: {error.strerror}") from None
+        raise CommandError(f"{path}: cannot be read: {error.strerror}") from None
     # Unchanged also means not turned by what EXIF says: the calibration is that of the raw frame.
     try:
         pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
@@ -188,16 +191,16 @@ def read_image(path: Path, view: CameraView) -> np.ndarray:
         # A header that promises more than OpenCV takes.
         pixels = None
     if pixels is None:
-        raise BagError(f"{path}: is no image that OpenCV can read; remove it, or convert it")
+        raise CommandError(f"{path}: is no image that OpenCV can read; remove it, or convert it")
     height, width = pixels.shape[:2]
     camera = view.camera
     if (width, height) != (camera.width, camera.height):
-        raise BagError(
+        raise CommandError(
             f"{path}: has {width} x {height} pixels, the camera file says {camera.width} x "
             f"{camera.height} for {view.name}; correct the one or the other"
         )
     if pixels.dtype not in (np.uint8, np.uint16):
-        raise BagError(f"{path}: has pixels of {pixels.dtype}; convert it to 8 or 16 bits")
+        raise CommandError(f"{path}: has pixels of {pixels.dtype}; convert it to 8 or 16 bits")
     if pixels.ndim == 3 and pixels.dtype == np.uint16:
         return cv2.cvtColor(pixels[..., :3], cv2.COLOR_BGR2GRAY)
     return pixels

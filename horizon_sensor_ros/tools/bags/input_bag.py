@@ -14,10 +14,10 @@ from rosbags.rosbag2 import Reader, StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
-from horizon_sensor_ros.ros.yaml_file import YamlFileError, read_yaml
-from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
+from horizon_sensor_ros.ros.files.yaml_file import YamlFileError, read_yaml
 from horizon_sensor_ros.tools.bags.compressed_images import SUFFIX, decompressed
 from horizon_sensor_ros.tools.bags.message_types import COMPRESSED_IMAGE, IMAGE
+from horizon_sensor_ros.tools.command_errors import CommandError, in_one_line
 
 STORAGE = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 
@@ -54,8 +54,8 @@ class InputBag:
         """Connection, record time (ns) and bytes of each message.
 
         Where the bag has fewer than it lists, that is said: their loss looks like silent sensors.
-        Raises BagError where the file is broken, and KeyboardInterrupt soon after `stopped` says
-        so.
+        Raises CommandError where the file is broken, and KeyboardInterrupt soon after `stopped`
+        says so.
         """
         asked = {connection.id: connection for connection in connections}
         if not asked:
@@ -73,7 +73,7 @@ class InputBag:
             except Exception as error:
                 # As below, of a damaged file.
                 why = f"{self.path} is truncated or damaged: {in_one_line(error)}"
-                raise BagError(why) from None
+                raise CommandError(why) from None
             if stopped():
                 raise KeyboardInterrupt
             missing -= 1
@@ -114,14 +114,16 @@ def _as_image(connection: Connection, there: Collection[str]) -> Connection:
 
 
 def open_bag(path: Path) -> InputBag:
-    """Return a directory, an .mcap or a .db3, opened; BagError says why it cannot be."""
+    """Return a directory, an .mcap or a .db3, opened; CommandError says why it cannot be."""
     if not path.exists():
-        raise BagError(f"there is no bag {path}")
+        raise CommandError(f"there is no bag {path}")
     inside = [] if _is_bag(path) else sorted(each for each in path.glob("*/") if _is_bag(each))
     if inside:
-        raise BagError(f"{path} is a folder with a bag in it, and none itself: give {inside[0]}")
+        raise CommandError(
+            f"{path} is a folder with a bag in it, and none itself: give {inside[0]}"
+        )
     if not _is_bag(path):
-        raise BagError(
+        raise CommandError(
             f"{path} cannot be read as a rosbag2: the folder has neither a {_METADATA} nor an "
             ".mcap or .db3 in it"
         )
@@ -133,7 +135,7 @@ def open_bag(path: Path) -> InputBag:
         # Whatever the storage libraries raise; rosbags says in its own words what it misses.
         fault = _metadata_fault(path) or in_one_line(error).rstrip(".")
         why = f"{path} cannot be read as a rosbag2: {fault}"
-        raise BagError(f"{why}{_remedy(path)}") from None
+        raise CommandError(f"{why}{_remedy(path)}") from None
     return InputBag(path, reader)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from horizon_sensor_ros.ros.messages.stamps import ns_from_time
 from horizon_sensor_ros.tools.bags.frame_files import stamp_text
 from horizon_sensor_ros.tools.bags.message_types import (
     IMU,
@@ -96,7 +97,7 @@ def _upper(covariance: Any) -> list[float]:
 def _stamped(columns: Sequence[str], values: Callable[[Any], Sequence[Any]]) -> MessageTable:
     def rows(msg: Any) -> list[Sequence[Any]]:
         stamp = msg.header.stamp
-        start = (stamp_text(stamp.sec * 10**9 + stamp.nanosec), msg.header.frame_id)
+        start = (stamp_text(ns_from_time(stamp)), msg.header.frame_id)
         return [(*start, *values(msg))]
 
     return MessageTable((*_STAMP, *columns), rows)
@@ -144,7 +145,7 @@ def diagnostics_table(keys: Sequence[str]) -> MessageTable:
     """
 
     def rows(msg: Any) -> list[Sequence[Any]]:
-        stamp = stamp_text(msg.header.stamp.sec * 10**9 + msg.header.stamp.nanosec)
+        stamp = stamp_text(ns_from_time(msg.header.stamp))
         found: list[Sequence[Any]] = []
         for status in msg.status:
             # rclpy has a byte here, rosbags a number.

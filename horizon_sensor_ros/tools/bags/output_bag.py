@@ -23,8 +23,8 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
 from horizon_sensor_ros.tools.bags.message_types import type_name
+from horizon_sensor_ros.tools.command_errors import CommandError, in_one_line
 from horizon_sensor_ros.tools.output_files import make_folders, remove_folders
 
 # The bag's own name is in its bytes; with a fixed one they do not depend on where it is written.
@@ -85,8 +85,8 @@ class OutputBag:
             self._writer.write(self._connections[topic, type(msg)], time, raw)
 
     def finish(self) -> None:
-        """Put the bag in its place; an older one there makes room, BagError where it is none, or
-        cannot.
+        """Put the bag in its place; an older one there makes room, CommandError where it is none,
+        or cannot.
         """
         older = self._directory / "older"
         with self._writing():
@@ -114,25 +114,27 @@ class OutputBag:
     def _writing(self) -> Iterator[None]:
         try:
             yield
-        except BagError:
+        except CommandError:
             raise
         except Exception as error:
             # Of the system or of a storage library: a full disk, most likely.
             why = getattr(error, "strerror", None) or in_one_line(error)
-            raise BagError(f"cannot write {self._path}: {why}") from None
+            raise CommandError(f"cannot write {self._path}: {why}") from None
 
 
 def check_replaceable(path: Path, *sources: Path, force: bool) -> None:
-    """BagError where a bag must not be written to `path`: something is there, or the input is."""
+    """CommandError where no bag may be written to `path`: something is there, or the input is."""
     if not os.path.lexists(path):
         return
     if not force:
-        raise BagError(f"{path} exists; choose another, or --force to replace it")
+        raise CommandError(f"{path} exists; choose another, or --force to replace it")
     here = _current_folder()
     if here is not None and path.resolve() in (here, *here.parents):
-        raise BagError(f"{path} is not replaced: the current folder is in it; run from another one")
+        raise CommandError(
+            f"{path} is not replaced: the current folder is in it; run from another one"
+        )
     if any(path.resolve() in (s.resolve(), *s.resolve().parents) for s in sources):
-        raise BagError(f"{path} is not replaced: only another bag is, and the input is in it")
+        raise CommandError(f"{path} is not replaced: only another bag is, and the input is in it")
     _require_bag(path)
 
 
@@ -145,13 +147,13 @@ def _current_folder() -> Path | None:
 
 
 def check_own(path: Path) -> None:
-    """BagError where something is at `path` that is no bag which an `OutputBag` wrote."""
+    """CommandError where something is at `path` that is no bag which an `OutputBag` wrote."""
     if not os.path.lexists(path):
         return
     _require_bag(path)
     others = sorted({each.name for each in path.iterdir()} - _OWN_FILES)
     if others:
-        raise BagError(
+        raise CommandError(
             f"{path} is not replaced: {others[0]} in it is no part of a bag of this package; move "
             "it, or choose another place"
         )
@@ -159,11 +161,11 @@ def check_own(path: Path) -> None:
 
 def _require_bag(path: Path) -> None:
     if path.is_symlink():
-        raise BagError(
+        raise CommandError(
             f"{path} is not replaced: only another bag is, and it is a link; choose another place, "
             "or remove it"
         )
     if not (path / "metadata.yaml").is_file():
-        raise BagError(
+        raise CommandError(
             f"{path} is not replaced: only another bag is; choose another place, or move it"
         )

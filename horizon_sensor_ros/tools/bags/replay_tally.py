@@ -6,9 +6,9 @@ from collections import defaultdict
 from collections.abc import Iterator
 
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.horizon_diagnostics import shortcomings
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
-from horizon_sensor_ros.ros.target_pipeline import TargetPipeline, TargetStep
+from horizon_sensor_ros.ros.diagnostics.horizon_diagnostics import shortcomings
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline, HorizonResult, Step
+from horizon_sensor_ros.ros.pipelines.target_pipeline import TargetPipeline, TargetStep
 from horizon_sensor_ros.tools.reasons import ReasonCounts
 
 MOST_REASONS = 3  # of one cause

@@ -9,15 +9,20 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
-from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
+from horizon_sensor_ros.ros.diagnostics.horizon_diagnostics import HorizonMonitor
+from horizon_sensor_ros.ros.diagnostics.target_diagnostics import TargetMonitor
+from horizon_sensor_ros.ros.messages.stamps import ns_from_s
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings
-from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
-from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS, TargetPipeline, TargetStep
-from horizon_sensor_ros.tools.bag_errors import UsageError
+from horizon_sensor_ros.ros.pipelines.horizon_outputs import HORIZON_OUTPUTS
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline, Step
+from horizon_sensor_ros.ros.pipelines.target_pipeline import (
+    TARGET_TOPICS,
+    TargetPipeline,
+    TargetStep,
+)
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag
+from horizon_sensor_ros.tools.command_errors import UsageError
 
 _TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
@@ -103,7 +108,7 @@ class ReplayedNode:
         self._bag = bag
         self._diagnostics = names("/diagnostics")
         self._monitor: Any = monitor
-        self._period = round(settings.diagnostics_period_s * 1e9)
+        self._period = ns_from_s(settings.diagnostics_period_s)
         self._due: int | None = None
         self._now = 0
         bag.add_topic(self._diagnostics, DiagnosticArray)

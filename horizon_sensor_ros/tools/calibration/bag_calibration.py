@@ -11,7 +11,6 @@ from horizon_sensor_ros.core.self_calibration.corner_blur import lens_blurs
 from horizon_sensor_ros.core.self_calibration.lens_check import with_lenses_checked
 from horizon_sensor_ros.core.self_calibration.result import Calibration, CalibrationConfig
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.tools.bag_errors import BagError, UsageError
 from horizon_sensor_ros.tools.calibration.recording import Recording, read_recording
 from horizon_sensor_ros.tools.calibration.text import (
     calibration_text,
@@ -19,6 +18,7 @@ from horizon_sensor_ros.tools.calibration.text import (
     lenses_text,
     untold,
 )
+from horizon_sensor_ros.tools.command_errors import CommandError, UsageError
 from horizon_sensor_ros.tools.output_files import check_place, written_whole
 
 _MAX_INTERVAL_S = 1e6
@@ -44,7 +44,7 @@ _HINTS = {
 def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool]) -> str:
     """Do what the command line asks for and return what was written.
 
-    Prints the table. Raises BagError, saying why there is no calibration, and KeyboardInterrupt
+    Prints the table. Raises CommandError, saying why there is no calibration, and KeyboardInterrupt
     soon after `stopped` says so; nothing is then written.
     """
     _check_outputs(arguments)
@@ -65,7 +65,7 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool]) ->
         calibration = None
         if not any(lens.observed for lens in lenses):
             why_not = "; ".join(f"{lens.camera}: {lens.why_not}" for lens in lenses)
-            raise BagError(f"no lens is told. {why_not}. {recording.summary}")
+            raise CommandError(f"no lens is told. {why_not}. {recording.summary}")
         print(lenses_text(lenses, recording))
     else:
         calibration = _calibrated(recording, config)
@@ -90,7 +90,7 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool]) ->
 
 
 def _calibrated(recording: Recording, config: CalibrationConfig) -> Calibration:
-    """The mountings that a recording tells; BagError where it tells none."""
+    """The mountings that a recording tells; CommandError where it tells none."""
     nominal, sphere = recording.rot_base_from_cam, recording.sphere
     calibration = calibrate(recording.sets, nominal, sphere, config)
     calibration = with_lenses_checked(calibration, nominal, sphere, config)
@@ -103,22 +103,22 @@ def _calibrated(recording: Recording, config: CalibrationConfig) -> Calibration:
         elif calibration.scatter > _BLUNDER:
             hint = _WRONG_ROTATIONS
         told = f"no calibration: {calibration.reason}{hint}"
-        raise BagError(f"{told}{'' if told.endswith('?') else '.'} {recording.summary}")
+        raise CommandError(f"{told}{'' if told.endswith('?') else '.'} {recording.summary}")
     return calibration
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:
-    """BagError where one of the files could not be written after all the work."""
+    """CommandError where one of the files could not be written after all the work."""
     for name in ("out", "picture"):
         path: Path | None = getattr(arguments, name)
         if path is None:
             continue
         if path.exists() and not arguments.force:
-            raise BagError(f"--{name}: {path} exists; choose another, or --force to replace it")
+            raise CommandError(f"--{name}: {path} exists; choose another, or --force to replace it")
         try:
             check_place(path)
-        except BagError as error:
-            raise BagError(f"--{name}: {error}; choose another place") from None
+        except CommandError as error:
+            raise CommandError(f"--{name}: {error}; choose another place") from None
     if arguments.picture is not None:
         from horizon_sensor_ros.tools.calibration.figure import check_picture  # noqa: PLC0415
 

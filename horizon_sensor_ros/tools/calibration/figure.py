@@ -19,11 +19,11 @@ from horizon_sensor_ros.core.self_calibration.differences import (
     nadir_differences,
 )
 from horizon_sensor_ros.core.self_calibration.result import Calibration
-from horizon_sensor_ros.tools.bag_errors import BagError, UsageError, in_one_line
+from horizon_sensor_ros.tools.colours import BLUE, VERMILION
+from horizon_sensor_ros.tools.command_errors import CommandError, UsageError, in_one_line
 
-# Okabe & Ito's colours, which colour-blind readers tell apart; the markers differ as well.
-_BEFORE: dict[str, Any] = {"color": "#D55E00", "marker": "x", "label": "before"}
-_AFTER: dict[str, Any] = {"color": "#0072B2", "marker": "o", "label": "after"}
+_BEFORE: dict[str, Any] = {"color": VERMILION, "marker": "x", "label": "before"}
+_AFTER: dict[str, Any] = {"color": BLUE, "marker": "o", "label": "after"}
 
 
 def check_picture(path: Path) -> None:
@@ -38,7 +38,7 @@ def draw_calibration(
 ) -> None:
     """Draw, for each camera, the turn between its nadir and the first one's.
 
-    Left over time, right about the two base axes that lie most across nadir. BagError where it
+    Left over time, right about the two base axes that lie most across nadir. CommandError where it
     cannot be drawn, OSError where it cannot be written.
     """
     before = nadir_differences(calibration.sets, nominal)
@@ -55,7 +55,7 @@ def draw_calibration(
     try:
         figure.savefig(path, dpi=110)
     except ValueError as error:
-        raise BagError(f"cannot draw {path.name}: {in_one_line(error)}") from None
+        raise CommandError(f"cannot draw {path.name}: {in_one_line(error)}") from None
     finally:
         plt.close(figure)
 

@@ -27,17 +27,17 @@ from horizon_sensor_ros.core.self_calibration.measurement import (
     NadirReference,
     camera_horizon,
 )
-from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.messages.refusal import Refusal
-from horizon_sensor_ros.ros.messages.stamps import stamp_ns
-from horizon_sensor_ros.ros.pairing import Pairing
+from horizon_sensor_ros.ros.messages.stamps import ns_from_s, s_from_ns, stamp_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings, PipelineSettings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
-from horizon_sensor_ros.tools.bag_errors import BagError, UsageError
+from horizon_sensor_ros.ros.pipelines.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline
+from horizon_sensor_ros.ros.pipelines.pairing import Pairing
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
 from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
+from horizon_sensor_ros.tools.command_errors import CommandError, UsageError
 from horizon_sensor_ros.tools.horizon_parameters import horizon_values, settings_of_a_node
 from horizon_sensor_ros.tools.reference_topics import (
     NADIR_TYPES,
@@ -192,11 +192,11 @@ class _OtherInstruments:
         self.listeners = [listener for listener, _ in self._topics]
 
     def require(self, stamps: Sequence[int]) -> None:
-        """BagError where a topic that was named tells nothing at any of the frames' stamps."""
+        """CommandError where a topic that was named tells nothing at any of the frames' stamps."""
         for listener, series in self._topics:
             if stamps and all(series.at(stamp) is None for stamp in stamps):
-                raise BagError(
-                    f"{listener.topic} tells nothing within {_MAX_GAP_NS * 1e-9:.0f} s of any "
+                raise CommandError(
+                    f"{listener.topic} tells nothing within {s_from_ns(_MAX_GAP_NS):.0f} s of any "
                     "frame: are its stamps by another clock?"
                 )
 
@@ -216,11 +216,11 @@ class _OtherInstruments:
 
 
 def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -> Recording:
-    """Read the bag that the command line names; BagError says why it cannot be used."""
+    """Read the bag that the command line names; CommandError says why it cannot be used."""
     settings = _settings(arguments)
     pipeline = settings.pipeline
     names = TopicNames(arguments.namespace, arguments.remap)
-    horizons = Horizons(pipeline, round(arguments.interval * 1e9), focal=True)
+    horizons = Horizons(pipeline, ns_from_s(arguments.interval), focal=True)
     others = _OtherInstruments(arguments, settings, horizons.sphere, names)
     coarse_pose, imu = _plain(horizons.on_coarse_pose), _plain(horizons.on_imu)
     listeners = [
@@ -243,7 +243,10 @@ def read_recording(arguments: argparse.Namespace, stopped: Callable[[], bool]) -
     return Recording(
         tuple(
             FrameSet(
-                (stamp - start) * 1e-9, seen, others.altitude_at(stamp), others.reference_at(stamp)
+                s_from_ns(stamp - start),
+                seen,
+                others.altitude_at(stamp),
+                others.reference_at(stamp),
             )
             for stamp, seen in found
         ),
@@ -273,18 +276,20 @@ def _settings(arguments: argparse.Namespace) -> HorizonSettings:
         settings = settings_of_a_node(values)
     except ParameterError as error:
         hint = "" if arguments.params else "; give the rotations to be corrected with --params FILE"
-        raise BagError(f"{error}{hint}") from None
+        raise CommandError(f"{error}{hint}") from None
     cameras = settings.pipeline.cameras
     if None in settings.pipeline.rotations:
-        raise BagError("extrinsics_source is tf; set the rotations to be corrected as parameters")
+        raise CommandError(
+            "extrinsics_source is tf; set the rotations to be corrected as parameters"
+        )
     if len(cameras) < 2 and arguments.reference is None and not arguments.lenses:
-        raise BagError(
+        raise CommandError(
             f"{cameras[0]} is the only camera and has nothing to be compared with; give "
             "--reference TOPIC with the attitude from elsewhere, or --lenses for its lens alone"
         )
     known = arguments.altitude is not None or settings.pipeline.aiding.altitude_sigma_m > 0.0
     if known and not arguments.lenses and settings.pipeline.sensor.planet.flattening > 0.0:
-        raise BagError("limb height is told on a sphere only: no altitude with planet: wgs84")
+        raise CommandError("limb height is told on a sphere only: no altitude with planet: wgs84")
     return settings
 
 
@@ -308,8 +313,8 @@ def _into(
         stamp = stamp_ns(msg)
         try:
             value = find(msg, msgtype)
-        except BagError as error:
-            raise BagError(f"{topic}: {error}") from None
+        except CommandError as error:
+            raise CommandError(f"{topic}: {error}") from None
         if value is not None and not isinstance(stamp, Refusal):
             series.add(stamp, value)
 

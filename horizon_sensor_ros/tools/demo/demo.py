@@ -15,8 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 
-from horizon_sensor_ros.tools.bag_errors import BagError, in_one_line
-from horizon_sensor_ros.tools.demo.failures import DemoError
+from horizon_sensor_ros.tools.command_errors import CommandError, in_one_line
 from horizon_sensor_ros.tools.standard_streams import lasting_streams
 
 _MOST_SETS = 100_000  # of frames and a cloud: more make a bag of 100 GB and more
@@ -48,7 +47,7 @@ def _run(options: argparse.Namespace) -> int:
         for number in (signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, _exit)
         fly_past_nodes(options)
-    except (DemoError, BagError) as failure:
+    except CommandError as failure:
         print(f"horizon_demo: {failure}", file=sys.stderr)
         return 1
     except OSError as failure:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-
-class DemoError(RuntimeError):
-    """The demo could not be flown to its end."""
+from horizon_sensor_ros.tools.command_errors import CommandError
 
 
-class NodeFailedError(DemoError):
+class NodeFailedError(CommandError):
     """A node did not start, ended early or badly; the message ends with what it last said."""
 
 
-class LinkTimeoutError(DemoError):
+class LinkTimeoutError(CommandError):
     """Nodes did not come up or did not connect in time."""
 
 
-class NoAnswerError(DemoError):
+class NoAnswerError(CommandError):
     """The nodes ran but published nothing."""

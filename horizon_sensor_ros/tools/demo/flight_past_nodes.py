@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
-from horizon_sensor_ros.ros.node_names import HORIZON_NODES, NODES
-from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, ns_from_s, s_from_ns
+from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC
+from horizon_sensor_ros.ros.process.node_names import HORIZON_NODES, NODES
 from horizon_sensor_ros.sim.flight import Flight
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
 from horizon_sensor_ros.tools.bags.output_bag import check_own
@@ -90,12 +90,12 @@ class _Flown:
     def latency_s(self, answers: Answers, topic: str) -> np.ndarray:
         """(N,) from the publishing of the inputs to the arrival of a topic's messages."""
         heard = answers.heard_ns[topic].items()
-        return np.array([(at - self.sent_ns[stamp]) * 1e-9 for stamp, at in heard])
+        return np.array([s_from_ns(at - self.sent_ns[stamp]) for stamp, at in heard])
 
 
 def fly_past_nodes(options: argparse.Namespace) -> None:
-    """Fly as the command line says. Raises BagError and OSError where the flight cannot be kept,
-    NodeFailedError, LinkTimeoutError and NoAnswerError of the nodes.
+    """Fly as the command line says. Raises CommandError and OSError where the flight cannot be
+    kept, NodeFailedError, LinkTimeoutError and NoAnswerError of the nodes.
     """
     output = options.output
     output.mkdir(parents=True, exist_ok=True)
@@ -169,7 +169,7 @@ def _fly(
         due = max(due, time.monotonic()) + 1.0 / rate_hz
         require_alive(nodes)
         moment = future.result()
-        stamp = start + round(moment.time_s * NANOSECONDS)
+        stamp = start + ns_from_s(moment.time_s)
         flown.add(stamp, moment)
         link.publish(stamp, moment.images, moment.points)
         bag.record_truth(stamp, moment.nadir_base, moment.altitude_m, moment.pose_tof_from_body)

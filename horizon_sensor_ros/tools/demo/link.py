@@ -25,9 +25,9 @@ from horizon_sensor_ros.ros.messages.sensors import (
     cloud_message,
     encoded_image,
 )
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
-from horizon_sensor_ros.ros.participant_end import on_one_core
-from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
+from horizon_sensor_ros.ros.messages.stamps import ns_from_time
+from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
+from horizon_sensor_ros.ros.process.participant_end import on_one_core
 from horizon_sensor_ros.tools.demo.failures import LinkTimeoutError
 
 VERTICAL_TOPIC, ATTITUDE_TOPIC = "local_vertical", "attitude"
@@ -193,5 +193,4 @@ def _frame(view: CameraView) -> str:
 
 
 def _stamp(message: Any) -> int:
-    stamp = message.header.stamp
-    return stamp.sec * NANOSECONDS + stamp.nanosec
+    return ns_from_time(message.header.stamp)

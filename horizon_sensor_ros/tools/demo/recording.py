@@ -14,8 +14,8 @@ from rosbags.rosbag2 import StoragePlugin
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.mathematics.attitude import quaternion_from_rotation
-from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag, check_own
+from horizon_sensor_ros.tools.command_errors import CommandError
 from horizon_sensor_ros.tools.demo.link import (
     DIAGNOSTICS_TOPIC,
     OUTPUT_TOPICS,
@@ -37,7 +37,7 @@ _BASE_FRAME = "base_link"
 
 class DemoBag:
     """A bag (mcap) that is there only when the flight went well. It replaces the bag of an earlier
-    flight; raises BagError, first and last, where something else is in its place.
+    flight; raises CommandError, first and last, where something else is in its place.
 
     Recorded, as by `ros2 bag record`, under the wall clock's time; stamps are the messages' own.
     """
@@ -62,7 +62,7 @@ class DemoBag:
         try:
             check_own(self._path)
             self._bag.finish()
-        except BagError:
+        except CommandError:
             self._bag.discard()
             raise
 

@@ -15,9 +15,10 @@ from horizon_sensor_ros.core.self_calibration.differences import (
     nadir_differences,
 )
 from horizon_sensor_ros.core.self_calibration.measurement import CameraHorizon, FrameSet
+from horizon_sensor_ros.ros.messages.stamps import s_from_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import PipelineSettings
+from horizon_sensor_ros.tools.colours import COLOURS
 from horizon_sensor_ros.tools.report.blocks import (
-    COLOURS,
     Block,
     Section,
     Table,
@@ -40,7 +41,7 @@ def agreement_section(
         name: rotation_from_quaternion(np.array(quaternion))
         for name, quaternion in zip(settings.cameras, settings.rotations, strict=True)
     }
-    sets = [FrameSet((s - start_ns) * 1e-9, seen) for s, seen in seen_alone if seen]
+    sets = [FrameSet(s_from_ns(s - start_ns), seen) for s, seen in seen_alone if seen]
     differences = nadir_differences(sets, rotations)
     if not differences:
         return None

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.mathematics.attitude import roll_pitch_from_nadir
+from horizon_sensor_ros.tools.colours import BLUE, COLOURS, GREEN, VERMILION
 from horizon_sensor_ros.tools.report.blocks import (
-    BLUE,
-    COLOURS,
-    GREEN,
-    VERMILION,
     Block,
     Section,
     Table,
@@ -24,7 +22,11 @@ from horizon_sensor_ros.tools.report.blocks import (
     with_gaps,
 )
 from horizon_sensor_ros.tools.report.recorded import Recorded
-from horizon_sensor_ros.tools.truth.horizon_errors import attitude_sigmas, nadir_and_altitude
+from horizon_sensor_ros.tools.truth.horizon_errors import (
+    FlightErrors,
+    attitude_sigmas,
+    nadir_and_altitude,
+)
 
 # A scale that spans less than this is linear.
 _LEAST_LOGARITHMIC = 10.0
@@ -44,6 +46,28 @@ class Attitudes:
     roll_sigma_rad: np.ndarray
     pitch_sigma_rad: np.ndarray
     altitude_sigma_m: np.ndarray
+
+
+class Quantity(NamedTuple):
+    """One of roll, pitch and altitude: values and sigmas (N,) in the unit, and its colour."""
+
+    name: str
+    unit: str
+    values: np.ndarray
+    sigma: np.ndarray
+    colour: str
+
+
+def quantities(of: Attitudes | FlightErrors) -> tuple[Quantity, ...]:
+    """Return roll, pitch and altitude as they are shown, of answers or of their errors."""
+    roll, roll_sigma = np.degrees(of.roll_rad), np.degrees(of.roll_sigma_rad)
+    pitch, pitch_sigma = np.degrees(of.pitch_rad), np.degrees(of.pitch_sigma_rad)
+    altitude, altitude_sigma = of.altitude_m / 1e3, of.altitude_sigma_m / 1e3
+    return (
+        Quantity("roll", "deg", roll, roll_sigma, BLUE),
+        Quantity("pitch", "deg", pitch, pitch_sigma, VERMILION),
+        Quantity("altitude", "km", altitude, altitude_sigma, GREEN),
+    )
 
 
 def attitudes(recorded: Recorded) -> Attitudes | None:
@@ -110,30 +134,20 @@ def attitude_section(recorded: Recorded) -> Section | None:
 
 
 def _summary(found: Attitudes) -> Table:
-    def row(name: str, unit: str, values: np.ndarray, sigma: np.ndarray) -> tuple[str, ...]:
-        spread = (values.min(), np.median(values), values.max())
-        return (f"{name} ({unit})", *(f"{v:.4g}" for v in spread), *figures(np.median(sigma)))
+    def row(one: Quantity) -> tuple[str, ...]:
+        spread = (one.values.min(), np.median(one.values), one.values.max())
+        median_sigma = figures(np.median(one.sigma))
+        return (f"{one.name} ({one.unit})", *(f"{v:.4g}" for v in spread), *median_sigma)
 
-    degrees = np.degrees
     return Table(
-        ("", "least", "median", "most", "median sigma"),
-        (
-            row("roll", "deg", degrees(found.roll_rad), degrees(found.roll_sigma_rad)),
-            row("pitch", "deg", degrees(found.pitch_rad), degrees(found.pitch_sigma_rad)),
-            row("altitude", "km", found.altitude_m / 1e3, found.altitude_sigma_m / 1e3),
-        ),
+        ("", "least", "median", "most", "median sigma"), tuple(map(row, quantities(found)))
     )
 
 
 def _draw_attitude(axes: Sequence[Axes], found: Attitudes) -> None:
-    degrees = np.degrees
-    panels = (
-        ("roll (deg)", degrees(found.roll_rad), degrees(found.roll_sigma_rad), BLUE),
-        ("pitch (deg)", degrees(found.pitch_rad), degrees(found.pitch_sigma_rad), VERMILION),
-        ("altitude (km)", found.altitude_m / 1e3, found.altitude_sigma_m / 1e3, GREEN),
-    )
-    for panel, (name, values, sigma, colour) in zip(axes, panels, strict=True):
-        band(panel, found.time_s, values, sigma, colour, name)
+    for panel, one in zip(axes, quantities(found), strict=True):
+        name = f"{one.name} ({one.unit})"
+        band(panel, found.time_s, one.values, one.sigma, one.colour, name)
         panel.set_ylabel(name)
     axes[-1].set_xlabel("time (s)")
 

@@ -11,12 +11,11 @@ from typing import Any
 from rosbags.interfaces import Connection
 from rosbags.serde import SerdeError
 
-from horizon_sensor_ros.ros.aiding_sources import IMU_TOPIC
-from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
 from horizon_sensor_ros.ros.messages.refusal import Refusal
-from horizon_sensor_ros.ros.messages.stamps import stamp_ns
-from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
-from horizon_sensor_ros.tools.bag_errors import BagError
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, stamp_ns
+from horizon_sensor_ros.ros.pipelines.aiding_sources import IMU_TOPIC
+from horizon_sensor_ros.ros.pipelines.horizon_outputs import HORIZON_OUTPUTS
+from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
 from horizon_sensor_ros.tools.bags.input_bag import InputBag, open_bag, progress
 from horizon_sensor_ros.tools.bags.message_types import (
     DIAGNOSTICS,
@@ -26,6 +25,7 @@ from horizon_sensor_ros.tools.bags.message_types import (
     type_name,
 )
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
+from horizon_sensor_ros.tools.command_errors import CommandError
 from horizon_sensor_ros.tools.report.recorded import (
     STATUSES,
     Diagnosis,
@@ -49,9 +49,9 @@ def read_bags(
 ) -> Recorded:
     """Read all but the pixels; where two bags have the same topic the first one's counts.
 
-    imu_topic : of an accelerometer; by default the nodes', if it is there. Raises BagError for a
-    bag that cannot be read, or where none has an answer or a diagnosis of the nodes that the names
-    are for, or the imu_topic that is asked for.
+    imu_topic : of an accelerometer; by default the nodes', if it is there. Raises CommandError for
+    a bag that cannot be read, or where none has an answer or a diagnosis of the nodes that the
+    names are for, or the imu_topic that is asked for.
     """
     found = Recorded(tuple(bags))
     wanted = _Wanted(found, names, imu_topic or IMU_TOPIC)
@@ -63,10 +63,12 @@ def read_bags(
         finally:
             bag.close()
     if not any(found.answers.values()) and not (found.diagnostics and wanted.may_be_diagnosed()):
-        raise BagError(_no_answers(found, names))
+        raise CommandError(_no_answers(found, names))
     if imu_topic is not None and not found.imu:
         there = ", ".join(sorted({t.topic for t in found.topics if t.msgtype == IMU}))
-        raise BagError(f"--imu: there is no {names(imu_topic)} ({IMU}); there is {there or 'none'}")
+        raise CommandError(
+            f"--imu: there is no {names(imu_topic)} ({IMU}); there is {there or 'none'}"
+        )
     found.diagnostics = _without_other_craft(found.diagnostics, names)
     return found
 
@@ -257,7 +259,7 @@ def _stamp_in(raw: bytes) -> int:
     """
     little = len(raw) > 1 and raw[1] & 1
     seconds, nanoseconds = struct.unpack_from("<iI" if little else ">iI", raw, 4)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+    return int(seconds) * NANOSECONDS + int(nanoseconds)
 
 
 def _imu_sample(stamp: int, msg: Any) -> ImuSample:

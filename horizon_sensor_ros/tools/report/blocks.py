@@ -17,9 +17,6 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-# Okabe & Ito's colours, which colour-blind readers tell apart.
-BLUE, VERMILION, GREEN, PURPLE, ORANGE = "#0072B2", "#D55E00", "#009E73", "#AA4499", "#E69F00"
-COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE)
 # Width in inches, dots an inch, size of type: for a desktop, and for a phone held upright.
 _WIDE, _NARROW = (9.2, 110, 9.0), (3.7, 190, 7.5)
 _JPEG_QUALITY = 85

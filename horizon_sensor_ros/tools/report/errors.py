@@ -10,12 +10,10 @@ from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.mathematics.attitude import nadir_sign, rotation_from_quaternion
 from horizon_sensor_ros.core.mathematics.rigid import pose_matrix
-from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
-from horizon_sensor_ros.tools.report.attitude import attitudes
+from horizon_sensor_ros.ros.pipelines.target_pipeline import TARGET_TOPICS
+from horizon_sensor_ros.tools.colours import BLUE, VERMILION
+from horizon_sensor_ros.tools.report.attitude import attitudes, quantities
 from horizon_sensor_ros.tools.report.blocks import (
-    BLUE,
-    GREEN,
-    VERMILION,
     Block,
     Section,
     Table,
@@ -51,9 +49,7 @@ def horizon_errors_section(recorded: Recorded) -> Section | None:
             *("nadir (deg)", degrees(errors.nadir_rad), degrees(errors.nadir_sigma_rad)),
             is_size=True,
         ),
-        _spread("roll (deg)", degrees(errors.roll_rad), degrees(errors.roll_sigma_rad)),
-        _spread("pitch (deg)", degrees(errors.pitch_rad), degrees(errors.pitch_sigma_rad)),
-        _spread("altitude (km)", errors.altitude_m / 1e3, errors.altitude_sigma_m / 1e3),
+        *(_spread(f"{q.name} ({q.unit})", q.values, q.sigma) for q in quantities(errors)),
     ]
     normal = ", ".join(f"{100 * share:.1f}" for share in _NORMAL)
     blocks: list[Block] = [
@@ -179,15 +175,9 @@ def _consistency(nees: np.ndarray, freedom: int, what: str) -> list[Block]:
 
 
 def _draw_horizon(axes: Sequence[Axes], errors: FlightErrors) -> None:
-    degrees = np.degrees
-    panels = (
-        ("roll (deg)", degrees(errors.roll_rad), degrees(errors.roll_sigma_rad), BLUE),
-        ("pitch (deg)", degrees(errors.pitch_rad), degrees(errors.pitch_sigma_rad), VERMILION),
-        ("altitude (km)", errors.altitude_m / 1e3, errors.altitude_sigma_m / 1e3, GREEN),
-    )
-    for panel, (name, values, sigma, colour) in zip(axes, panels, strict=True):
-        error_band(panel, errors.time_s, values, sigma, colour)
-        panel.set_ylabel(f"error of {name}")
+    for panel, one in zip(axes, quantities(errors), strict=True):
+        error_band(panel, errors.time_s, one.values, one.sigma, one.colour)
+        panel.set_ylabel(f"error of {one.name} ({one.unit})")
     axes[-1].set_xlabel("time (s)")
 
 

@@ -10,13 +10,13 @@ from functools import partial
 from typing import Any
 
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
 from horizon_sensor_ros.ros.messages.refusal import Refusal
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, stamp_ns
-from horizon_sensor_ros.ros.pairing import Pairing
+from horizon_sensor_ros.ros.messages.stamps import ns_from_s, stamp_ns
 from horizon_sensor_ros.ros.parameters.horizon import CAMERA_TIMEOUT, SLOP
 from horizon_sensor_ros.ros.parameters.horizon_settings import PipelineSettings
+from horizon_sensor_ros.ros.pipelines.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline, Step
+from horizon_sensor_ros.ros.pipelines.pairing import Pairing
 from horizon_sensor_ros.tools.bags.bag_listening import Listener
 from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU, POSE
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
@@ -30,7 +30,7 @@ from horizon_sensor_ros.tools.report.photos import (
 )
 
 USUAL_SLOP_NS, _USUAL_TIMEOUT_NS = (
-    round(float(parameter.default) * NANOSECONDS)  # type: ignore[arg-type]
+    ns_from_s(float(parameter.default))  # type: ignore[arg-type]
     for parameter in (SLOP, CAMERA_TIMEOUT)
 )
 

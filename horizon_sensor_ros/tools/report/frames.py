@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, s_from_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
 from horizon_sensor_ros.tools.bags.bag_listening import listen
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
@@ -175,7 +175,7 @@ def _photographs(study: FrameStudy, start_ns: int, *, answered: bool) -> list[Bl
     blocks: list[Block] = []
     for look in sorted(study.looks, key=lambda each: each.stamp):
         if look.photos and look.answered == answered:
-            when = f"{(look.stamp - start_ns) * 1e-9:.2f} s"
+            when = f"{s_from_ns(look.stamp - start_ns):.2f} s"
             word = "answered" if answered else "no answer"
             why = f": {look.reason.strip()}" if look.reason.strip() else ""
             blocks.append(Photos(tuple(look.photos), f"{when}, {word}{why}"))

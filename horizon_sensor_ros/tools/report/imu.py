@@ -11,12 +11,10 @@ from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.mathematics.attitude import roll_pitch_from_nadir
 from horizon_sensor_ros.ros.parameters.horizon import BASE_FRAME
+from horizon_sensor_ros.tools.colours import BLUE, GREEN, VERMILION
 from horizon_sensor_ros.tools.reference_topics import Series
 from horizon_sensor_ros.tools.report.attitude import Attitudes, attitudes
 from horizon_sensor_ros.tools.report.blocks import (
-    BLUE,
-    GREEN,
-    VERMILION,
     Block,
     Section,
     Table,

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
+from horizon_sensor_ros.ros.messages.stamps import s_from_ns
+from horizon_sensor_ros.tools.colours import BLUE, COLOURS, GREEN
 from horizon_sensor_ros.tools.report.bags import ANSWER_TOPICS
 from horizon_sensor_ros.tools.report.blocks import (
-    BLUE,
-    COLOURS,
-    GREEN,
     Block,
     Section,
     Table,
@@ -125,7 +124,8 @@ def latency(recorded: Recorded) -> Section | None:
         # Without the input's record its stamp has to do.
         of_target = topic.startswith("target/")
         known = recorded.clouds_received_ns if of_target else recorded.frames_received_ns
-        late_s = np.array([received[int(s)] - known.get(int(s), int(s)) for s in stamps]) * 1e-9
+        late_ns = [received[int(s)] - known.get(int(s), int(s)) for s in stamps]
+        late_s = s_from_ns(np.array(late_ns))
         if len(late_s) and 0.0 <= np.median(late_s) < _MOST_LATENCY_S:
             measured[topic] = (recorded.seconds([int(s) for s in stamps]), late_s * 1e3)
     if measured:

@@ -10,10 +10,11 @@ from typing import Any
 import jinja2
 import numpy as np
 
+from horizon_sensor_ros.ros.messages.stamps import s_from_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
-from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
+from horizon_sensor_ros.tools.command_errors import CommandError
 from horizon_sensor_ros.tools.horizon_parameters import (
     base_frame_in,
     horizon_values,
@@ -86,32 +87,32 @@ def write_page(
 
 
 def _parameter_values(params: Path | None, namespace: str) -> list[dict[str, Any]] | None:
-    """What a parameter file has for each of the horizon's nodes; None without one. BagError says
-    what is wrong with it.
+    """What a parameter file has for each of the horizon's nodes; None without one. CommandError
+    says what is wrong with it.
     """
     if params is None:
         return None
     try:
         return horizon_values(params, namespace)
     except ParameterError as error:
-        raise BagError(str(error)) from None
+        raise CommandError(str(error)) from None
 
 
 def _pipeline_settings(values: Sequence[Mapping[str, Any]] | None) -> HorizonSettings | None:
-    """Settings of such values; None without any. BagError says what is wrong with them."""
+    """Settings of such values; None without any. CommandError says what is wrong with them."""
     if values is None:
         return None
     try:
         return settings_of_a_node(values)
     except ParameterError as error:
-        raise BagError(str(error)) from None
+        raise CommandError(str(error)) from None
 
 
 def _lead(recorded: Recorded) -> str:
     bags = " and ".join(path.name for path in recorded.bags)
-    lead = f"From {bags}. Times count from stamp {recorded.start_ns * 1e-9:.3f} s."
+    lead = f"From {bags}. Times count from stamp {s_from_ns(recorded.start_ns):.3f} s."
     late_s = [
-        (received - stamp) * 1e-9
+        s_from_ns(received - stamp)
         for each in (recorded.frames_received_ns, recorded.clouds_received_ns)
         for stamp, received in each.items()
     ]
@@ -129,7 +130,7 @@ def _facts(recorded: Recorded) -> list[tuple[str, str]]:
     stamps = [s for each in (*recorded.answers.values(), *recorded.frames.values()) for s in each]
     stamps += recorded.clouds
     if stamps:
-        facts.append(("length", f"{(max(stamps) - min(stamps)) * 1e-9:.1f} s"))
+        facts.append(("length", f"{s_from_ns(max(stamps) - min(stamps)):.1f} s"))
     sets = len(recorded.camera_sets())
     found = attitudes(recorded)
     if sets:

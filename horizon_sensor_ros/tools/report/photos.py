@@ -12,9 +12,9 @@ import numpy as np
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.limb.search.candidates import space_boundary_candidates
 from horizon_sensor_ros.core.limb_points import LimbPoints
-from horizon_sensor_ros.ros.debug_image import draw_fix
 from horizon_sensor_ros.ros.messages.images import gray_from_image
 from horizon_sensor_ros.ros.messages.refusal import Refusal
+from horizon_sensor_ros.ros.pictures.debug_image import draw_fix
 from horizon_sensor_ros.tools.report.blocks import Photo, photo
 
 _TILE_PX = 480

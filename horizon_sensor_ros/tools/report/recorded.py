@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
+from horizon_sensor_ros.ros.messages.stamps import s_from_ns
+from horizon_sensor_ros.ros.pipelines.horizon_outputs import HORIZON_OUTPUTS
 
 # On /diagnostics, where every node of a craft writes, these end the names of the nodes' statuses.
 _HORIZON_STATUS = ": horizon"
@@ -95,7 +96,7 @@ class Recorded:
     def seconds(self, stamps_ns: Sequence[int]) -> np.ndarray:
         """Stamps as seconds since the start."""
         start = self.start_ns
-        return np.array([stamp - start for stamp in stamps_ns], dtype=float) * 1e-9
+        return s_from_ns(np.array([stamp - start for stamp in stamps_ns], dtype=float))
 
     @property
     def of_horizon(self) -> bool:

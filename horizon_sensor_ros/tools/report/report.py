@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from horizon_sensor_ros.tools.bag_errors import BagError
 from horizon_sensor_ros.tools.command import Once, run_command
+from horizon_sensor_ros.tools.command_errors import CommandError
 from horizon_sensor_ros.tools.output_files import check_place
 
 EPILOG = """\
@@ -47,7 +47,7 @@ def write_report(bags: Sequence[Path], path: Path, **options: Any) -> None:
     """Write the page about what is in one or more bags.
 
     Where two bags have the same topic the first one's counts. options : params, namespace,
-    remappings, imu_topic, title, stopped; see `report.page.write_page`. Raises BagError, saying
+    remappings, imu_topic, title, stopped; see `report.page.write_page`. Raises CommandError, saying
     why there is no page.
     """
     from horizon_sensor_ros.tools.report.page import write_page  # noqa: PLC0415
@@ -62,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     def work(stopped: Callable[[], bool]) -> str:
         out: Path = arguments.out
         if out.exists() and not arguments.force:
-            raise BagError(f"{out} exists; choose another with --out, or --force to replace it")
+            raise CommandError(f"{out} exists; choose another with --out, or --force to replace it")
         check_place(out)
         bags = [arguments.bag] if arguments.input is None else [arguments.bag, arguments.input]
         write_report(

@@ -10,9 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.ros.messages.stamps import s_from_ns
+from horizon_sensor_ros.tools.colours import COLOURS
 from horizon_sensor_ros.tools.reasons import general
 from horizon_sensor_ros.tools.report.blocks import (
-    COLOURS,
     Block,
     Section,
     Table,
@@ -59,7 +60,7 @@ def fit_blocks(stamped: Sequence[tuple[int, HorizonFit]], start_ns: int) -> tupl
     """Residuals and points of fits by their stamps (ns); nothing without any."""
     if not stamped:
         return ()
-    times = np.array([stamp - start_ns for stamp, _ in stamped]) * 1e-9
+    times = s_from_ns(np.array([stamp - start_ns for stamp, _ in stamped]))
     fits = [fit for _, fit in stamped]
     return (
         chart(

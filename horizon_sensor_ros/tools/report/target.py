@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.mathematics.rigid import vector_from_rotation
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
+from horizon_sensor_ros.tools.colours import COLOURS
 from horizon_sensor_ros.tools.report.blocks import (
-    COLOURS,
     Block,
     Section,
     Text,

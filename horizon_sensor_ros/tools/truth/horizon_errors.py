@@ -15,6 +15,7 @@ from horizon_sensor_ros.core.mathematics.attitude import (
     roll_pitch_from_nadir,
     rotation_from_quaternion,
 )
+from horizon_sensor_ros.tools.truth.columns import columns_of
 from horizon_sensor_ros.tools.truth.nees import nees, within_95
 
 _Z, _ROT_X, _ROT_Y = 2, 3, 4
@@ -73,10 +74,10 @@ def attitude_sigmas(covariance: np.ndarray, pitch_rad: np.ndarray | float) -> At
     sigma = np.sqrt(np.maximum(variances, 0.0))
     about_x, about_y = sigma[..., _ROT_X], sigma[..., _ROT_Y]
     return AttitudeSigmas(
-        np.hypot(about_x, about_y),
-        about_x / np.maximum(np.cos(pitch_rad), _LEAST_COS_PITCH),
-        about_y,
-        sigma[..., _Z],
+        nadir_rad=np.hypot(about_x, about_y),
+        roll_rad=about_x / np.maximum(np.cos(pitch_rad), _LEAST_COS_PITCH),
+        pitch_rad=about_y,
+        altitude_m=sigma[..., _Z],
     )
 
 
@@ -97,19 +98,22 @@ def flight_errors(
     level_z: str,
 ) -> FlightErrors:
     """Errors of the answers, found by stamp, against the truths."""
-    rows = np.full((len(truths), 10), np.nan)
-    for row, truth in zip(rows, truths, strict=True):
+    rows = []
+    for truth in truths:
+        row = {"time_s": truth.time_s}
         if truth.stamp in verticals:
             v = verticals[truth.stamp].vector
-            row[0] = angle_rad(np.array([v.x, v.y, v.z]), truth.nadir_base)
+            row["vertical_rad"] = angle_rad(np.array([v.x, v.y, v.z]), truth.nadir_base)
         if truth.stamp in attitudes:
-            row[1:] = _attitude_errors(attitudes[truth.stamp], truth, level_z)
-    return FlightErrors(np.array([truth.time_s for truth in truths]), *rows.T)
+            row |= _attitude_errors(attitudes[truth.stamp], truth, level_z)
+        rows.append(row)
+    return FlightErrors(**columns_of(FlightErrors, rows))
 
 
 def _attitude_errors(
     message: PoseWithCovarianceStamped, truth: Truth, level_z: str
-) -> tuple[float, ...]:
+) -> dict[str, float]:
+    """Of one answer, by the names of `FlightErrors`."""
     nadir, altitude = nadir_and_altitude(message, level_z)
     roll, pitch = roll_pitch_from_nadir(nadir, level_z)
     true_roll, true_pitch = roll_pitch_from_nadir(truth.nadir_base, level_z)
@@ -120,17 +124,17 @@ def _attitude_errors(
     d = level_from_base(nadir, level_z) @ (nadir - truth.nadir_base)
     error = np.array([-sign * (altitude - truth.altitude_m), sign * d[1], -sign * d[0]])
     sigmas = attitude_sigmas(covariance, pitch)
-    return (
-        angle_rad(nadir, truth.nadir_base),
-        float(sigmas.nadir_rad),
-        _wrapped(roll - true_roll),
-        float(sigmas.roll_rad),
-        pitch - true_pitch,
-        float(sigmas.pitch_rad),
-        altitude - truth.altitude_m,
-        float(sigmas.altitude_m),
-        nees(error, block),
-    )
+    return {
+        "nadir_rad": angle_rad(nadir, truth.nadir_base),
+        "nadir_sigma_rad": float(sigmas.nadir_rad),
+        "roll_rad": _wrapped(roll - true_roll),
+        "roll_sigma_rad": float(sigmas.roll_rad),
+        "pitch_rad": pitch - true_pitch,
+        "pitch_sigma_rad": float(sigmas.pitch_rad),
+        "altitude_m": altitude - truth.altitude_m,
+        "altitude_sigma_m": float(sigmas.altitude_m),
+        "nees": nees(error, block),
+    }
 
 
 def error_lines(
@@ -151,6 +155,12 @@ def error_lines(
         stated = "" if sigmas is None or not sizes.size else f"{np.nanmedian(sigmas):10.4f}"
         lines.append(f"{name:26}{unit:6}{figures}{stated}")
     return lines
+
+
+def latency_line(what: str, latency_s: np.ndarray) -> str:
+    """Return the line of a table on latencies (N,)."""
+    median_ms, most_ms = 1e3 * np.median(latency_s), 1e3 * np.percentile(latency_s, 95)
+    return f"latency        {what}: median {median_ms:.0f} ms, 95 % {most_ms:.0f} ms"
 
 
 def error_table(errors: FlightErrors, latency_s: np.ndarray) -> str:
@@ -183,9 +193,8 @@ def error_table(errors: FlightErrors, latency_s: np.ndarray) -> str:
             f"flights); {within_95(seen, 3):.0%} of the errors within the 95 % ellipsoid",
             f"{'':15}Of one flight it says little: its errors hang together, the altitude's most,",
             f"{'':15}while clouds and air at the limb stay much the same. More: doc/report.md",
-            f"latency        image published to attitude heard: median "
-            f"{1e3 * np.median(latency_s):.0f} ms, 95 % {1e3 * np.percentile(latency_s, 95):.0f} ms"
-            " (the rendering runs on the same cores)",
+            latency_line("image published to attitude heard", latency_s)
+            + " (the rendering runs on the same cores)",
         ]
     return "\n".join(lines)
 

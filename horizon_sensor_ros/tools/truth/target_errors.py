@@ -15,8 +15,9 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     vector_from_rotation,
 )
 from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
-from horizon_sensor_ros.ros.target_pipeline import TARGET_TOPICS
-from horizon_sensor_ros.tools.truth.horizon_errors import error_lines
+from horizon_sensor_ros.ros.pipelines.target_pipeline import TARGET_TOPICS
+from horizon_sensor_ros.tools.truth.columns import columns_of
+from horizon_sensor_ros.tools.truth.horizon_errors import error_lines, latency_line
 from horizon_sensor_ros.tools.truth.nees import nees, within_95
 from horizon_sensor_ros.tools.truth.topics import pose_in_target_frame
 
@@ -70,7 +71,9 @@ def target_errors(
     errors; the first pose is taken for one that sets it.
     """
     row_of = {stamp: k for k, stamp in enumerate(truths)}
-    rows = {topic: np.full((len(truths), 5), np.nan) for topic in TARGET_TOPICS}
+    rows: dict[str, list[dict[str, float]]] = {
+        topic: [{} for _ in truths] for topic in TARGET_TOPICS
+    }
     frames = 0
     set_at: tuple[np.ndarray, np.ndarray] | None = None
     before: tuple[int, np.ndarray] | None = None
@@ -93,33 +96,44 @@ def target_errors(
                 duration_s = (stamp - before[0]) / NANOSECONDS
                 rows[TWIST_TOPIC][k] = _twist_error(twist, step, duration_s)
         before = stamp, truth
-    pose_errors, delta_errors, twist_errors = (MotionErrors(*rows[t].T) for t in TARGET_TOPICS)
-    return TargetErrors(np.asarray(time_s, float), pose_errors, delta_errors, twist_errors, frames)
+    pose_errors, delta_errors, twist_errors = (
+        MotionErrors(**columns_of(MotionErrors, rows[topic])) for topic in TARGET_TOPICS
+    )
+    return TargetErrors(
+        time_s=np.asarray(time_s, float),
+        pose=pose_errors,
+        delta=delta_errors,
+        twist=twist_errors,
+        frames=frames,
+    )
 
 
-def _pose_error(message: Any, truth: np.ndarray) -> np.ndarray:
+def _pose_error(message: Any, truth: np.ndarray) -> dict[str, float]:
     found = pose_of(message)
     # Covariances have the position first, then rotations about the header frame's fixed axes.
     turn = vector_from_rotation(found[:3, :3] @ truth[:3, :3].T)
     return _sizes(found[:3, 3] - truth[:3, 3], turn, message.pose.covariance)
 
 
-def _twist_error(message: Any, step: np.ndarray, duration_s: float) -> np.ndarray:
+def _twist_error(message: Any, step: np.ndarray, duration_s: float) -> dict[str, float]:
     v, w = message.twist.twist.linear, message.twist.twist.angular
     linear = np.array([v.x, v.y, v.z]) - step[:3, 3] / duration_s
     angular = np.array([w.x, w.y, w.z]) - vector_from_rotation(step[:3, :3]) / duration_s
     return _sizes(linear, angular, message.twist.covariance)
 
 
-def _sizes(shift: np.ndarray, turn: np.ndarray, covariance: Any) -> np.ndarray:
+def _sizes(shift: np.ndarray, turn: np.ndarray, covariance: Any) -> dict[str, float]:
+    """Of one answer, by the names of `MotionErrors`."""
     matrix = np.asarray(covariance, float).reshape(6, 6)
     error = np.concatenate([shift, turn])
     variances = np.maximum(np.diag(matrix), 0.0)
-    return np.array([
-        np.linalg.norm(turn), np.sqrt(variances[3:].sum()),
-        np.linalg.norm(shift), np.sqrt(variances[:3].sum()),
-        nees(error, matrix),
-    ])  # fmt: skip
+    return {
+        "rotation": float(np.linalg.norm(turn)),
+        "rotation_sigma": float(np.sqrt(variances[3:].sum())),
+        "shift": float(np.linalg.norm(shift)),
+        "shift_sigma": float(np.sqrt(variances[:3].sum())),
+        "nees": nees(error, matrix),
+    }
 
 
 def target_table(errors: TargetErrors, latency_s: np.ndarray) -> str:
@@ -151,8 +165,5 @@ def target_table(errors: TargetErrors, latency_s: np.ndarray) -> str:
                 f"{within_95(seen, 6):.0%} of the errors within the 95 % ellipsoid"
             )
     if latency_s.size:
-        lines.append(
-            f"latency        cloud published to pose heard: median "
-            f"{1e3 * np.median(latency_s):.0f} ms, 95 % {1e3 * np.percentile(latency_s, 95):.0f} ms"
-        )
+        lines.append(latency_line("cloud published to pose heard", latency_s))
     return "\n".join(lines)

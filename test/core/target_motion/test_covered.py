@@ -17,7 +17,7 @@ from horizon_sensor_ros.sim.tof_camera import ToFCamera
 # Pixels 7 cm wide on the target.
 CAMERA = ToFCamera(48, 48, pixel_pitch_m=170e-6, range_noise_m=0.004)
 DISTANCE_M = 5.5
-COARSE = RegistrationConfig(max_rotation_std_rad=np.radians(2.0), max_shift_std_m=0.05)
+COARSE = RegistrationConfig(max_rotation_sigma_rad=np.radians(2.0), max_shift_sigma_m=0.05)
 
 
 def averaged_cloud(

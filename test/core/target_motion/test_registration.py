@@ -253,7 +253,7 @@ def test_the_covariance_between_far_and_near_views_is_that_of_the_errors() -> No
 @pytest.mark.parametrize(("from_m", "to_m"), [(21.0, 5.0), (5.0, 21.0)])
 def test_the_noise_of_a_far_view_is_claimed_beside_a_near_one(from_m: float, to_m: float) -> None:
     """Returns without a plane counted as if their noise were the other view's: 34 (squared)."""
-    rough = RegistrationConfig(max_rotation_std_rad=0.05, max_shift_std_m=0.05)
+    rough = RegistrationConfig(max_rotation_sigma_rad=0.05, max_shift_sigma_m=0.05)
     start = Rotation.from_euler("XYZ", (40, 30, 20), degrees=True).as_matrix()
     turn = rotation_from_vector(np.radians(6.0) * np.array([0.3, 0.8, 0.52]))
     a = pose_matrix(start, np.array([0, 0, from_m]))

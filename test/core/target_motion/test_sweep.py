@@ -156,7 +156,9 @@ def tracked(clouds: list[SweptScan], told: bool, config: TrackerConfig) -> list[
 
 
 # What may be left where the target turns by 6 deg while it is swept.
-WIDE = TrackerConfig(RegistrationConfig(max_rotation_std_rad=np.radians(2.0), max_shift_std_m=0.05))
+WIDE = TrackerConfig(
+    RegistrationConfig(max_rotation_sigma_rad=np.radians(2.0), max_shift_sigma_m=0.05)
+)
 
 
 # A panel that comes to be seen edge on while it is swept is missing where it was at the stamp, and

@@ -101,7 +101,7 @@ class Found:
 
     def worst(self, config: RegistrationConfig) -> float:
         """How badly its worst direction is known, in units of what is allowed."""
-        limits = config.max_rotation_std_rad, config.max_shift_std_m
+        limits = config.max_rotation_sigma_rad, config.max_shift_sigma_m
         return worst_known(self.uncertainty.covariance, *limits)
 
 
@@ -190,13 +190,13 @@ class Finder:
     def _hopeless(self, information: np.ndarray, pairs: Pairs, robust: np.ndarray) -> bool:
         """Whether some direction is known so badly that no further step can mend it."""
         config = self._config
-        scale = np.repeat([config.max_rotation_std_rad, config.max_shift_std_m], 3)
+        scale = np.repeat([config.max_rotation_sigma_rad, config.max_shift_sigma_m], 3)
         if np.linalg.eigvalsh(information * np.outer(scale, scale))[0] > _DOUBTFUL:
             return False
         known = uncertainty(pairs, robust, self._a, self._b)
         self._asked = robust, known
         covariance = known.covariance
-        worst = worst_known(covariance, config.max_rotation_std_rad, config.max_shift_std_m)
+        worst = worst_known(covariance, config.max_rotation_sigma_rad, config.max_shift_sigma_m)
         return worst > _HOPELESS and not _lost(covariance, self._b.size_m, config)
 
     def _settle(self, rotation: np.ndarray, translation: np.ndarray, *, searched: bool) -> Found:
@@ -254,7 +254,7 @@ def _lost(
     scale = np.repeat([size_m, 1.0], 3)
     values, vectors = np.linalg.eigh(covariance * np.outer(scale, scale))
     shift = np.linalg.norm(vectors[3:, -1]) > np.linalg.norm(vectors[:3, -1])
-    return bool(shift and values[-1] > (by * config.max_shift_std_m) ** 2)
+    return bool(shift and values[-1] > (by * config.max_shift_sigma_m) ** 2)
 
 
 def _slides_px(view: SurfaceView) -> np.ndarray:

@@ -223,23 +223,25 @@ def _feigned(arm: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return total
 
 
-def worst_known(covariance: np.ndarray, max_rotation_rad: float, max_shift_m: float) -> float:
+def worst_known(
+    covariance: np.ndarray, max_rotation_sigma_rad: float, max_shift_sigma_m: float
+) -> float:
     """Largest standard deviation of any direction, in units of both limits.
 
     covariance : (6, 6) of (rotation vector, shift), rad and m.
     """
-    scale = np.repeat([max_rotation_rad, max_shift_m], 3)
+    scale = np.repeat([max_rotation_sigma_rad, max_shift_sigma_m], 3)
     return float(np.sqrt(np.linalg.eigvalsh(covariance / np.outer(scale, scale))[-1]))
 
 
 def weak_directions(
-    covariance: np.ndarray, max_rotation_rad: float, max_shift_m: float
+    covariance: np.ndarray, max_rotation_sigma_rad: float, max_shift_sigma_m: float
 ) -> np.ndarray:
     """(K, 6) unit directions, in units of both limits, whose standard deviation exceeds them;
     worst first.
 
     covariance : (6, 6) of (rotation vector, shift), rad and m.
     """
-    scale = np.array([max_rotation_rad] * 3 + [max_shift_m] * 3)
+    scale = np.array([max_rotation_sigma_rad] * 3 + [max_shift_sigma_m] * 3)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     return vectors.T[values > 1][::-1]

@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.applicability.error_map import bound_error, fit_error
-from horizon_sensor_ros.core.applicability.visibility import horizon_in_view, horizon_rays
+from horizon_sensor_ros.core.applicability.visibility import horizon_in_view
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.tools.applicability.arguments import (
     altitude_of,
@@ -18,6 +18,7 @@ from horizon_sensor_ros.tools.applicability.arguments import (
     attitudes_of,
     check_noise,
     chosen_views,
+    horizon_of,
 )
 from horizon_sensor_ros.tools.applicability.figures import Panel, draw_maps
 from horizon_sensor_ros.tools.applicability.table import (
@@ -31,7 +32,7 @@ from horizon_sensor_ros.tools.camera_file import Rig, read_camera_file
 from horizon_sensor_ros.tools.output_files import written_whole
 
 # So dense that limb points a pixel apart are samples of the horizon.
-DENSE_SAMPLES = 7200
+_DENSE_SAMPLES = 7200
 
 
 def draw_field(args: argparse.Namespace) -> str:
@@ -40,7 +41,7 @@ def draw_field(args: argparse.Namespace) -> str:
     grid, views = angle_grid(args), chosen_views(args, rig)
     altitude_m = altitude_of(args, rig)
     check_noise(args)
-    rays = horizon_rays(rig.planet, altitude_m, 720, rig.latitude_rad, rig.heading_rad)
+    rays = horizon_of(rig, altitude_m)
     png, table = output_paths(args.output or Path("applicability"))
     attitudes = attitudes_of(grid, rig.nadir_at_zero)
     seen = [
@@ -91,7 +92,7 @@ def _errors_rad(
     field: np.ndarray,
 ) -> np.ndarray:
     planet = rig.planet
-    rays = horizon_rays(planet, altitude_m, DENSE_SAMPLES, rig.latitude_rad, rig.heading_rad)
+    rays = horizon_of(rig, altitude_m, _DENSE_SAMPLES)
     errors = np.full(len(attitudes), np.nan)
     bar = tqdm(np.flatnonzero(field), desc=f"error, {args.error}", unit="attitude", leave=False)
     for i in bar:

@@ -17,13 +17,13 @@ from matplotlib.colors import LogNorm
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.tools.applicability.arguments import check_noise, chosen_views
+from horizon_sensor_ros.tools.applicability.expected_sigma import USABLE_DEG
 from horizon_sensor_ros.tools.applicability.figures import CIRCLE_COLOUR, EXACT_COLOUR, NOT_SEEN
 from horizon_sensor_ros.tools.applicability.mounting_angle import (
     Mountings,
     depression_deg,
     mountings,
 )
-from horizon_sensor_ros.tools.applicability.quality_map import USABLE_DEG
 from horizon_sensor_ros.tools.applicability.table import output_paths, write_csv
 from horizon_sensor_ros.tools.camera_file import read_camera_file
 from horizon_sensor_ros.tools.output_files import written_whole

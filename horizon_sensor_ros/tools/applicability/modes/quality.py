@@ -8,16 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from horizon_sensor_ros.core.applicability.visibility import horizon_rays
 from horizon_sensor_ros.tools.applicability.arguments import (
     altitude_of,
     angle_grid,
     attitudes_of,
     check_noise,
     chosen_views,
+    horizon_of,
 )
+from horizon_sensor_ros.tools.applicability.expected_sigma import USABLE_DEG
 from horizon_sensor_ros.tools.applicability.figures import AngleGrid, Panel, draw_maps
-from horizon_sensor_ros.tools.applicability.quality_map import USABLE_DEG, Quality, quality_maps
+from horizon_sensor_ros.tools.applicability.quality_map import Quality, quality_maps
 from horizon_sensor_ros.tools.applicability.table import angle_columns, output_paths, write_csv
 from horizon_sensor_ros.tools.camera_file import read_camera_file
 from horizon_sensor_ros.tools.output_files import written_whole
@@ -28,7 +29,7 @@ def draw_quality(args: argparse.Namespace) -> str:
     rig = read_camera_file(args.camera_file)
     grid, views, altitude_m = angle_grid(args), chosen_views(args, rig), altitude_of(args, rig)
     check_noise(args)
-    rays = horizon_rays(rig.planet, altitude_m, 720, rig.latitude_rad, rig.heading_rad)
+    rays = horizon_of(rig, altitude_m)
     attitudes = attitudes_of(grid, rig.nadir_at_zero)
     files = output_paths(args.output or Path("quality"))
     maps = quality_maps(views, rays, attitudes, rig.planet, altitude_m, args.sigma)

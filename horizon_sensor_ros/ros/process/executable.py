@@ -17,9 +17,9 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from horizon_sensor_ros.ros.closed_streams import open_closed_streams, write_to_nothing
-from horizon_sensor_ros.ros.interruption import END
-from horizon_sensor_ros.ros.node_names import (
+from horizon_sensor_ros.ros.process.closed_streams import open_closed_streams, write_to_nothing
+from horizon_sensor_ros.ros.process.interruption import END
+from horizon_sensor_ros.ros.process.node_names import (
     HORIZON_NODES,
     NODES,
     ONE_PROCESS,
@@ -28,15 +28,15 @@ from horizon_sensor_ros.ros.node_names import (
 )
 
 _CLASSES = {
-    "local_vertical_node": "horizon_sensor_ros.ros.horizon_node:LocalVerticalNode",
-    "attitude_node": "horizon_sensor_ros.ros.horizon_node:AttitudeNode",
-    "target_pose_node": "horizon_sensor_ros.ros.target_node:TargetPoseNode",
+    "local_vertical_node": "horizon_sensor_ros.ros.nodes.horizon_node:LocalVerticalNode",
+    "attitude_node": "horizon_sensor_ros.ros.nodes.horizon_node:AttitudeNode",
+    "target_pose_node": "horizon_sensor_ros.ros.nodes.target_node:TargetPoseNode",
 }
 
 # Of a node that is rclpy's own; the others have them by themselves.
 _DEFENCES = (
-    "horizon_sensor_ros.ros.parameter_requests:refuse_values_of_no_type",
-    "horizon_sensor_ros.ros.sim_time:refuse_times_before_1970",
+    "horizon_sensor_ros.ros.nodes.parameter_requests:refuse_values_of_no_type",
+    "horizon_sensor_ros.ros.nodes.sim_time:refuse_times_before_1970",
 )
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -206,7 +206,7 @@ def _made(classes: dict[str, Any], *, pinned: bool) -> list[Any]:
     shared: dict[str, Any] = {}
     # These share the work on each frame.
     if not classes.keys().isdisjoint(HORIZON_NODES):
-        shared["feeds"] = _load("horizon_sensor_ros.ros.image_feed:ImageFeeds")()
+        shared["feeds"] = _load("horizon_sensor_ros.ros.nodes.image_feed:ImageFeeds")()
     nodes = []
     for name, make in classes.items():
         own = ["--ros-args", "-r", f"__node:={name}"] if pinned and _renames_all() else None
@@ -238,7 +238,7 @@ def _renames_all() -> bool:
 
 def _nodes_parameter(node: Any) -> list[str]:
     parameter = _load("horizon_sensor_ros.ros.parameters.common:NODES_PARAMETER")
-    descriptor = _load("horizon_sensor_ros.ros.managed_node:descriptor_of")(parameter)
+    descriptor = _load("horizon_sensor_ros.ros.nodes.managed_node:descriptor_of")(parameter)
     # Of any kind, as horizon_replay takes it: one name is no list. An empty list is none to rclpy.
     descriptor.dynamic_typing = True
     given = node.declare_parameter(parameter.name, parameter.default, descriptor).value

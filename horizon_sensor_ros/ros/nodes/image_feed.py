@@ -13,10 +13,10 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, Image, Imu
 
-from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
-from horizon_sensor_ros.ros.interruption import END
-from horizon_sensor_ros.ros.qos import overridable
+from horizon_sensor_ros.ros.nodes.qos import overridable
+from horizon_sensor_ros.ros.pipelines.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline, Step
+from horizon_sensor_ros.ros.process.interruption import END
 
 # Rates come many to a frame, and wait while it is processed.
 _IMU_QOS = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -1,10 +1,11 @@
-"""Why a command that reads or writes a bag does not do it, for a person."""
+"""Why a command does not do what it was asked for, for a person."""
 
 from __future__ import annotations
 
 
-class BagError(Exception):
-    """A bag, or what belongs with it, cannot be read or written; the message says which and why.
+class CommandError(Exception):
+    """What a command was asked for cannot be done, or a file cannot be read or written: the message
+    says which and why.
 
     exit_code : of a command that it ends.
     """
@@ -12,7 +13,7 @@ class BagError(Exception):
     exit_code = 1
 
 
-class UsageError(BagError):
+class UsageError(CommandError):
     """An option asks for what cannot be, whatever is in the files; the message says which."""
 
     exit_code = 2  # as of argparse

@@ -14,10 +14,10 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.timer import Timer
 
-from horizon_sensor_ros.ros.diagnostics import OK, Health, diagnostic_message
-from horizon_sensor_ros.ros.managed_node import ManagedNode, Settings
-from horizon_sensor_ros.ros.qos import overridable
-from horizon_sensor_ros.ros.state_log import StateLog, unpublished
+from horizon_sensor_ros.ros.diagnostics.diagnostics import OK, Health, diagnostic_message
+from horizon_sensor_ros.ros.diagnostics.state_log import StateLog, unpublished
+from horizon_sensor_ros.ros.nodes.managed_node import ManagedNode, Settings
+from horizon_sensor_ros.ros.nodes.qos import overridable
 
 OUTPUT_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonResult
 from horizon_sensor_ros.ros.messages.estimates import attitude_message, local_vertical_message
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonResult
 
 
 class HorizonOutput(NamedTuple):

@@ -10,18 +10,19 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image
 
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
-from horizon_sensor_ros.ros.debug_image import draw_fix
-from horizon_sensor_ros.ros.extrinsics import TfExtrinsics
-from horizon_sensor_ros.ros.horizon_diagnostics import HorizonMonitor
-from horizon_sensor_ros.ros.horizon_outputs import HORIZON_OUTPUTS
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, HorizonResult, Step
-from horizon_sensor_ros.ros.image_feed import ImageFeed, ImageFeeds
+from horizon_sensor_ros.ros.diagnostics.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.messages.sensors import encoded_image
+from horizon_sensor_ros.ros.nodes.extrinsics import TfExtrinsics
+from horizon_sensor_ros.ros.nodes.image_feed import ImageFeed, ImageFeeds
+from horizon_sensor_ros.ros.nodes.reporting_node import ReportingNode
 from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings, horizon_settings
 from horizon_sensor_ros.ros.parameters.parameter import Parameter
-from horizon_sensor_ros.ros.reporting_node import ReportingNode
+from horizon_sensor_ros.ros.pictures.debug_image import draw_fix
+from horizon_sensor_ros.ros.pipelines.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
+from horizon_sensor_ros.ros.pipelines.horizon_outputs import HORIZON_OUTPUTS
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline, HorizonResult, Step
+from horizon_sensor_ros.ros.process.defect import words_of
 
 
 class HorizonNode(ReportingNode[HorizonSettings]):
@@ -160,8 +161,8 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         except Exception as error:
             # As in the pipeline: a defect of ours costs a picture, not the node.
             self._monitor.undrawn += 1
-            words = f"{type(error).__name__}: {error}"
-            self.get_logger().error(f"no debug image, internal error: {words}", once=True)
+            words = f"no debug image, internal error: {words_of(error)}"
+            self.get_logger().error(words, once=True)
 
     def _feed_of(self, settings: HorizonSettings, previous: ImageFeed | None = None) -> ImageFeed:
         key = self._feed_key(settings)

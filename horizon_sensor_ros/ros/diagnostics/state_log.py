@@ -9,8 +9,8 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
-from horizon_sensor_ros.ros.aiding_sources import OF_NO_AVAIL
-from horizon_sensor_ros.ros.diagnostics import ERROR, OK
+from horizon_sensor_ros.ros.diagnostics.diagnostics import ERROR, OK
+from horizon_sensor_ros.ros.pipelines.aiding_sources import OF_NO_AVAIL
 
 # Their reasons change with what each frame shows: the state alone makes them news.
 _BY_FRAME = ("ok", "degraded", "no_fix", "new_target_frame")

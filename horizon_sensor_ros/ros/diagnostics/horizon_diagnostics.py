@@ -12,8 +12,7 @@ from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.horizon.fix import HorizonFix
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
-from horizon_sensor_ros.ros.diagnostics import (
+from horizon_sensor_ros.ros.diagnostics.diagnostics import (
     ERROR,
     OK,
     STALE,
@@ -22,10 +21,11 @@ from horizon_sensor_ros.ros.diagnostics import (
     Monitor,
     rejected_values,
 )
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline, Step
+from horizon_sensor_ros.ros.diagnostics.own_counts import OwnCounts
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
-from horizon_sensor_ros.ros.own_counts import OwnCounts
+from horizon_sensor_ros.ros.pipelines.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline, Step
 
 _SILENT = "no usable frames for longer than camera_timeout"
 # From here it cannot be told which.

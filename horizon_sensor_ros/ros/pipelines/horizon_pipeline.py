@@ -24,14 +24,14 @@ from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.status import Status
-from horizon_sensor_ros.ros.aiding_sources import AidingSources
+from horizon_sensor_ros.ros.files.resources import read_mask
 from horizon_sensor_ros.ros.messages.camera_info import camera_from_info, camera_info_key
 from horizon_sensor_ros.ros.messages.images import gray_from_image
-from horizon_sensor_ros.ros.messages.refusal import Refusal
+from horizon_sensor_ros.ros.messages.refusal import Refusal, internal_error
 from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, repeated_stamp, stamp_ns
-from horizon_sensor_ros.ros.pairing import Pairing
 from horizon_sensor_ros.ros.parameters.horizon_settings import CameraSettings, PipelineSettings
-from horizon_sensor_ros.ros.resources import read_mask
+from horizon_sensor_ros.ros.pipelines.aiding_sources import AidingSources
+from horizon_sensor_ros.ros.pipelines.pairing import Pairing
 
 # Rotation (3, 3), optical to base frame, of a camera: its name and its images' frame_id.
 Extrinsics = Callable[[str, str], "np.ndarray | Refusal"]
@@ -155,7 +155,7 @@ class HorizonPipeline:
             state.camera = camera_from_info(msg)
         except Exception as error:
             # As in `on_image`: a defect of ours costs a calibration, not the node.
-            state.camera = _internal_error(error)
+            state.camera = internal_error(error)
 
     def on_image(self, camera: str, msg: Any) -> Step:
         """Take an image; say what came of it. Never raises for what is in a message."""
@@ -164,7 +164,7 @@ class HorizonPipeline:
             return self._take_image(camera, msg)
         except Exception as error:
             # The last defence of a flight process: a defect of ours costs a frame, not the node.
-            return self._refuse(camera, _internal_error(error))
+            return self._refuse(camera, internal_error(error))
 
     def _take_image(self, camera: str, msg: Any) -> Step:
         stamp = stamp_ns(msg)
@@ -261,10 +261,6 @@ class HorizonPipeline:
             frames = tuple(replace(frame, view=view) for frame, view in seen)
         stamps = [stamp for stamp, frame in members if frame.view.name in fix.cameras_used]
         return HorizonResult(stamps[0] if stamps else first, fix, frames)
-
-
-def _internal_error(error: Exception) -> Refusal:
-    return Refusal("internal_error", f"internal error: {type(error).__name__}: {error}")
 
 
 def _finite(fit: HorizonFit) -> bool:

@@ -12,11 +12,11 @@ from typing import Any
 from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement, CoarsePose
 from horizon_sensor_ros.core.motion.gyro import RateHistory
 from horizon_sensor_ros.core.planet import Planet
-from horizon_sensor_ros.ros.coarse_poses import CoarsePoses
 from horizon_sensor_ros.ros.messages.aiding import coarse_pose_from_message, rate_from_imu
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, repeated_stamp, stamp_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import AidingSettings
+from horizon_sensor_ros.ros.pipelines.coarse_poses import CoarsePoses
 
 COARSE_POSE_TOPIC = "coarse_pose"
 _OF_NO_USE = "not used: planet is sphere; the Earth's ellipsoid is wgs84"

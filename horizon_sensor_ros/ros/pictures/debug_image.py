@@ -16,7 +16,7 @@ from horizon_sensor_ros.core.fits.result import HorizonFit
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.planet_figure import Disc, disc_of
-from horizon_sensor_ros.ros.canvas import (
+from horizon_sensor_ros.ros.pictures.canvas import (
     BLACK,
     BLUISH_GREEN,
     GRAY,

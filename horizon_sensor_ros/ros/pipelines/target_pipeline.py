@@ -23,7 +23,7 @@ from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 from horizon_sensor_ros.ros.messages.estimates import pose_message, twist_message
 from horizon_sensor_ros.ros.messages.point_cloud import points_from_cloud
 from horizon_sensor_ros.ros.messages.point_times import point_times
-from horizon_sensor_ros.ros.messages.refusal import Refusal, quoted
+from horizon_sensor_ros.ros.messages.refusal import Refusal, internal_error, quoted
 from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, repeated_stamp, stamp_ns
 from horizon_sensor_ros.ros.parameters.target_settings import TargetPipelineSettings
 
@@ -82,8 +82,7 @@ class TargetPipeline:
             return self._take(msg)
         except Exception as error:
             # The last defence of a flight process: a defect of ours costs a cloud, not the node.
-            reason = f"internal error: {type(error).__name__}: {error}"
-            return self._refuse(Refusal("internal_error", reason))
+            return self._refuse(internal_error(error))
 
     def warm_up(self) -> None:
         """Run the whole way once on a drawn corner, so that the first real cloud is not slow."""

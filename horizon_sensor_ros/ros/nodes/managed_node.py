@@ -16,13 +16,14 @@ from rcl_interfaces.msg import (
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
 
-from horizon_sensor_ros.ros.parameter_requests import refuse_values_of_no_type
+from horizon_sensor_ros.ros.files.yaml_file import shown
+from horizon_sensor_ros.ros.nodes.parameter_requests import refuse_values_of_no_type
+from horizon_sensor_ros.ros.nodes.qos import check_overrides, misspelt_topics
+from horizon_sensor_ros.ros.nodes.sim_time import refuse_times_before_1970
 from horizon_sensor_ros.ros.parameters.ignored import ignored_parameters
 from horizon_sensor_ros.ros.parameters.parameter import Parameter, ParameterError
-from horizon_sensor_ros.ros.participant_end import on_one_core
-from horizon_sensor_ros.ros.qos import check_overrides, misspelt_topics
-from horizon_sensor_ros.ros.sim_time import refuse_times_before_1970
-from horizon_sensor_ros.ros.yaml_file import shown
+from horizon_sensor_ros.ros.process.defect import words_of
+from horizon_sensor_ros.ros.process.participant_end import on_one_core
 
 Settings = TypeVar("Settings")
 
@@ -190,7 +191,7 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
 
     def _failure_of(self, error: Exception) -> TransitionCallbackReturn:
         expected = isinstance(error, ParameterError)
-        self._failure = str(error) if expected else f"{type(error).__name__}: {error}"
+        self._failure = str(error) if expected else words_of(error)
         # As it starts by itself the process ends, with these words.
         if not self._starting:
             self.get_logger().error(self._failure)

@@ -12,14 +12,18 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 
-from horizon_sensor_ros.ros.interruption import END
+from horizon_sensor_ros.ros.diagnostics.target_diagnostics import TargetMonitor
+from horizon_sensor_ros.ros.nodes.qos import overridable
+from horizon_sensor_ros.ros.nodes.reporting_node import ReportingNode
 from horizon_sensor_ros.ros.parameters.parameter import Parameter
 from horizon_sensor_ros.ros.parameters.target import target_parameters
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings, target_settings
-from horizon_sensor_ros.ros.qos import overridable
-from horizon_sensor_ros.ros.reporting_node import ReportingNode
-from horizon_sensor_ros.ros.target_diagnostics import TargetMonitor
-from horizon_sensor_ros.ros.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS, TargetPipeline
+from horizon_sensor_ros.ros.pipelines.target_pipeline import (
+    CLOUD_TOPIC,
+    TARGET_TOPICS,
+    TargetPipeline,
+)
+from horizon_sensor_ros.ros.process.interruption import END
 
 
 class TargetPoseNode(ReportingNode[TargetSettings]):

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import NamedTuple
 
-from horizon_sensor_ros.ros.horizon_pipeline import HorizonPipeline
+from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline
 
 
 class Counts(NamedTuple):

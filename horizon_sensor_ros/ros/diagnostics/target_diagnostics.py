@@ -6,7 +6,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
-from horizon_sensor_ros.ros.diagnostics import (
+from horizon_sensor_ros.ros.diagnostics.diagnostics import (
     ERROR,
     OK,
     STALE,
@@ -17,7 +17,7 @@ from horizon_sensor_ros.ros.diagnostics import (
 )
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
-from horizon_sensor_ros.ros.target_pipeline import TargetPipeline, TargetStep
+from horizon_sensor_ros.ros.pipelines.target_pipeline import TargetPipeline, TargetStep
 
 
 class TargetMonitor(Monitor[TargetPipeline]):

@@ -1,0 +1,1 @@
+"""Files that people write: ``yaml_file`` (within bounds), ``resources`` (that parameters name)."""

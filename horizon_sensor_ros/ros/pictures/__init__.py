@@ -1,0 +1,1 @@
+"""What ~/debug_image shows: ``debug_image``, drawn on a ``canvas``."""
