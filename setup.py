@@ -20,8 +20,9 @@ COMMANDS = {
     "horizon_bag_to_csv": "tools.bags.bag_to_csv",
 }
 
-# The pages as they are read without Sphinx; these two only take in files of the root.
-PAGES = sorted(set(glob("doc/*.md")) - {"doc/start.md", "doc/contributing.md"})
+# The pages as they are read without Sphinx, which alone reads the list of pages. What start.md
+# takes in, and links lead to, lies beside them; what contributing.md does is for the repository.
+PAGES = sorted(set(glob("doc/*.md")) - {"doc/index.md", "doc/contributing.md"})
 MAINTAINER = "Horizon Sensor ROS maintainers"
 EMAIL = "horizon-sensor-ros@users.noreply.github.com"
 

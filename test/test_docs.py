@@ -181,23 +181,6 @@ def test_every_figure_of_a_page_is_drawn_by_code() -> None:
             assert by, f"{page.name}: nothing draws {picture}"
 
 
-def test_commands_and_topics_of_pages_exist() -> None:
-    commands = set(re.findall(r'"(\w+)": "(?:ros|tools)\.', (ROOT / "setup.py").read_text()))
-    pages = [*DOC.glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
-    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.M))
-    benchmarks = {path.stem for path in (ROOT / "benchmarks").glob("*.py")} | {"target"}
-    for page in pages:
-        text = page.read_text(encoding="utf-8")
-        for name in re.findall(
-            r"`(horizon_(?:replay|applicability|demo|report|bag\w+|self\w+))\b", text
-        ):
-            assert name in commands, f"{page.name}: {name}"
-        for name in re.findall(r"`make ([a-z-]+)", text):
-            assert name in targets, f"{page.name}: make {name}"
-        for name in re.findall(r"run\.py --only (\w+)", text):
-            assert name == "NAME" or name in benchmarks, f"{page.name}: {name}"
-
-
 def test_every_cause_of_a_refusal_is_explained() -> None:
     written = "\n".join(path.read_text() for path in (ROOT / "horizon_sensor_ros").rglob("*.py"))
     causes = set(re.findall(r'Refusal\(\s*"([a-z_]+)"', written))

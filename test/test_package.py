@@ -99,8 +99,11 @@ def test_pages_that_installed_files_refer_to_are_installed(installed: Path) -> N
         assert (share / page).is_file(), page
     for page in [share / "README.md", *share.glob("doc/*.md")]:
         text = page.read_text(encoding="utf-8")
-        for picture in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text):
-            assert (page.parent / picture).is_file(), f"{page.name}: {picture}"
+        assert "{toctree}" not in text, f"{page.name} is for Sphinx alone"
+        # Pictures, other pages, and what a page takes in.
+        links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)|^```\{include\} (\S+)$", text, re.M)
+        for link in map("".join, links):
+            assert (page.parent / link).is_file(), f"{page.name}: {link}"
 
 
 def test_colcon_installs_every_module(installed: Path) -> None:

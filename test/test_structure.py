@@ -21,6 +21,7 @@ MAY_IMPORT = {
     "ros": {"core", "ros"},
     "tools": {"core", "sim", "ros", "tools"},
 }
+LONGEST_FUNCTION = 60
 
 
 @cache
@@ -54,6 +55,15 @@ def test_a_folder_names_what_is_in_it(folder: Path) -> None:
     assert set(named) == there
 
 
+def test_tests_of_the_core_lie_as_the_core_does() -> None:
+    """Beside them, in `scenarios`, what is of many files of a folder."""
+    tests = Path(__file__).parent / "core"
+    for path in tests.rglob("test_*.py"):
+        folder = path.parent.relative_to(tests)
+        own = folder.parent if folder.name == "scenarios" else folder
+        assert (ROOT / "core" / own / "__init__.py").is_file(), path
+
+
 @pytest.mark.parametrize("floor", MAY_IMPORT)
 def test_imports_go_one_way(floor: str) -> None:
     files = list((ROOT / floor).rglob("*.py"))
@@ -83,6 +93,19 @@ def test_no_rooms_of_a_folder_import_each_other_in_a_circle(house: Path) -> None
             rooms = {module.removeprefix(here).split(".")[0] for module in used}
             graph.setdefault(room, set()).update(rooms - {room})
     TopologicalSorter(graph).prepare()  # raises CycleError, which names them
+
+
+@pytest.mark.parametrize("floor", MAY_IMPORT)
+def test_no_function_is_longer_than_a_page(floor: str) -> None:
+    """From `def` to its end, what its docstring says included."""
+    longer = {
+        f"{module_of(path)}.{node.name}": lines
+        for path in (ROOT / floor).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and (lines := (node.end_lineno or 0) - node.lineno + 1) > LONGEST_FUNCTION
+    }
+    assert longer == {}
 
 
 def test_what_holds_arrays_is_compared_by_identity() -> None:

@@ -340,8 +340,12 @@ def test_no_message_raises(frame: str, values: list[float], sec: int, nanosec: i
         rate.x, rate.y, rate.z = values[:3]
         aiding.on_coarse_pose(pose)
         aiding.on_imu(imu)
-    aiding.of_set(START_NS)
-    aiding.of_set(START_NS + 1)
+    for stamp_ns in (START_NS, START_NS + 1):
+        known = aiding.of_set(stamp_ns)
+        if known.coarse_pose is not None:
+            assert np.isfinite(known.coarse_pose.position_ecef_m).all()
+        if known.rate_base_rad_s is not None:
+            assert np.isfinite(known.rate_base_rad_s).all()
 
 
 def test_a_jump_back_in_time_forgets_the_pose_of_the_end_but_not_of_the_new_beginning() -> None:

@@ -208,15 +208,33 @@ def test_a_limb_that_leaves_the_lenses_field_inside_the_frame_is_drawn(
     camera = Camera(WIDTH, HEIGHT, 0.5 * WIDTH, 0.5 * WIDTH, WIDTH / 2, HEIGHT / 2, *model)
     folding = replace(frames[0], view=CameraView(CAMERAS[0], camera, rot))
     followed = replace(fix, predicted=disc_of(fix.fit))
-    assert draw_fix((folding, frames[1]), followed).shape == (480, 1280, 3)
+    picture = draw_fix((folding, frames[1]), followed)
+    assert picture.shape == (480, 1280, 3)
+    drawn = places(picture[:, :640], SKY_BLUE, top=60)
+    limb = disc_of(fix.fit).limb_px(folding.view, 1441)
+    shown = limb[camera.in_frame(limb)] * 2 + 0.5
+    # Neither below the words nor below the ellipse.
+    clear = (shown[:, 1] > 80) & ((shown < (460, 300)).any(axis=1))
+    assert len(drawn) >= 0.1 * np.count_nonzero(clear)
+    assert len(drawn) == 0 or distance_px(folding.view, followed, drawn).max() < 5.0
 
 
-def test_a_limb_that_passes_beside_a_camera_is_drawn(pair: tuple[Frames, HorizonFix]) -> None:
+def test_of_a_limb_that_passes_beside_a_camera_nothing_is_drawn(
+    pair: tuple[Frames, HorizonFix],
+) -> None:
     frames, fix = pair
     # Nadir straight ahead and a limb 90 deg from it: no pixel is that far out, nor any integer.
     fit = replace(fix.fit, nadir_base=ROTATIONS["camera_1"][:, 2], rho_rad=np.pi / 2, disc=None)
     with np.errstate(invalid="raise"):
-        draw_fix(frames, replace(fix, fit=fit))
+        picture = draw_fix(frames, replace(fix, fit=fit))
+    tile, other = picture[:, :640], picture[:, 640:]
+    assert len(places(tile, SKY_BLUE, top=60)) == 0
+    ((x, y),) = CAMERA.pixels(np.array([[0.0, 0.0, 1.0]])) * 2 + 0.5
+    assert tile[round(y), round(x)].tolist() == [255, 255, 255], "the cross of nadir"
+    # The camera that looks across sees half of it.
+    drawn = places(other, SKY_BLUE, top=60)
+    assert len(drawn) > 50
+    assert distance_px(frames[1].view, replace(fix, fit=fit), drawn).max() < 5.0
 
 
 def test_nadir_in_the_frame_is_a_cross(pair: tuple[Frames, HorizonFix]) -> None:

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,6 @@ from horizon_messages import (
     attitude_at,
     camera_info_of,
     coarse_pose_of,
-    image_of,
     imu_of,
     nadir_of,
     recording,
@@ -63,103 +61,6 @@ def params(tmp_path: Path) -> list[str]:
     # A busy machine may keep a process waiting for a second.
     path = write_parameters(tmp_path / "params.yaml", stale_after=3.0, diagnostics_period=0.2)
     return ["--params-file", str(path)]
-
-
-# Each bad thing, what it is done to, and the words of the reason.
-BAD_IMAGES: dict[str, tuple[dict[str, Any], str]] = {
-    "zero size": ({"width": 0, "height": 0}, "image of 0 x 0"),
-    "truncated": ({"height": HEIGHT + 9}, "image data has"),
-    "wrong step": ({"step": 5}, "step is 5 bytes"),
-    "unknown encoding": ({"encoding": "yuv9000"}, "unknown encoding 'yuv9000'"),
-    "float image": ({"encoding": "32FC1"}, "unknown encoding '32FC1'"),
-}
-BAD_INFOS: dict[str, tuple[dict[str, Any], str]] = {
-    "uncalibrated": ({"k": [0.0] * 9}, "uncalibrated"),
-    "not finite": ({"k": [float("nan")] * 9}, "not finite"),
-    "other size": ({"width": WIDTH + 2}, f"image is {WIDTH} x {HEIGHT}"),
-    "unknown model": ({"distortion_model": "magic"}, "magic"),
-}
-FLAT_FRAMES = {"constant": 80, "all black": 0, "all white": 255}
-
-
-def test_bad_input_gives_a_reason_and_no_estimate_and_the_next_good_frame_works(
-    start: Callable[..., Program], craft: Craft, params: list[str]
-) -> None:
-    for name in NODES:
-        # Frames are sent faster than their stamps say: the nodes are to wait for the other camera.
-        start(name, *params, "-p", "camera_timeout:=0.0")
-    for node in NODES:
-        words = "no camera_info yet for camera_1"
-        craft.insist(lambda: craft.send_frame("camera_1", -1), node, words)
-    craft.match(NODES)
-    index = 0
-
-    def expect_refusal(state: str, words: str) -> None:
-        for node in NODES:
-            craft.wait_for_state(state, words, node)
-        for topic in ESTIMATES:
-            assert index not in craft.stamps(topic)
-
-    for fields, words in BAD_IMAGES.values():
-        index += 1
-        craft.expect_pair(index)
-        craft.heard.clear()
-        index += 1
-        craft.send_frame("camera_1", index)
-        craft.send_frame("camera_2", index, **fields)
-        expect_refusal("refused", f"camera_2: {words}")
-    for fields, words in BAD_INFOS.values():
-        index += 1
-        craft.expect_pair(index)
-        craft.heard.clear()
-        index += 1
-        craft.send_info("camera_1", **fields)
-        for camera in CAMERAS:
-            craft.send_frame(camera, index)
-        # Nothing orders an image behind the camera_info sent before it, but time.
-        for node in NODES:
-            craft.insist(partial(craft.send_frame, "camera_1", index), node, words)
-    for level in FLAT_FRAMES.values():
-        index += 1
-        craft.expect_pair(index)
-        craft.heard.clear()
-        index += 1
-        flat = np.full((HEIGHT, WIDTH), level, np.uint8)
-        for camera in CAMERAS:
-            stamp = START_NS + index * PERIOD_NS
-            craft.send(f"/{camera}/image_raw", image_of(flat, stamp, camera))
-        expect_refusal("no_fix", "")
-    # A stamp that repeats.
-    index += 1
-    craft.expect_pair(index)
-    for camera in CAMERAS:
-        craft.send_frame(camera, index)
-    for node in NODES:
-        craft.wait_for_state("refused", "camera_2: stamp repeats", node)
-    assert all(craft.stamps(topic).count(index) == 1 for topic in ESTIMATES)
-    # One camera silent.
-    craft.heard.clear()
-
-    def send_one() -> None:
-        nonlocal index
-        index += 1
-        craft.send_frame("camera_1", index)
-
-    for node in NODES:
-        craft.insist(send_one, node, "no frames from camera_2 for")
-        craft.wait_for_state("silent", "no frames from camera_2 for", node)
-    assert not any(craft.stamps(topic) for topic in ESTIMATES)
-    # Time that runs backwards.
-    craft.expect_pair(0)
-    craft.expect_pair(1)
-    # One camera blind: the other one's fix, and it is said.
-    craft.heard.clear()
-    craft.send_frame("camera_1", 2)
-    flat = np.full((HEIGHT, WIDTH), 80, np.uint8)
-    craft.send("/camera_2/image_raw", image_of(flat, START_NS + 2 * PERIOD_NS, "camera_2"))
-    for node in NODES:
-        craft.wait_for_state("degraded", "camera_2 left out", node)
-    craft.wait(lambda: all(craft.stamps(topic) == [2] for topic in ESTIMATES), "one fix each")
 
 
 def test_a_camera_that_falls_silent_is_flown_without_until_it_is_back(

@@ -41,6 +41,11 @@ def test_stamps_farther_apart_than_slop_do_not_pair() -> None:
     assert feed(pairing, ("a", 0), ("b", SLOP + 1), ("a", 2 * SLOP)) == [(2 * SLOP, SLOP + 1)]
 
 
+def test_stamps_just_as_far_apart_as_slop_pair() -> None:
+    assert feed(pairing_of(), ("a", 0), ("b", SLOP)) == [(0, SLOP)]
+    assert feed(pairing_of(slop=0), ("a", 7), ("b", 7)) == [(7, 7)]
+
+
 def test_how_near_the_stamps_come_is_told() -> None:
     pairing = pairing_of("abc")
     assert pairing.nearest_ns("a") is None

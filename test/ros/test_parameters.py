@@ -189,7 +189,10 @@ def test_a_planet_without_air() -> None:
 
 
 def test_a_quaternion_slightly_off_unit_length_is_taken() -> None:
-    horizon_settings({"cameras": ["a"], "a.rotation": [0, 0, 0, 1.0009]})
+    settings = horizon_settings({"cameras": ["a"], "a.rotation": [0, 0, 0, 1.0009]})
+    assert settings.pipeline.rotations == ((0.0, 0.0, 0.0, 1.0009),)
+    with pytest.raises(ParameterError, match=r"a\.rotation"):
+        horizon_settings({"cameras": ["a"], "a.rotation": [0, 0, 0, 1.1]})
 
 
 def test_unused_cameras_need_no_rotation() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
 import cv2
@@ -155,6 +156,36 @@ def test_mounting_from_the_command_line(rig: Path, tmp_path: Path, capsys) -> No
     best = float(answer.split()[1])
     assert all(np.isfinite(r["sigma_deg"]) for r in rows if r["below_horizontal_deg"] == best)
     assert cv2.imread(str(prefix.with_suffix(".png"))) is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("applicability", []),
+        ("quality", ["--quality"]),
+        ("mounting", ["--mounting", "500", "500"]),
+        ("figure6", ["--figure6"]),
+    ],
+)
+def test_names_of_the_files_are_those_that_the_help_has(
+    name: str,
+    options: list[str],
+    rig: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    said = re.search(r"-o PREFIX.*?\((default[^)]*)\)", capsys.readouterr().out, re.S)
+    assert said
+    assert re.search(rf"\b{name}\b", said[1])
+    where = tmp_path / "empty"
+    where.mkdir()
+    monkeypatch.chdir(where)
+    coarse = [] if "--mounting" in options else ["--step", "45"]
+    assert main([*([] if name == "figure6" else [str(rig)]), *options, *coarse]) == 0
+    assert {path.name for path in where.iterdir()} == {f"{name}.png", f"{name}.csv"}
 
 
 def test_no_angle_may_do(rig: Path, tmp_path: Path, capsys) -> None:

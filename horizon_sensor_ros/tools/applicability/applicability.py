@@ -104,8 +104,8 @@ def _parser() -> argparse.ArgumentParser:
         "--output",
         type=_prefix,
         metavar="PREFIX",
-        help="write PREFIX.png and PREFIX.csv, in place of what has these names (default "
-        "applicability, or figure6)",
+        help="write PREFIX.png and PREFIX.csv, in place of what has these names (default: quality, "
+        "mounting or figure6, as the option is called; applicability without one)",
     )
     _add_map(parser.add_argument_group("where, and with which cameras").add_argument)
     _add_field(parser.add_argument_group("the field and the error in it").add_argument)

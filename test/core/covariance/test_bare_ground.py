@@ -70,6 +70,22 @@ def test_ground_that_is_brightest_at_its_limb_claims_how_much_higher_that_lies()
     assert np.sqrt(np.mean(np.square(errors))) < 2.0
 
 
+def test_a_limb_that_the_sun_stands_higher_over_at_one_end_claims_how_it_is_turned() -> None:
+    """By one camera alone: nadir is off along the limb, away from the Sun."""
+    errors = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        altitude_m, height = 10.0 ** rng.uniform(4.8, 5.8), rng.uniform(0.3, 0.9)
+        sun = np.array([0.0, np.cos(height), 0.0]) - np.sin(height) * NADIR
+        frame = frame_of(view_towards(0.0, altitude_m), altitude_m, sun, seed)
+        fix = HorizonSensor(HorizonConfig(planet=MOON)).process([frame])
+        assert fix.ok, fix.reason
+        errors.append(fix.fit.nadir_base[1] / np.sqrt(fix.fit.cov_nadir_altitude[1, 1]))
+    # Told nothing of it, it is 1.6 sigmas off.
+    assert np.mean(errors) < -0.3
+    assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.2
+
+
 def test_nothing_is_claimed_under_air_nor_without_a_limb() -> None:
     view = view_towards(0.0, 1e5)
     unseen = LimbObservation(view, LimbPoints.none(Status.NO_LIMB, "night"))

@@ -136,6 +136,31 @@ def test_nadir_and_altitude_scatter_as_said_where_lenses_are_others(
     assert said[3, 3] == pytest.approx(scatter[3, 3], rel=0.25)
 
 
+@pytest.mark.parametrize("azimuths_deg", [(0.0,), (0.0, 90.0)])
+def test_what_lenses_of_another_focal_length_and_distortion_do_is_claimed(
+    azimuths_deg: tuple[float, ...],
+) -> None:
+    """To first order: fits by one lens after the other that is a little otherwise. Distortion grows
+    with the third power of the distance to the axis.
+    """
+    sigma_px = 0.02
+    observations = exact_limbs(azimuths_deg)
+    fit = fitted(observations)
+    cov = np.zeros((4, 4))
+    for i, seen in enumerate(observations):
+        for other in ((sigma_px, 0.0), (0.0, sigma_px)):
+            limbs = list(observations)
+            limbs[i] = LimbObservation(_with_other_lens(seen.view, *other), seen.limb)
+            moved = fitted(limbs)
+            off = np.append(moved.nadir_base - fit.nadir_base, moved.altitude_m - fit.altitude_m)
+            cov += np.outer(off, off)
+    said = with_calibration_error(fit, observations, PLANET, lens_sigma_px=sigma_px)
+    units = np.diag([1.0, 1.0, 1.0, 1e-7])
+    said_cov = units @ (said.cov_nadir_altitude - fit.cov_nadir_altitude) @ units
+    cov = units @ cov @ units
+    np.testing.assert_allclose(said_cov, cov, atol=5e-4 * np.linalg.norm(cov, 2))
+
+
 @pytest.mark.parametrize(("readout_s", "after_s"), [(0.02, 0.0), (-0.02, 0.01), (0.0, 0.01)])
 @pytest.mark.parametrize("azimuths_deg", [(0.0,), (0.0, 90.0)])
 def test_nadir_and_altitude_scatter_as_said_where_the_craft_turns_otherwise(

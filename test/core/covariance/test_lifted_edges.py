@@ -1,4 +1,6 @@
-"""Edges that no model fits, and air above them that other cameras show."""
+"""Edges that no model fits, and air above them that other cameras show; edges that thin air may
+have softened.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +11,7 @@ import pytest
 from horizon_fixes import NADIR, nees
 from limb_frames import PLANET, as_frames, clouds, distance_px, draw, limb_views
 
+from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.covariance.lifted_edges import with_lifted_edges
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
@@ -21,6 +24,8 @@ from horizon_sensor_ros.sim.earth_camera import SimFrame
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.poses import camera_from_fov
 
+COARSE = camera_from_fov(320, 240, np.radians(70.0))
+FINE = camera_from_fov(2048, 1536, np.radians(50.0))
 ALTITUDE_M = 1.4e6
 RHO_RAD = PLANET.rho_from_altitude(ALTITUDE_M)
 VIEWS = limb_views(ALTITUDE_M, azimuths_rad=(0.4, 2.0))
@@ -136,6 +141,60 @@ def test_a_wide_lens_far_above_thin_air_claims_how_it_turns_the_limb(air_dn: flo
         nees_of.append(nees(HorizonSensor().process(as_frames(views, drawn)), NADIR))
     assert np.mean(nees_of) < 2.8
     assert max(nees_of) < (6.0 if air_dn else 11.8)
+
+
+def claims(views: tuple[CameraView, ...], *limbs: LimbPoints) -> list[LimbPoints]:
+    pairs = [LimbObservation(view, limb) for view, limb in zip(views, limbs, strict=True)]
+    return [one.limb for one in with_lifted_edges(pairs, PLANET, PLANET.rho_from_altitude(1e6))]
+
+
+def soft_limb(blur_px: float) -> LimbPoints:
+    """One whose edges fit a model, without places."""
+    return LimbPoints(
+        Status.OK,
+        px=np.zeros((9, 2)),
+        steepness=np.ones(6),
+        blur_px=blur_px,
+        step=np.ones(9),
+    )
+
+
+def test_a_lens_as_sharp_as_any_hides_no_air() -> None:
+    views = limb_views(1e6, COARSE)
+    assert usual_length_px(views[0], PLANET.rho_from_altitude(1e6)) < 0.65
+    (sharp,), (soft,) = claims(views, soft_limb(0.55)), claims(views, soft_limb(0.72))
+    assert sharp.shared.dark_px == 0.0
+    assert 0.05 < soft.shared.dark_px < 0.2
+
+
+def test_fine_pixels_hide_no_air() -> None:
+    sharp = soft_limb(0.72)
+    assert claims(limb_views(1e6, FINE), sharp)[0] is sharp
+
+
+def test_coarse_pixels_beside_fine_ones_may_have_their_limb_higher() -> None:
+    """Eleven of 25 such pairs that others drew were beyond three sigma, by up to 16."""
+    coarse, fine = limb_views(1e6, COARSE)[0], limb_views(1e6, FINE, (1.6,))[0]
+    beside = claims((coarse, fine), soft_limb(0.72), soft_limb(0.75))
+    alike = claims((coarse, coarse), soft_limb(0.72), soft_limb(0.72))
+    assert beside[0].shared.shift_px > 0.08
+    assert beside[1].shared.shift_px == 0.0
+    assert alike[0].shared.shift_px == 0.0
+
+
+def test_the_camera_whose_edges_are_softer_may_have_them_higher() -> None:
+    views = limb_views(1e6, COARSE, (0.0, 1.6))
+    for one in claims(views, soft_limb(0.70), soft_limb(0.80)):
+        assert 0.02 < one.shared.shift_px < 0.1
+
+
+def test_pixels_are_those_of_the_size_in_which_a_limb_shows() -> None:
+    views = limb_views(1e6, COARSE)
+    reduced = replace(soft_limb(2.0 * 0.72), factor=2)
+    one = claims(views, reduced)[0]
+    assert one.shared.dark_px == pytest.approx(
+        2.0 * 0.4 * usual_length_px(views[0], PLANET.rho_from_altitude(1e6), 2), rel=0.2
+    )
 
 
 def glow_of(limb: LimbPoints) -> LimbPoints:

@@ -183,6 +183,27 @@ def test_one_cameras_cone_is_known_as_it_says() -> None:
     assert np.allclose(cov_of_cone(fit.cov_nadir_altitude), root @ root.T, rtol=1e-4, atol=1e-13)
 
 
+@pytest.mark.parametrize("true_px", [0.15, 1.5], ids=["as claimed", "bent"])
+def test_a_cone_of_a_limb_that_bends_more_than_claimed_is_claimed_to_be_off_more(
+    true_px: float,
+) -> None:
+    """Its errors are those that stretches as they are claimed make, and grow as a bend shows that
+    these are off by ten times as much. Three degrees of freedom: the median is 2.4.
+    """
+    claims = SharedError(0.15)
+    usual = limb_of(0, shared=claims)
+    known = with_shared_error(fit_horizon([usual], PLANET), [usual], PLANET)
+    to_base = np.zeros((4, 3))
+    to_base[:3, :2], to_base[3, 2] = BASIS, 1.0
+    errors = to_base @ np.linalg.cholesky(cov_of_cone(known.cov_nadir_altitude))
+    rng, exact, nees = np.random.default_rng(4), limb_of(0, shared=SharedError(true_px)), []
+    for _ in range(300):
+        seen = drawn(exact, rng)
+        seen = replace(seen, limb=replace(seen.limb, shared=claims, cone_errors=errors))
+        nees.append(nees_of(with_shared_error(fit_horizon([seen], PLANET), [seen], PLANET)))
+    assert 1.2 < np.median(nees) < 4.0
+
+
 def test_six_stretches_bend_a_limb_as_a_parabola_through_their_middles() -> None:
     u = (np.arange(6) + 0.5) / 3.0 - 1.0
     each = np.linalg.pinv(np.stack([np.ones(6), u, u * u], axis=1))

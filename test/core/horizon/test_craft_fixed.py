@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from horizon_sensor_ros.core.aiding import Aiding
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
+from horizon_sensor_ros.core.horizon.craft_fixed import CraftFixed
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.status import Status
@@ -150,6 +151,20 @@ def test_a_gyro_that_was_wrong_for_a_while_is_forgiven(cameras: int) -> None:
     assert all(told[first : first + int(5.0 / STEP_S)]) or cameras == 1
     assert not told[-1]
     assert fix.ok
+
+
+@pytest.mark.parametrize(("after_s", "held"), [(30, True), (590, True), (610, False)])
+def test_what_stood_still_is_remembered_for_ten_minutes(after_s: int, held: bool) -> None:
+    fix = HorizonSensor().process(horizon(AT_REST, 1))
+    nothing = HorizonSensor().process(DARK)
+    assert fix.ok
+    assert not nothing.ok
+    part, wrong, quiet = CraftFixed(), by_gyro(np.array([0.3, 0.0, 0.0])), by_gyro(np.zeros(3), 1.0)
+    said = [part.against(fix, wrong) for _ in range(12)]
+    assert STILL in said[-1]
+    for _ in range(after_s - 1):
+        part.against(nothing, quiet)
+    assert (STILL in part.against(fix, quiet)) == held
 
 
 def test_cameras_that_agree_on_a_horizon_are_believed_against_a_gyro() -> None:

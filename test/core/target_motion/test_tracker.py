@@ -581,6 +581,24 @@ def test_the_same_clouds_give_the_same_fixes() -> None:
         assert np.array_equal(one.covariance, two.covariance)
 
 
+def test_of_kept_views_the_first_and_the_latest_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A target that swings back to where its frame was set is as well known there as at first."""
+    monkeypatch.setattr(track_module, "_MAX_KEYFRAMES", 3)
+    there, _ = tumbling(30, 8)
+    tracker = TargetTracker(TrackerConfig(keyframe_turn_rad=np.radians(5)))
+    fixes, kept = [], [0]
+    for k, cloud in enumerate([*there, *tumbling(30, 7, seed=0)[0][::-1]]):
+        fixes.append(tracker.process(cloud + np.float32(1e-6 * k), k * STEP_NS))
+        assert fixes[-1].status is Status.OK
+        assert tracker._track is not None
+        now = [each.stamp_ns // STEP_NS for each in tracker._track.keyframes]
+        kept = [0, *[*kept[1:], *sorted(set(now) - set(kept))][-2:]]
+        assert now == kept
+    assert kept[1] > 3
+    known = [np.trace(fix.covariance) for fix in fixes[1:]]
+    assert known[-1] < 1.5 * known[0] < max(known)
+
+
 def test_views_that_are_no_longer_kept_are_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
     """Kept views once held those before them, so that none was ever freed."""
     monkeypatch.setattr(track_module, "_MAX_KEYFRAMES", 3)

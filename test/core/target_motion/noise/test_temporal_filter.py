@@ -8,9 +8,11 @@ import pytest
 
 from horizon_sensor_ros.core.mathematics.rigid import pose_matrix, rotation_from_vector
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target_motion.noise.temporal_filter import TemporalFilter
+from horizon_sensor_ros.core.target_motion.ranges.range_image import range_image
 from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
 from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
-from horizon_sensor_ros.sim.shapes import TARGETS
+from horizon_sensor_ros.sim.shapes import TARGETS, box
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 
 CAMERA = ToFCamera()
@@ -79,3 +81,37 @@ def test_relief_that_moves_by_two_pixels_is_not_taken_for_a_filter() -> None:
 @pytest.mark.parametrize("name", ["n1", "n5"])
 def test_a_pattern_of_the_pixels_costs_one_cloud_at_most(name: str) -> None:
     assert poses_of(answers(name, pattern_m=NOISE_M)) >= CLOUDS - 2
+
+
+def told_of(new: float, seed: int) -> list[bool]:
+    """What clouds of a board that moves by a pixel and a half each tell, with a driver's filter
+    that takes up so little of each new one; 0: a pattern that stays. Half as much noise besides is
+    of each cloud alone, as of digits that are dropped.
+    """
+    rng, of_driver = np.random.default_rng(seed), TemporalFilter()
+    camera, board = ToFCamera(width=64, height=48), box((0.6, 0.6, 0.1))
+    shape = camera.height, camera.width
+    step_m = 1.5 * 5.0 / camera.focal_px
+    held_m = rng.normal(0.0, NOISE_M, shape)
+    told = []
+    for k in range(14):
+        place = np.array([(k % 4 - 1.5) * step_m, k // 4 % 2 * step_m, 5.0])
+        pose = pose_matrix(np.eye(3), place)
+        ranges = camera.ranges(board, pose) + held_m + rng.normal(0.0, 0.6 * NOISE_M, shape)
+        of_new = rng.normal(0.0, NOISE_M, shape)
+        held_m = (1.0 - new) * held_m + np.sqrt(new * (2.0 - new)) * of_new
+        image = range_image((camera.rays() * ranges[..., None]).astype(np.float32))
+        if k:
+            told.append(of_driver.told(image, NOISE_M, pose))
+        else:
+            of_driver.start(image, NOISE_M, pose)
+    return told
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_filter_that_takes_up_little_of_each_cloud_is_told_from_a_pattern_by_eight(
+    seed: int,
+) -> None:
+    """From one cloud to the next but one such noise fades too little to tell."""
+    assert all(told_of(0.03, seed)[-5:])
+    assert not any(told_of(0.0, seed)[1:])

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from horizon_fixes import NADIR, error_deg, nees
 from limb_frames import (
-    PLANET,
     ROT_WORLD_FROM_BASE,
     as_frames,
     clouds,
@@ -17,14 +16,8 @@ from limb_frames import (
     limb_views,
 )
 
-from horizon_sensor_ros.core.cameras.camera_view import CameraView
-from horizon_sensor_ros.core.covariance.lifted_edges import with_lifted_edges
-from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.horizon.fix import HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
-from horizon_sensor_ros.core.limb.air import usual_length_px
-from horizon_sensor_ros.core.limb_points import LimbPoints
-from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.sim.earth_camera import SimFrame
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.poses import camera_from_fov
@@ -79,59 +72,6 @@ def test_nadir_under_air_that_no_pixel_shows_is_as_near_as_claimed(
     fixes = [seen(seed, air_dn)[0] for seed in range(16)]
     assert all(fix.ok for fix in fixes)
     assert np.mean([nees(fix, NADIR) for fix in fixes]) < most
-
-
-def claimed(views: tuple[CameraView, ...], *limbs: LimbPoints) -> list[LimbPoints]:
-    pairs = [LimbObservation(view, limb) for view, limb in zip(views, limbs, strict=True)]
-    return [one.limb for one in with_lifted_edges(pairs, PLANET, PLANET.rho_from_altitude(1e6))]
-
-
-def limb(blur_px: float) -> LimbPoints:
-    return LimbPoints(
-        Status.OK,
-        px=np.zeros((9, 2)),
-        steepness=np.ones(6),
-        blur_px=blur_px,
-        step=np.ones(9),
-    )
-
-
-def test_a_lens_as_sharp_as_any_hides_no_air() -> None:
-    views = limb_views(1e6, COARSE)
-    assert usual_length_px(views[0], PLANET.rho_from_altitude(1e6)) < 0.65
-    (sharp,), (soft,) = claimed(views, limb(0.55)), claimed(views, limb(0.72))
-    assert sharp.shared.dark_px == 0.0
-    assert 0.05 < soft.shared.dark_px < 0.2
-
-
-def test_fine_pixels_hide_no_air() -> None:
-    sharp = limb(0.72)
-    assert claimed(limb_views(1e6, FINE), sharp)[0] is sharp
-
-
-def test_coarse_pixels_beside_fine_ones_may_have_their_limb_higher() -> None:
-    """Eleven of 25 such pairs that others drew were beyond three sigma, by up to 16."""
-    coarse, fine = limb_views(1e6, COARSE)[0], limb_views(1e6, FINE, (1.6,))[0]
-    beside = claimed((coarse, fine), limb(0.72), limb(0.75))
-    alike = claimed((coarse, coarse), limb(0.72), limb(0.72))
-    assert beside[0].shared.shift_px > 0.08
-    assert beside[1].shared.shift_px == 0.0
-    assert alike[0].shared.shift_px == 0.0
-
-
-def test_the_camera_whose_edges_are_softer_may_have_them_higher() -> None:
-    views = limb_views(1e6, COARSE, (0.0, 1.6))
-    for one in claimed(views, limb(0.70), limb(0.80)):
-        assert 0.02 < one.shared.shift_px < 0.1
-
-
-def test_pixels_are_those_of_the_size_in_which_a_limb_shows() -> None:
-    views = limb_views(1e6, COARSE)
-    reduced = replace(limb(2.0 * 0.72), factor=2)
-    one = claimed(views, reduced)[0]
-    assert one.shared.dark_px == pytest.approx(
-        2.0 * 0.4 * usual_length_px(views[0], PLANET.rho_from_altitude(1e6), 2), rel=0.2
-    )
 
 
 def test_a_fine_frame_beside_a_coarse_one_takes_thin_air_for_no_haze() -> None:
