@@ -99,6 +99,8 @@ def run(names: Sequence[str] = ()) -> int:
         _print_help(names[0] if names else ONE_PROCESS)
         return 0
     end = _QuietEnd()
+    # Nothing that is loaded is garbage: to look for some takes a tenth of the start.
+    gc.disable()
     # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
     # And with another number of them sums come out in another order: a replay would not agree.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -129,9 +131,7 @@ def run(names: Sequence[str] = ()) -> int:
             executor.add_node(node)
         for node in managed:
             node.bring_up()
-        # What is loaded stays: to look through it for garbage would hold up a frame by some 40 ms.
-        gc.collect()
-        gc.freeze()
+        _keep_what_is_loaded()
         while not END.asked_for:
             # Not spin(): in rclpy 7.1.6 that of the EventsExecutor outlives its context.
             executor.spin_once(timeout_sec=_WAKE_UP_S)
@@ -158,6 +158,13 @@ def _with_all_streams() -> None:
         sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
     if sys.stderr is None:
         sys.stderr = open(2, "w", closefd=False)  # noqa: SIM115
+
+
+def _keep_what_is_loaded() -> None:
+    # It stays: to look through it for garbage would hold up a frame by some 40 ms.
+    gc.collect()
+    gc.freeze()
+    gc.enable()
 
 
 def _unless_a_late_signal(what: Any) -> None:
