@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import cast
 
+import cv2
 import numpy as np
 import pytest
 
@@ -40,6 +41,7 @@ def test_an_error_from_elsewhere_has_no_line_of_the_package() -> None:
     with pytest.raises(OSError, match="full") as raised:
         raise OSError("full")
     assert words_of(raised.value) == "OSError: full"
+    assert words_of(cv2.error("two\nlines\n")) == "error: two lines"
     refusal = internal_error(raised.value)
     assert refusal.cause == "internal_error"
     assert refusal.reason == "internal error: OSError: full"

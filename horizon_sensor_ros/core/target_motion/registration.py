@@ -243,10 +243,10 @@ def _tell(weak: np.ndarray, covariance: np.ndarray) -> str:
     turn, shift = weak[:3], weak[3:]
     if np.linalg.norm(turn) > np.linalg.norm(shift):
         axis = turn / np.linalg.norm(turn)
-        std = f"{min(np.degrees(np.sqrt(axis @ covariance[:3, :3] @ axis)), 180.0):.2f} deg"
+        sigma = f"{min(np.degrees(np.sqrt(axis @ covariance[:3, :3] @ axis)), 180.0):.2f} deg"
         what = "a turn about"
     else:
         axis = shift / np.linalg.norm(shift)
-        std = f"{min(1e3 * np.sqrt(axis @ covariance[3:, 3:] @ axis), 9999.0):.1f} mm"
+        sigma = f"{min(1e3 * np.sqrt(axis @ covariance[3:, 3:] @ axis), 9999.0):.1f} mm"
         what = "a shift along"
-    return f"{what} ({axis[0]:.2f}, {axis[1]:.2f}, {axis[2]:.2f}) is not observed: std {std}"
+    return f"{what} ({axis[0]:.2f}, {axis[1]:.2f}, {axis[2]:.2f}) is not observed: sigma {sigma}"

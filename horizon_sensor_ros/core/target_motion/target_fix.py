@@ -23,7 +23,7 @@ class TargetFix:
         : (6, 6) of that step, (rotation vector about the previous target frame's axes, position).
         delta_s : stamps' difference.
     new_frame : this cloud set the target frame, because of ``reason`` (first cloud, gap, lost
-        track, odd first cloud, time jumped back, an internal error).
+        track, odd first cloud, time jumped back).
     registration : the last one tried; None where there was none.  num_keyframes : kept views of
         the target.
     num_points : returns in the cloud, see `range_image`.

@@ -137,10 +137,7 @@ class Track:
         """Take a step that is believed; its fix."""
         last, found, keyframe = self.last, step.found, step.keyframe
         assert keyframe is not None
-        if not any(k is keyframe for k in self.keyframes):
-            self._keep(keyframe)
         now = KnownView.found(step.view, stamp_ns, keyframe, found)
-        self._sweep, self._velocity = sweep, step.velocity
         if sweep is not None and step.velocity is not None:
             now = replace(now, of_sweep=sweep.error_by(step.velocity))
         pose = now.pose
@@ -148,11 +145,14 @@ class Track:
         of_delta = delta_covariance(last, now)
         of_delta += rotated_covariance(last.of_sweep + now.of_sweep, last.pose[:3, :3].T)
         of_sweeps = now.of_sweep + rotated_covariance(self.keyframes[0].of_sweep, pose[:3, :3])
+        if not any(k is keyframe for k in self.keyframes):
+            self._keep(keyframe)
         # The next cloud is not likely to overlap this keyframe any better.
         if found.overlap < keyframe_overlap:
             self._keep(now)
         self._path.appendleft((last.stamp_ns, last.pose))
         self.last, self._odd = now, None
+        self._sweep, self._velocity = sweep, step.velocity
         self._refused, self._missed = 0, 0
         self._doubted = self._strayed = False
         return TargetFix(
@@ -293,6 +293,26 @@ class Track:
         used : the velocity that is taken out of it already.
         """
         last, keyframes = self.last, self.keyframes
+        believed = False
+        try:
+            step = self._stilled_in_rounds(step, keyframe, sweep, used, stamp_ns, config)
+            believed = step.keyframe is not None
+        finally:
+            if not believed:
+                self.last, self.keyframes = last, keyframes
+        return step
+
+    def _stilled_in_rounds(
+        self,
+        step: TrackStep,
+        keyframe: KnownView,
+        sweep: Sweep,
+        used: Velocity | None,
+        stamp_ns: int,
+        config: TrackerConfig,
+    ) -> TrackStep:
+        """`_stilled`; leaves the first view as it is by the last of the motions."""
+        last = self.last
         first = None if self._path else self._sweep
         for more in reversed(range(2 if first is None else _ROUNDS)):
             now = KnownView.found(step.view, stamp_ns, keyframe, step.found)
@@ -320,8 +340,6 @@ class Track:
             if step.keyframe is None:
                 break
             keyframe = step.keyframe
-        if step.keyframe is None:
-            self.last, self.keyframes = last, keyframes
         return step
 
     def _first_was_odd(self, view: TargetView, config: RegistrationConfig) -> bool:

@@ -72,12 +72,7 @@ class TargetTracker:
         points = cloud_of(points)
         if stamp_ns == self._stamp_ns:
             return TargetFix(Status.REPEATED_STAMP, "a cloud of this stamp was there", stamp_ns)
-        try:
-            return self._processed(points, stamp_ns, anew, times_s)
-        except Exception:
-            # A defect of ours: what it leaves is no track.
-            self.reset("the last cloud met an internal error")
-            raise
+        return self._processed(points, stamp_ns, anew, times_s)
 
     def _processed(
         self, points: np.ndarray, stamp_ns: int, anew: str, times_s: np.ndarray | None

@@ -16,7 +16,8 @@ def words_of(error: BaseException) -> str:
     """
     passed = [(Path(f.f_code.co_filename), line) for f, line in walk_tb(error.__traceback__)]
     ours = [(path, line) for path, line in passed if path.is_relative_to(_PACKAGE)]
-    words = f"{type(error).__name__}: {error}"
+    # Those of OpenCV end in a line's end.
+    words = f"{type(error).__name__}: {' '.join(str(error).split())}"
     if not ours:
         return words
     path, line = ours[-1]

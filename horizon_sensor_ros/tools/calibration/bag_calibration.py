@@ -57,7 +57,9 @@ def calibrate_bag(arguments: argparse.Namespace, stopped: Callable[[], bool]) ->
             arguments.drift, arguments.focal, arguments.max_sigma, arguments.correlation
         )
     except ValueError as error:
-        raise UsageError(f"--max-sigma, --correlation: {error}") from None
+        # It names the one that is wrong by its field.
+        option = "--max-sigma" if str(error).startswith("max_sigma") else "--correlation"
+        raise UsageError(f"{option}: {error}") from None
     recording = read_recording(arguments, stopped)
     cameras = list(recording.rot_base_from_cam)
     lenses = lens_blurs(recording.sets, cameras, config.correlation_s)

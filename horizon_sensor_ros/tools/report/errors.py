@@ -81,8 +81,9 @@ def _horizon_errors(recorded: Recorded) -> FlightErrors | None:
     truths = []
     for stamp, time_s in zip(stamps, recorded.seconds(stamps), strict=True):
         v = verticals[stamp].vector
+        down = np.array([v.x, v.y, v.z])
         altitude = sign * poses[stamp].pose.position.z
-        truths.append(Truth(stamp, float(time_s), np.array([v.x, v.y, v.z]), altitude))
+        truths.append(Truth(stamp, float(time_s), down / np.linalg.norm(down), altitude))
     errors = flight_errors(
         truths,
         recorded.answers.get("local_vertical", {}),

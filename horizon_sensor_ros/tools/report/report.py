@@ -33,7 +33,13 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("bag", metavar="BAG", type=Path, help="directory, .mcap or .db3, with the answers")
     add("--input", metavar="BAG", type=Path, action=Once, help="bag with the frames and clouds")
-    add("--out", metavar="FILE", type=Path, default=Path("report.html"), help="the page")
+    add(
+        "--out",
+        metavar="FILE",
+        type=Path,
+        default=Path("report.html"),
+        help="the page (default report.html)",
+    )
     add("--params", metavar="FILE", type=Path, action=Once, help="ROS parameter file of the nodes")
     add("--imu", metavar="TOPIC", help="accelerometer to compare with (default: imu, if there)")
     add("--title", help="heading of the page")

@@ -3,6 +3,7 @@
 import gc
 import tracemalloc
 from copy import deepcopy
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,19 +44,33 @@ def tumbling(
     return [CAMERA.scan(MESHES[name], pose, rng).points for pose in poses], poses
 
 
-def test_a_defect_of_ours_leaves_no_track(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("fails", "calls"), [("register", 1), ("register", 2), ("velocity_of", 1), ("stilled_view", 2)]
+)
+def test_a_defect_of_ours_costs_a_cloud_and_leaves_the_track(
+    fails: str, calls: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     clouds, _ = tumbling(3, 4)
-    tracker = TargetTracker()
-    assert tracker.process(clouds[0], 0).new_frame
-    assert not tracker.process(clouds[1], STEP_NS).new_frame
-    with monkeypatch.context() as broken:
-        broken.setattr(track_module, "register", lambda *_, **__: 1 / 0)
-        with pytest.raises(ZeroDivisionError):
-            tracker.process(clouds[2], 2 * STEP_NS)
-    fix = tracker.process(clouds[3], 3 * STEP_NS)
-    assert fix.status is Status.OK
-    assert fix.new_frame
-    assert "internal error" in fix.reason
+    whole, broken = TargetTracker(), TargetTracker()
+    for k in (0, 1, 2, 3):
+        times_s = np.linspace(0.0, 0.05, clouds[k][..., 0].size).reshape(clouds[k].shape[:2])
+        given = clouds[k], k * STEP_NS, "", times_s
+        if k == 1:
+            left = [0.0] + (calls - 1) * [1.0]
+            sound = getattr(track_module, fails)
+
+            def broken_down(*a: Any, left: list = left, sound: Any = sound, **b: Any) -> Any:
+                return sound(*a, **b) if 1.0 / left.pop() else None
+
+            with monkeypatch.context() as defect:
+                defect.setattr(track_module, fails, broken_down)
+                with pytest.raises(ZeroDivisionError):
+                    broken.process(*given)
+            continue
+        expected, found = whole.process(*given), broken.process(*given)
+        assert found.status is Status.OK
+        assert np.array_equal(found.pose_sensor_from_target, expected.pose_sensor_from_target)
+        assert np.array_equal(found.covariance, expected.covariance)
 
 
 def angle_deg(a: np.ndarray, b: np.ndarray) -> float:

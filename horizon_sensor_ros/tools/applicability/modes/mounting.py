@@ -85,7 +85,9 @@ def _answer(
     best = found.best
     low, high = found.altitudes_m[[0, -1]] / 1e3
     where = f"{low:g} to {high:g} km" + (f", craft within {tilt_deg:g} deg" if tilt_deg else "")
-    names = ", ".join(f"{v.name} now {angle:.1f}" for v, angle in zip(views, now, strict=True))
+    names = ", ".join(
+        f"{v.name} now {round(angle, 1) + 0.0:.1f}" for v, angle in zip(views, now, strict=True)
+    )
     angle = found.depression_deg[best]
     works = np.isfinite(sigma_deg[best])
     if not works.any():
