@@ -129,7 +129,15 @@ class Track:
         step = self._motion_to(view, stamp_ns, config)
         if step.keyframe is None or sweep is None:
             return step
-        return self._stilled(step, step.keyframe, sweep, velocity, stamp_ns, config)
+        before = self.last, self.keyframes
+        stilled = None
+        try:
+            stilled = self._stilled(step, step.keyframe, sweep, velocity, stamp_ns, config)
+        finally:
+            # Nor does a defect of ours leave views that were stilled by what is not believed.
+            if stilled is None or stilled.keyframe is None:
+                self.last, self.keyframes = before
+        return stilled
 
     def accept(
         self, step: TrackStep, stamp_ns: int, sweep: Sweep | None, keyframe_overlap: float
@@ -292,26 +300,6 @@ class Track:
 
         used : the velocity that is taken out of it already.
         """
-        last, keyframes = self.last, self.keyframes
-        believed = False
-        try:
-            step = self._stilled_in_rounds(step, keyframe, sweep, used, stamp_ns, config)
-            believed = step.keyframe is not None
-        finally:
-            if not believed:
-                self.last, self.keyframes = last, keyframes
-        return step
-
-    def _stilled_in_rounds(
-        self,
-        step: TrackStep,
-        keyframe: KnownView,
-        sweep: Sweep,
-        used: Velocity | None,
-        stamp_ns: int,
-        config: TrackerConfig,
-    ) -> TrackStep:
-        """`_stilled`; leaves the first view as it is by the last of the motions."""
         last = self.last
         first = None if self._path else self._sweep
         for more in reversed(range(2 if first is None else _ROUNDS)):

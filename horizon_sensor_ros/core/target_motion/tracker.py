@@ -66,7 +66,7 @@ class TargetTracker:
         lies back in time forgets all there was before. That goes by the clouds that show something:
         a stamp on nothing but NaN says nothing of time. The very same cloud under a new stamp is
         refused, once clouds have changed, where they have noise: it is not of now; after a gap it
-        is where a new target frame begins. Raises ValueError for another shape.
+        is where a new target frame begins. Raises ValueError for points or times of another shape.
         """
         # Before anything is kept: a caller's bug changes nothing.
         points = cloud_of(points)
