@@ -119,14 +119,8 @@ def test_one_camera_that_is_silent(craft: Craft) -> None:
     craft.expect_pair(1)
     craft.heard.clear()
     index = 1
-
-    def send_one() -> None:
-        nonlocal index
-        index += 1
-        craft.send_frame("camera_1", index)
-
     for node in NODES:
-        craft.insist(send_one, node, "no frames from camera_2 for")
+        index = craft.insist_by_one("camera_1", index, node, "no frames from camera_2 for")
         craft.wait_for_state("silent", "no frames from camera_2 for", node)
     assert not any(craft.stamps(topic) for topic in ESTIMATES)
     craft.expect_pair(index + 1)

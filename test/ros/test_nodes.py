@@ -71,16 +71,12 @@ def test_a_camera_that_falls_silent_is_flown_without_until_it_is_back(
     craft.match(NODES)
     craft.expect_pair(0)
     index = 0
-
-    def send_one() -> None:
-        nonlocal index
-        index += 1
-        craft.send_frame("camera_1", index)
-
     for node in NODES:
-        craft.insist(send_one, node, "camera_2 left out: no usable frames for longer than")
+        words = "camera_2 left out: no usable frames for longer than"
+        index = craft.insist_by_one("camera_1", index, node, words)
     craft.heard.clear()
-    send_one()
+    index += 1
+    craft.send_frame("camera_1", index)
     craft.wait(lambda: all(index in craft.stamps(topic) for topic in ESTIMATES), "one camera's fix")
     vertical = craft.estimates("local_vertical")[-1].vector
     off = np.array([vertical.x, vertical.y, vertical.z]) - nadir_of(*attitude_at(index))

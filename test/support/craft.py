@@ -82,6 +82,20 @@ class Craft(Listener):
             self.send_info(camera)
             self.send_frame(camera, index)
 
+    def insist_by_one(self, camera: str, index: int, node: str, words: str) -> int:
+        """Send frames of one camera alone, after the one of this index, until a node says the
+        words; the last one's index.
+        """
+        sent = index
+
+        def send_one() -> None:
+            nonlocal sent
+            sent += 1
+            self.send_frame(camera, sent)
+
+        self.insist(send_one, node, words)
+        return sent
+
     def stamps(self, topic: str) -> list[int]:
         """Index, in `send_pair`, of each estimate."""
         stamps = [msg.header.stamp for msg in self.estimates(topic)]

@@ -2,6 +2,7 @@
 
 import gc
 import tracemalloc
+from collections.abc import Callable
 from copy import deepcopy
 from typing import Any
 
@@ -44,6 +45,19 @@ def tumbling(
     return [CAMERA.scan(MESHES[name], pose, rng).points for pose in poses], poses
 
 
+class FailingAt:
+    """A function that raises when it is called for the n-th time."""
+
+    def __init__(self, call: int, sound: Callable[..., Any]) -> None:
+        self.left, self.sound = call, sound
+
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        self.left -= 1
+        if self.left == 0:
+            raise ZeroDivisionError
+        return self.sound(*arguments, **options)
+
+
 @pytest.mark.parametrize(
     ("fails", "calls"), [("register", 1), ("register", 2), ("velocity_of", 1), ("stilled_view", 2)]
 )
@@ -56,14 +70,8 @@ def test_a_defect_of_ours_costs_a_cloud_and_leaves_the_track(
         times_s = np.linspace(0.0, 0.05, clouds[k][..., 0].size).reshape(clouds[k].shape[:2])
         given = clouds[k], k * STEP_NS, "", times_s
         if k == 1:
-            left = [0.0] + (calls - 1) * [1.0]
-            sound = getattr(track_module, fails)
-
-            def broken_down(*a: Any, left: list = left, sound: Any = sound, **b: Any) -> Any:
-                return sound(*a, **b) if 1.0 / left.pop() else None
-
             with monkeypatch.context() as defect:
-                defect.setattr(track_module, fails, broken_down)
+                defect.setattr(track_module, fails, FailingAt(calls, getattr(track_module, fails)))
                 with pytest.raises(ZeroDivisionError):
                     broken.process(*given)
             continue

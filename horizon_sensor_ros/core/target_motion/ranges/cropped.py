@@ -40,7 +40,8 @@ def with_cropped(image: RangeImage, cropped: np.ndarray) -> RangeImage:
     if not len(index):
         return image
     inverse = image.inverse_depth
-    apart_px, beside = (each.ravel()[index] for each in nearest(inverse > 0))
+    missing = inverse == 0
+    apart_px, beside = (each.ravel()[index] for each in nearest(~missing))
     target_m = 1.0 / inverse.ravel()[beside].astype(float)
     behind_px = (depth_m - target_m) * image.focal_px / target_m
     cut = (apart_px <= _BEYOND_PX) & (behind_px <= _STEEP * apart_px)
@@ -54,7 +55,7 @@ def with_cropped(image: RangeImage, cropped: np.ndarray) -> RangeImage:
     at = index[behind]
     mixed = image.mixed.copy()
     mixed.ravel()[at[_lies_between(inverse_behind, at, at - beside[behind])]] = True
-    return replace(image, unknown=unknown & (inverse == 0), mixed=mixed & (inverse == 0))
+    return replace(image, unknown=unknown & missing, mixed=mixed & missing)
 
 
 def _lies_between(inverse_behind: np.ndarray, at: np.ndarray, outwards: np.ndarray) -> np.ndarray:
