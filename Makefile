@@ -43,7 +43,7 @@ test-noble: $(NOBLE)/.ready ## the same tests with the library versions of Ubunt
 test-explore: venv ## the property tests with examples drawn anew
 	$(VENV)/bin/python -m pytest -m hypothesis --hypothesis-profile explore $(PYTEST_ARGS)
 test-faults: venv ## every fault ten times over
-	$(VENV)/bin/python -m pytest test/ros/test_faults.py --count 10 $(PYTEST_ARGS)
+	$(VENV)/bin/python -m pytest test/ros/scenarios/test_faults.py --count 10 $(PYTEST_ARGS)
 bench: $(VENV)/.peers ## the benchmark tables, beside other people's registrations
 	$(VENV)/bin/python benchmarks/run.py
 bench-ros: venv ## the live node beside a bare subscriber: latency, losses, load, start-up

@@ -55,13 +55,16 @@ def test_a_folder_names_what_is_in_it(folder: Path) -> None:
     assert set(named) == there
 
 
-def test_tests_of_the_core_lie_as_the_core_does() -> None:
+@pytest.mark.parametrize("floor", MAY_IMPORT)
+def test_tests_lie_as_the_code_does(floor: str) -> None:
     """Beside them, in `scenarios`, what is of many files of a folder."""
-    tests = Path(__file__).parent / "core"
-    for path in tests.rglob("test_*.py"):
+    tests = Path(__file__).parent
+    files = list((tests / floor).rglob("test_*.py"))
+    assert files
+    for path in files:
         folder = path.parent.relative_to(tests)
         own = folder.parent if folder.name == "scenarios" else folder
-        assert (ROOT / "core" / own / "__init__.py").is_file(), path
+        assert (ROOT / own / "__init__.py").is_file(), path
 
 
 @pytest.mark.parametrize("floor", MAY_IMPORT)

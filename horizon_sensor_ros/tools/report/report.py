@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from horizon_sensor_ros.tools.command import Once, run_command
-from horizon_sensor_ros.tools.command_errors import CommandError
+from horizon_sensor_ros.tools.command_errors import CommandError, UsageError
 from horizon_sensor_ros.tools.output_files import check_place
 
 EPILOG = """\
@@ -61,12 +61,20 @@ def write_report(bags: Sequence[Path], path: Path, **options: Any) -> None:
     write_page(bags, path, **options)
 
 
+def _check_kind(path: Path) -> None:
+    """UsageError where the name says that the page is anything but HTML."""
+    if path.suffix.lower() not in ("", ".html", ".htm"):
+        page = path.with_suffix(".html")
+        raise UsageError(f"--out: {path}: the page is HTML; name it {page}, print it from there")
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `horizon_report`; return the exit code."""
     arguments = _parser().parse_args(argv)
 
     def work(stopped: Callable[[], bool]) -> str:
         out: Path = arguments.out
+        _check_kind(out)
         if out.exists() and not arguments.force:
             raise CommandError(f"{out} exists; choose another with --out, or --force to replace it")
         check_place(out)

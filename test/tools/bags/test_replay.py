@@ -264,7 +264,7 @@ def test_a_gyro_in_a_frame_of_its_own_is_said_to_be_refused(
 def test_what_the_summary_sends_to_the_tuning_guide_for_is_there(
     tmp_path: Path, params: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    guide = (Path(__file__).parents[2] / "doc" / "tuning.md").read_text()
+    guide = (Path(__file__).parents[3] / "doc" / "tuning.md").read_text()
     flight = recording(3)
     for lost, words in (("/camera_2/", "no frames from"), ("/camera_info", "no camera_info yet")):
         kept = [each for each in flight if lost not in each[0]]

@@ -204,7 +204,7 @@ def test_the_node_refuses_to_start_in_one_clear_line(
 def test_the_shipped_parameters_start_it_without_a_word(
     start: Callable[..., Program], chaser: Chaser
 ) -> None:
-    shipped = Path(__file__).parents[2] / "config" / "params.yaml"
+    shipped = Path(__file__).parents[3] / "config" / "params.yaml"
     program = start(NODE, "--params-file", str(shipped))
     chaser.match()
     chaser.expect(good_cloud(0), 0, POSE)

@@ -289,6 +289,8 @@ def test_what_is_wrong_is_said(
     assert not page.exists()
     page.write_text("mine")
     assert "exists; choose another" in refused(capsys, out, "--out", page)
+    told = refused(capsys, out, "--out", page.with_suffix(".pdf"), code=2)
+    assert "report.pdf: the page is HTML; name it" in told
     assert page.read_text() == "mine"
     told = refused(capsys, out, "--params", tmp_path / "none.yaml", "--out", tmp_path / "other")
     assert "cannot be read" in told

@@ -166,7 +166,7 @@ def test_a_signal_in_the_midst_of_the_work_breaks_it_off_without_a_word(
     what: str,
     how: int,
 ) -> None:
-    script = Path(__file__).parents[1] / "support" / "interrupted_nodes.py"
+    script = Path(__file__).parents[2] / "support" / "interrupted_nodes.py"
     program = start("horizon_sensor", *params, before=(str(script), str(int(how))))
     # Not asked for by a service: a server may warn of an answer that nobody waited for.
     craft.wait_for_state("waiting", "no clouds yet", "target_pose_node")

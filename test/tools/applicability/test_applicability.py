@@ -20,7 +20,7 @@ from horizon_sensor_ros.tools.applicability.figure6 import diagonal_maximum_deg,
 from horizon_sensor_ros.tools.applicability.figures import AngleGrid, Panel, draw_panel
 from horizon_sensor_ros.tools.camera_file import CameraFileError, read_camera_file
 
-EXAMPLE = Path(__file__).parents[2] / "config" / "applicability_example.yaml"
+EXAMPLE = Path(__file__).parents[3] / "config" / "applicability_example.yaml"
 
 
 @pytest.fixture

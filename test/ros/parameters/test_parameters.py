@@ -505,7 +505,7 @@ def test_typing_errors_in_cameras_names_are_found() -> None:
 
 
 def test_the_shipped_file_is_made_from_the_table() -> None:
-    shipped = Path(__file__).parents[2] / "config" / "params.yaml"
+    shipped = Path(__file__).parents[3] / "config" / "params.yaml"
     assert shipped.read_text() == parameter_file()
 
 

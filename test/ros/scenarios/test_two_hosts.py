@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).parents[2] / "benchmarks" / "two_hosts.py"
+SCRIPT = Path(__file__).parents[3] / "benchmarks" / "two_hosts.py"
 
 
 def test_estimates_from_cameras_on_another_computer() -> None:

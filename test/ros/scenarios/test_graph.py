@@ -18,7 +18,7 @@ from horizon_messages import write_parameters
 from node_processes import Listener, Program
 from rclpy.node import NodeNameNonExistentError
 
-CONFIG = Path(__file__).parents[2] / "config"
+CONFIG = Path(__file__).parents[3] / "config"
 INTEGRATION = CONFIG / "integration"
 LATE = {
     "local_vertical_node": {"/clock", "/coarse_pose", "/imu"},
