@@ -22,6 +22,7 @@ from rclpy.parameter import Parameter
 from horizon_sensor_ros.ros.process.participant_end import on_one_core
 
 PATIENCE_S, ANSWER_S = 20.0, 5.0
+END_S = 5.0  # within which nodes end after a signal, as they promise
 GOALS = {
     Transition.TRANSITION_CONFIGURE: State.PRIMARY_STATE_INACTIVE,
     Transition.TRANSITION_ACTIVATE: State.PRIMARY_STATE_ACTIVE,
@@ -59,14 +60,14 @@ class Program:
         )
 
     def end(self, how: int = signal.SIGTERM) -> tuple[int, str]:
-        """Signal the process; exit code and what it wrote to stderr beside its nodes' states and
-        answers that were lost.
+        """Signal the process, which then has `END_S`; exit code and what it wrote to stderr beside
+        its nodes' states and answers that were lost.
         """
         self.process.send_signal(how)
-        return self.wait()
+        return self.wait(END_S)
 
-    def wait(self) -> tuple[int, str]:
-        _, errors = self.process.communicate(timeout=PATIENCE_S)
+    def wait(self, patience_s: float = PATIENCE_S) -> tuple[int, str]:
+        _, errors = self.process.communicate(timeout=patience_s)
         lines = _ANSWER_LOST.sub("", errors).splitlines(keepends=True)
         self.states += [line for line in lines if _STATE.match(line)]
         return self.process.returncode, "".join(line for line in lines if not _STATE.match(line))

@@ -16,6 +16,7 @@ from horizon_sensor_ros.core.fits.limb_rays import LimbRays
 from horizon_sensor_ros.core.fits.maximum_likelihood import fit_maximum_likelihood
 from horizon_sensor_ros.core.fits.observation import LimbObservation
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.horizon.judgement import nadir_sigma_rad
 from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 from horizon_sensor_ros.core.planet import Planet
 
@@ -165,8 +166,8 @@ class _Difference:
         arcs = [_Arc.of(fit, self.seen, self.sphere) for fit in self.fits]
         whiten = [arc.whitening() for arc in arcs]
         own = [arc.off(arc.fit.nadir_base, arc.fit.rho_rad) for arc in arcs]
-        # Start from the camera that knows its cone better.
-        start = min(self.fits, key=lambda fit: fit.cov_nadir_altitude.trace())
+        # Start from the camera that knows nadir better.
+        start = min(self.fits, key=nadir_sigma_rad)
         nadir, rho = start.nadir_base, start.rho_rad
         best = math.inf
         for _ in range(_STEPS):

@@ -20,6 +20,7 @@ from horizon_sensor_ros.core.cameras.linear_light import linear_light
 from horizon_sensor_ros.core.cameras.mask import Mask
 from horizon_sensor_ros.core.cameras.white_level import full_scale
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
@@ -186,14 +187,28 @@ class HorizonPipeline:
         apart_ns = None if results else self._pairing.nearest_ns(camera)
         return Step(camera, results, apart_ns=apart_ns)
 
-    def warm_up(self) -> None:
-        """Run the whole way once on a drawn disc, so that the first real frame is not slow."""
-        sensor = HorizonSensor(self.settings.sensor)
-        for dtype in (np.uint8, np.uint16):
-            disc = np.zeros((240, 320), dtype)
-            cv2.circle(disc, (160, 330), 220, 200, -1, cv2.LINE_AA)
-            camera = Camera(320, 240, 250.0, 250.0, 159.5, 119.5)
-            sensor.process([Frame(CameraView("warm_up", camera, np.eye(3)), disc)])
+    def warm_up(self) -> tuple[HorizonFix, ...]:
+        """Run the whole way once, so that the first real frame is not slow: a limb of clouds below
+        air that glows, drawn here, is searched for and followed. Returns the fixes.
+        """
+        # Thresholds as they come: at one that is not passed the way would end early.
+        own = self.settings.sensor
+        sensor = HorizonSensor(HorizonConfig(method=own.method, limb=own.limb))
+        camera = Camera(320, 240, 277.0, 277.0, 159.5, 119.5)
+        view = CameraView("warm_up", camera, np.eye(3))
+        shape, rng = (camera.height, camera.width), np.random.default_rng(0)
+        pixels = np.argwhere(np.ones(shape))[:, ::-1].astype(float)
+        rho_rad = 1.14  # from some 600 km
+        nadir = np.array([0.0, np.sin(rho_rad), np.cos(rho_rad)])
+        beyond_px = camera.fx * (np.arccos(camera.rays(pixels) @ nadir) - rho_rad).reshape(shape)
+        clouds = 130.0 + 200.0 * cv2.GaussianBlur(rng.normal(size=shape), (0, 0), 3.0)
+        sky = 90.0 * np.exp(-np.maximum(beyond_px, 0.0) / 1.6)
+        light = cv2.GaussianBlur(np.where(beyond_px < 0.0, clouds, sky), (0, 0), 0.8)
+        fixes = []
+        for dtype, gain in ((np.uint8, 1.0), (np.uint8, 1.0), (np.uint16, 256.0)):
+            levels = gain * (light + rng.normal(6.0, 2.0, shape))
+            fixes.append(sensor.process([Frame(view, levels.astype(dtype))]))
+        return tuple(fixes)
 
     def _new_pairing(self) -> Pairing[Frame]:
         s = self.settings

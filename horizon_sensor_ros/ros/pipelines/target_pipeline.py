@@ -18,6 +18,7 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     vector_from_rotation,
 )
 from horizon_sensor_ros.core.status import Status
+from horizon_sensor_ros.core.target_motion.config import TrackerConfig
 from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
 from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 from horizon_sensor_ros.ros.messages.estimates import pose_message, twist_message
@@ -84,15 +85,18 @@ class TargetPipeline:
             # The last defence of a flight process: a defect of ours costs a cloud, not the node.
             return self._refuse(internal_error(error))
 
-    def warm_up(self) -> None:
-        """Run the whole way once on a drawn corner, so that the first real cloud is not slow."""
+    def warm_up(self) -> tuple[TargetFix, ...]:
+        """Run the whole way once on a drawn corner, so that the first real cloud is not slow.
+
+        Returns its fixes.
+        """
         y, x = np.mgrid[-0.3:0.3:40j, -0.3:0.3:40j]
         # Three planes through one point, each a linear function in inverse depth.
         depth = 1.0 / np.min([0.5 + x, 0.5 - x + 0.5 * y, 0.5 - x - 0.5 * y], axis=0)
         corner = np.stack([x * depth, y * depth, depth], axis=-1)
-        tracker = TargetTracker(self._settings.tracker)
-        for number in range(3):
-            tracker.process(corner, number * NANOSECONDS // 10)
+        # As it comes: in a crop that the corner is not in the way would end early.
+        tracker = TargetTracker(TrackerConfig())
+        return tuple(tracker.process(corner, n * NANOSECONDS // 10) for n in range(3))
 
     def _take(self, msg: Any) -> TargetStep:
         stamp = stamp_ns(msg)

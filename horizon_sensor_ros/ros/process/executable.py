@@ -104,6 +104,16 @@ def run(names: Sequence[str] = ()) -> int:
     # Before numpy is loaded: for matrices as small as ours more threads only wait for each other.
     # And with another number of them sums come out in another order: a replay would not agree.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    program = names[0] if len(names) == 1 else ONE_PROCESS
+    try:
+        import_module("rclpy")
+    except ImportError as error:
+        print(f"{program}: rclpy cannot be loaded: {error}; is ROS sourced?", file=sys.stderr)
+        return 1
+    return _until_a_signal(names, program, end)
+
+
+def _until_a_signal(names: Sequence[str], program: str, end: _QuietEnd) -> int:
     import rclpy  # noqa: PLC0415 - takes time, and signals are taken care of only now
     from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415
     from rclpy.utilities import remove_ros_args  # noqa: PLC0415
@@ -136,7 +146,6 @@ def run(names: Sequence[str] = ()) -> int:
             # Not spin(): in rclpy 7.1.6 that of the EventsExecutor outlives its context.
             executor.spin_once(timeout_sec=_WAKE_UP_S)
     except Exception as error:
-        program = names[0] if len(names) == 1 else ONE_PROCESS
         print(f"{program}: {_in_words(error)}", file=sys.stderr)
         return 1
     finally:

@@ -384,8 +384,20 @@ def test_garbage_gives_nothing_and_breaks_nothing(frames: list[tuple]) -> None:
     assert pipeline.rejected["internal_error"] == 0
 
 
-def test_warming_up_leaves_no_trace() -> None:
-    pipeline = ready()
-    pipeline.warm_up()
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"altitude_min": 3e7, "altitude_max": 4e7},
+        {"min_contrast": 1e4, "max_nadir_sigma": 1e-6, "min_limb_share": 1.0},
+        {"limb": "canny", "method": "gauss_newton"},
+    ],
+    ids=["as shipped", "far up", "nothing passes", "the papers'"],
+)
+def test_warming_up_goes_the_whole_way_and_leaves_no_trace(given: dict[str, Any]) -> None:
+    pipeline = ready(**given)
+    fixes = pipeline.warm_up()
+    assert [fix.status for fix in fixes] == [Status.OK] * 3
+    assert fixes[1].predicted is not None, "followed"
     assert not pipeline.counts
     assert not pipeline.rejected

@@ -329,7 +329,9 @@ def test_settings_change_without_losing_the_track() -> None:
     assert topics(pipeline.on_cloud(good_cloud(2))) == ALL_TOPICS
 
 
-def test_warming_up_leaves_no_trace() -> None:
+def test_warming_up_goes_the_whole_way_and_leaves_no_trace() -> None:
+    nothing_passes = {"crop_max": [0.1] * 3, "min_points": 10**6, "max_rotation_sigma": 1e-6}
+    assert [fix.status for fix in pipeline_of(**nothing_passes).warm_up()] == [Status.OK] * 3
     pipeline = pipeline_of()
     pipeline.warm_up()
     assert not pipeline.counts

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -150,10 +151,7 @@ def test_signals_end_a_node_quietly(
 ) -> None:
     program = start(name, *params)
     craft.wait(craft.statuses, "diagnostics")
-    began = time.monotonic()
-    code, errors = program.end(how)
-    assert (code, errors) == (0, "")
-    assert time.monotonic() - began < 5.0
+    assert program.end(how) == (0, "")
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
@@ -365,6 +363,21 @@ def test_help_into_a_full_disk_is_no_traceback() -> None:
         )
     assert done.stderr == ""
     assert done.returncode == 0
+
+
+def test_without_ros_a_node_says_so_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "rclpy.py").write_text("raise ImportError('librcl.so: cannot open')")
+    path = filter(None, [os.environ.get("PYTHONPATH")])
+    done = subprocess.run(
+        [sys.executable, "-m", "horizon_sensor_ros.ros.attitude_node"],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), *path])},
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        check=False,
+    )
+    said = "attitude_node: rclpy cannot be loaded: librcl.so: cannot open; is ROS sourced?\n"
+    assert (done.returncode, done.stdout, done.stderr) == (1, "", said)
 
 
 def test_an_argument_that_ros_does_not_know_is_said(start: Callable[..., Program]) -> None:

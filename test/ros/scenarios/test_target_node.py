@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -165,9 +164,7 @@ def test_signals_end_the_node_quietly(
 ) -> None:
     program = start(NODE, *params)
     chaser.wait(chaser.statuses, "diagnostics")
-    began = time.monotonic()
     assert program.end(how) == (0, "")
-    assert time.monotonic() - began < 5.0
 
 
 def test_a_node_that_is_shut_down_says_so_at_once(
