@@ -42,7 +42,8 @@ _Limits = tuple[float, float]  # of nadir's sigma, deg, and of the residual, px
 @dataclass(frozen=True)
 class Fixed:
     """One fix: its error, that squared in sigmas, its own sigma in nadir's least certain direction
-    and residual, and whether it was to be expected."""
+    and residual, and whether it was to be expected.
+    """
 
     error_deg: float
     nees: float

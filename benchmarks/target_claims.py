@@ -47,7 +47,8 @@ def random_body(rng: np.random.Generator) -> TriangleMesh:
 
 def claims_table(options: Options) -> Table:
     """NEES by the noise of the ranges; a third of the pairs for each that is even, and as many for
-    each that grows with the slant."""
+    each that grows with the slant.
+    """
     count = max(options.frames // len(_NOISE_M), 1)
     rows = []
     every: list[float] = []

@@ -122,7 +122,8 @@ def nees(
     found: np.ndarray, covariance: np.ndarray, centre_m: np.ndarray, truth: np.ndarray
 ) -> float:
     """Normalised squared error of a motion whose covariance is for shifts at ``centre_m`` (in b's
-    frame)."""
+    frame).
+    """
     at = inverse_pose(found) @ np.append(centre_m, 1)
     error = np.concatenate(
         [vector_from_rotation(truth[:3, :3] @ found[:3, :3].T), (truth @ at)[:3] - centre_m]

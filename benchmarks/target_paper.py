@@ -103,7 +103,8 @@ def _angles_and_shift(e: np.ndarray) -> tuple[float, float]:
 
 def literal_table(options: Options) -> Table:
     """Paper D's objective as printed and for many candidates at once; a whole search; the
-    default."""
+    default.
+    """
     rng = np.random.default_rng(options.seed)
     pair = scan_pair("n5", paper_pose(*PREVIOUS_DEG), paper_pose(*CURRENT_DEG[2]), rng, ToFCamera())
     sections = cut(pair.a.plain().astype(float), SECTION_PITCH_M)

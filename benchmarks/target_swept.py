@@ -1,5 +1,6 @@
 """A lidar that sweeps its field while the target turns: errors where its points tell when they were
-measured, and where not."""
+measured, and where not.
+"""
 
 from __future__ import annotations
 

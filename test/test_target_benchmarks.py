@@ -1,5 +1,6 @@
 """The benchmark of the target on a handful of clouds: its parts run, and its bars are the right
-way round."""
+way round.
+"""
 
 from __future__ import annotations
 

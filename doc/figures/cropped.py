@@ -1,5 +1,6 @@
 """A target behind an arm and before a wall: what of its cloud is used, and where it is taken to
-end."""
+end.
+"""
 
 from __future__ import annotations
 

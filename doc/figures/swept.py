@@ -1,5 +1,6 @@
 """A cloud that was swept while the target turned, as it came and as it is used; and what times of
-points are worth."""
+points are worth.
+"""
 
 from __future__ import annotations
 
@@ -91,7 +92,8 @@ def _tracked(
     clouds: list[SweptScan], target: TumblingTarget, told: bool
 ) -> tuple[list[int], list[float], list[float]]:
     """Number of each cloud after the first that was let through, by how much the turn since then is
-    off, and its sigma about the least certain axis, deg."""
+    off, and its sigma about the least certain axis, deg.
+    """
     tracker = TargetTracker(TrackerConfig(_WIDE))
     number, error, sigma = [], [], []
     frame = None

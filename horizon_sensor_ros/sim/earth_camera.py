@@ -99,7 +99,7 @@ def render_views(
     """
     each = [imaging] * len(views) if imaging is None or isinstance(imaging, Imaging) else imaging
     if len(each) != len(views):
-        raise ValueError(f"imaging must be one, or one a view ({len(views)}); got {len(each)}")
+        raise ValueError(f"imaging must be one, or one a view ({len(views)}), got {len(each)}")
     return tuple(
         render(
             view.camera,

@@ -28,7 +28,7 @@ def unit_vector(vector: Sequence[float] | np.ndarray) -> Vector3:
     v = np.asarray(vector, float)
     length = float(np.linalg.norm(v))
     if v.shape != (3,) or not np.isfinite(length) or length == 0.0:
-        raise ValueError(f"vector must be three finite numbers, not all zero; got {vector}")
+        raise ValueError(f"vector must be three finite numbers, not all zero, got {vector}")
     return float(v[0] / length), float(v[1] / length), float(v[2] / length)
 
 

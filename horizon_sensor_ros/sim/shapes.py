@@ -31,14 +31,14 @@ class TriangleMesh:
         faces = np.asarray(self.faces)
         if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
             raise ValueError(
-                f"vertices must be finite, of shape (V, 3); got shape {vertices.shape}"
+                f"vertices must be finite, of shape (V, 3), got shape {vertices.shape}"
             )
         if faces.ndim != 2 or faces.shape[1] != 3 or not np.issubdtype(faces.dtype, np.integer):
             raise ValueError(
-                f"faces must be integers of shape (F, 3); got {faces.shape} {faces.dtype}"
+                f"faces must be integers of shape (F, 3), got {faces.shape} {faces.dtype}"
             )
         if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
-            raise ValueError(f"faces must index {len(vertices)} vertices; got up to {faces.max()}")
+            raise ValueError(f"faces must index {len(vertices)} vertices, got up to {faces.max()}")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces.astype(np.int64))
 

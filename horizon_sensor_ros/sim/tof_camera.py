@@ -31,7 +31,7 @@ class ToFDisturbances:
     def __post_init__(self) -> None:
         for name in ("outlier_fraction", "occluded_fraction"):
             if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ValueError(f"{name} must be in [0, 1]; got {getattr(self, name)}")
+                raise ValueError(f"{name} must be in [0, 1], got {getattr(self, name)}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,14 +72,14 @@ class ToFCamera:
     def __post_init__(self) -> None:
         for name in ("width", "height", "pixel_pitch_m", "focal_length_m"):
             if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive; got {getattr(self, name)}")
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
         if not 0 <= self.range_min_m < self.range_max_m:
             raise ValueError(
-                f"need 0 <= range_min_m < range_max_m; got {self.range_min_m}, {self.range_max_m}"
+                f"need 0 <= range_min_m < range_max_m, got {self.range_min_m}, {self.range_max_m}"
             )
         for name in ("range_noise_m", "slant_growth"):
             if not getattr(self, name) >= 0:
-                raise ValueError(f"{name} must not be negative; got {getattr(self, name)}")
+                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
 
     @property
     def focal_px(self) -> float:
@@ -103,7 +103,8 @@ class ToFCamera:
         self, mesh: TriangleMesh, pose_cam_from_target: np.ndarray, oversampling: int = 1
     ) -> np.ndarray:
         """(H k, W k) exact range (m) of the nearest surface along each ray; NaN where there is
-        none."""
+        none.
+        """
         pose = _checked_pose(pose_cam_from_target)
         corners = (mesh.vertices @ pose[:3, :3].T + pose[:3, 3])[mesh.faces]
         u, v = self._tangents(oversampling)
@@ -113,7 +114,8 @@ class ToFCamera:
 
     def cosines(self, mesh: TriangleMesh, pose_cam_from_target: np.ndarray) -> np.ndarray:
         """(H, W) cosine between each ray and the normal of the surface it meets; NaN where there is
-        none."""
+        none.
+        """
         pose = _checked_pose(pose_cam_from_target)
         corners = (mesh.vertices @ pose[:3, :3].T + pose[:3, 3])[mesh.faces]
         u, v = self._tangents(1)
@@ -143,7 +145,8 @@ class ToFCamera:
         disturbances: ToFDisturbances | None = None,
     ) -> ToFScan:
         """Expose once. Without ``rng`` there is no noise, and disturbances that need chance raise
-        ValueError."""
+        ValueError.
+        """
         extra = ToFDisturbances() if disturbances is None else disturbances
         if rng is None and (extra.outlier_fraction or extra.occluded_fraction):
             raise ValueError("outliers and occlusion need rng")
@@ -170,7 +173,7 @@ class ToFCamera:
 def _checked_pose(pose: np.ndarray) -> np.ndarray:
     pose = np.asarray(pose, dtype=float)
     if pose.shape != (4, 4) or not np.isfinite(pose).all():
-        raise ValueError(f"pose_cam_from_target must be finite, (4, 4); got shape {pose.shape}")
+        raise ValueError(f"pose_cam_from_target must be finite, (4, 4), got shape {pose.shape}")
     return pose
 
 
@@ -230,7 +233,8 @@ def _pixel_boxes(
     corners: np.ndarray, size_px: tuple[int, int], focal_px: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The pixels (low inclusive, high exclusive; (F, 2) column, row) that each triangle may
-    cover, of a frame so wide and high."""
+    cover, of a frame so wide and high.
+    """
     size = np.array(size_px)
     z = corners[..., 2:]
     ahead = (z > 1e-9).all(axis=(1, 2))

@@ -159,7 +159,8 @@ def test_a_pose_of_another_shape_and_chance_without_a_generator_are_refused() ->
 
 def test_noise_grows_with_the_slant() -> None:
     """Of a wall that turns away by 60 deg: twice as large where the variance is as one over the
-    cosine squared."""
+    cosine squared.
+    """
     tilt = Rotation.from_euler("y", 60, degrees=True).as_matrix()
     wall, pose = box((4.0, 0.5, 0.02)), pose_of(tilt, 4.0)
     camera = ToFCamera(width=200, height=200, range_noise_m=0.005, slant_growth=1.0)

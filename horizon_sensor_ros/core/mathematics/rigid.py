@@ -43,7 +43,8 @@ def vector_from_rotation(rotation: np.ndarray) -> np.ndarray:
 
 def inverse_left_jacobian(vector_rad: np.ndarray) -> np.ndarray:
     """(3, 3) by which a small rotation before a large one, of a vector (3,), changes that vector
-    (Barfoot, State Estimation for Robotics, 2017, eq. 7.77)."""
+    (Barfoot, State Estimation for Robotics, 2017, eq. 7.77).
+    """
     angle = float(np.linalg.norm(vector_rad))
     across = skew(vector_rad)
     # The series' next term is angle**2 / 720.
@@ -55,7 +56,8 @@ def inverse_left_jacobian(vector_rad: np.ndarray) -> np.ndarray:
 
 def turn_and_shift(rotation: np.ndarray) -> np.ndarray:
     """(6, 6) by which a turn and a shift, one below the other, are told about other axes: rotation
-    (3, 3) from the old ones, or what changes with it."""
+    (3, 3) from the old ones, or what changes with it.
+    """
     both = np.zeros((6, 6))
     both[:3, :3] = both[3:, 3:] = rotation
     return both

@@ -59,10 +59,10 @@ class CameraHorizon:
         """Refuse what no fit gives."""
         if not (np.isfinite(self.nadir_cam).all() and np.isfinite(self.rho_rad)):
             got = f"{np.asarray(self.nadir_cam).tolist()} and {self.rho_rad}"
-            raise ValueError(f"nadir_cam and rho_rad must be finite; got {got}")
+            raise ValueError(f"nadir_cam and rho_rad must be finite, got {got}")
         if not (np.linalg.eigvalsh(self.cov_noise + self.cov_shared) > 0.0).all():
             got = np.asarray(self.cov_noise).tolist()
-            raise ValueError(f"cov_noise and cov_shared must be positive definite; got {got}")
+            raise ValueError(f"cov_noise and cov_shared must be positive definite, got {got}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,19 +42,19 @@ class RegistrationConfig:
         for name in ("focal_px", "range_noise_m"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be positive or None; got {value}")
+                raise ValueError(f"{name} must be positive or None, got {value}")
         if not 0 <= self.range_bias_sigma_m < np.inf:
             raise ValueError(
-                f"range_bias_sigma_m must be 0 or positive; got {self.range_bias_sigma_m}"
+                f"range_bias_sigma_m must be 0 or positive, got {self.range_bias_sigma_m}"
             )
         if not self.min_points >= LEAST_POINTS:
-            raise ValueError(f"min_points must be at least {LEAST_POINTS}; got {self.min_points}")
+            raise ValueError(f"min_points must be at least {LEAST_POINTS}, got {self.min_points}")
         for name in ("max_rotation_sigma_rad", "max_shift_sigma_m", "search_rad"):
             if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive; got {getattr(self, name)}")
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
         for name in ("min_score", "min_overlap"):
             if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"{name} must be in [0, 1]; got {getattr(self, name)}")
+                raise ValueError(f"{name} must be in [0, 1], got {getattr(self, name)}")
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,6 @@ class TrackerConfig:
     def __post_init__(self) -> None:
         for name in ("max_gap_s", "max_refused", "keyframe_turn_rad"):
             if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive; got {getattr(self, name)}")
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
         if not 0 <= self.keyframe_overlap <= 1:
-            raise ValueError(f"keyframe_overlap must be in [0, 1]; got {self.keyframe_overlap}")
+            raise ValueError(f"keyframe_overlap must be in [0, 1], got {self.keyframe_overlap}")

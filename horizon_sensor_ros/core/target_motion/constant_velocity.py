@@ -95,7 +95,8 @@ def velocity_of(
 
 def _off(velocity: Velocity, now: KnownView, passed: Sequence[tuple[float, np.ndarray]]) -> float:
     """Squared Mahalanobis distance, the largest, of poses so long ago from those that a velocity
-    leads from to a view's."""
+    leads from to a view's.
+    """
     information = np.linalg.inv(2.0 * now.step_covariance)
     largest = 0.0
     for ago_s, pose in passed:

@@ -62,7 +62,8 @@ class KnownView:
 
     def uncertain(self, of_sweep: np.ndarray, config: RegistrationConfig) -> str:
         """Why the last step is not known well enough, with what is wrong with the two views
-        themselves, (6, 6) of each, as clouds that took time; empty where it is."""
+        themselves, (6, 6) of each, as clouds that took time; empty where it is.
+        """
         known = self.step_covariance + 2.0 * of_sweep
         turn_rad, shift_m = (
             float(np.sqrt(np.linalg.eigvalsh(known[part, part])[-1]))

@@ -112,9 +112,9 @@ def register(
     if prior_b_from_a is not None:
         prior_b_from_a = np.asarray(prior_b_from_a, dtype=float)
         if prior_b_from_a.shape != (4, 4):
-            raise ValueError(f"prior_b_from_a must be (4, 4); got {prior_b_from_a.shape}")
+            raise ValueError(f"prior_b_from_a must be (4, 4), got {prior_b_from_a.shape}")
         if not np.isfinite(prior_b_from_a).all():
-            raise ValueError(f"prior_b_from_a must be finite; got {prior_b_from_a.tolist()}")
+            raise ValueError(f"prior_b_from_a must be finite, got {prior_b_from_a.tolist()}")
     for view in (a, b):
         if view.surface is None:
             return Registration(view.status, view.reason)
@@ -156,7 +156,8 @@ def _in_views(
     pose_b_from_a: np.ndarray, a: TargetView, b: TargetView
 ) -> tuple[np.ndarray, np.ndarray]:
     """Rotation (3, 3) and shift (3,) of a motion in the clouds' frames, from a's view frame to
-    b's."""
+    b's.
+    """
     turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
     rotation, shift_m = pose_b_from_a[:3, :3], pose_b_from_a[:3, 3]
     shift_m = shift_m + (rotation @ a.image.sensor_m - b.image.sensor_m)

@@ -48,7 +48,8 @@ def target_view(
     cropped: np.ndarray | None = None,
 ) -> TargetView:
     """Prepare a cloud, (H, W, 3) organised or (N, 3) plain, metres; bad data comes back as a
-    status. cropped : (M, 3) returns that were taken out of it."""
+    status. cropped : (M, 3) returns that were taken out of it.
+    """
     config = RegistrationConfig() if config is None else config
     image = range_image(points, config.focal_px, config.min_points)
     if cropped is not None:

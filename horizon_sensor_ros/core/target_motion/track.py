@@ -1,5 +1,6 @@
 """The target since its frame was set: views of it whose poses are known, and the motion to the next
-one, held against all of them."""
+one, held against all of them.
+"""
 
 from __future__ import annotations
 
@@ -104,7 +105,8 @@ class Track:
 
     def miss(self, *, refused: bool) -> None:
         """Take note of a cloud without a fix; refused : not for being of no use, which says nothing
-        about the track. The target turned on."""
+        about the track. The target turned on.
+        """
         self._refused += refused
         self._missed += 1
 
@@ -125,7 +127,8 @@ class Track:
         config: TrackerConfig,
     ) -> TrackStep:
         """The motion to a view. sweep : of a cloud that took time; velocity : by which it is
-        stilled, if it is."""
+        stilled, if it is.
+        """
         step = self._motion_to(view, stamp_ns, config)
         if step.keyframe is None or sweep is None:
             return step
@@ -248,7 +251,8 @@ class Track:
 
     def _of_now(self, found: Registration, keyframe: KnownView, view: TargetView) -> Registration:
         """The motion found from a keyframe; refused where the driver averages over clouds: faces
-        then are where they were, and outlines where they are."""
+        then are where they were, and outlines where they are.
+        """
         assert view.surface is not None
         pose = found.pose_b_from_a @ keyframe.pose
         if not self._filter.told(view.image, view.surface.sigma_m, pose):
@@ -263,7 +267,8 @@ class Track:
         self, found: Registration, keyframe: KnownView, predicted: np.ndarray
     ) -> Registration:
         """The motion found from a keyframe; refused where it is not what constant velocity lets
-        expect."""
+        expect.
+        """
         last = self.last
         reason = unexpected(found, keyframe, last.pose, predicted, self._strayed)
         if not reason:
@@ -275,7 +280,8 @@ class Track:
         self, pose: np.ndarray, view: TargetView, config: TrackerConfig
     ) -> list[KnownView]:
         """Keyframes to try: the oldest that the target has not turned too far from, seen from
-        about as near; else, and then, the last view."""
+        about as near; else, and then, the last view.
+        """
         last = self.last
         near = [
             k
@@ -332,7 +338,8 @@ class Track:
 
     def _first_was_odd(self, view: TargetView, config: RegistrationConfig) -> bool:
         """Take a cloud that does not fit the track; whether it and those refused before it agree
-        with each other, and nothing has with the first."""
+        with each other, and nothing has with the first.
+        """
         if self._path:
             return False
         agrees = self._odd is not None and register(self._odd, view, config).status is Status.OK

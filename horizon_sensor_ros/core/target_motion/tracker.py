@@ -22,7 +22,8 @@ from horizon_sensor_ros.core.target_motion.track import Track, stilled_view
 
 class TargetTracker:
     """Feed clouds in order of time; each comes back as a TargetFix, the same for the same clouds
-    and stamps."""
+    and stamps.
+    """
 
     def __init__(self, config: TrackerConfig | None = None) -> None:
         self.config = TrackerConfig() if config is None else config
@@ -41,7 +42,8 @@ class TargetTracker:
     @property
     def stamp_ns(self) -> int | None:
         """Stamp of the last cloud that showed something, by which later ones are judged; None where
-        there was none yet."""
+        there was none yet.
+        """
         return self._stamp_ns
 
     def process(
@@ -130,7 +132,8 @@ class TargetTracker:
         velocity: Velocity | None,
     ) -> TargetView:
         """A cloud as it would be, had it been measured at its stamp; as it came where that is not
-        known."""
+        known.
+        """
         config = self.config.registration
         if sweep is None:
             return target_view(points, config, cropped)
@@ -141,7 +144,8 @@ class TargetTracker:
     def _frozen(self, view: TargetView, sweep: Sweep | None) -> bool:
         """Whether a cloud is the last fix's to the last bit, although clouds have changed before: a
         live sensor's noise never repeats. Clouds that never did, or have no noise, may be a drawn
-        target at rest."""
+        target at rest.
+        """
         if self._track is None:
             return False
         same = self._track.is_last(view, sweep)

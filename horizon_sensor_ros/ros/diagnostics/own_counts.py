@@ -1,5 +1,6 @@
 """What of a pipeline's counts is a node's own: nodes of a process share pipelines, and go from one
-to another."""
+to another.
+"""
 
 from __future__ import annotations
 

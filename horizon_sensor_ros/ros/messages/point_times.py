@@ -22,7 +22,8 @@ _MOST_S, _SHARE = 2.0, 0.99
 @dataclass(frozen=True)
 class PointTimes:
     """times_s : seconds from the stamp, NaN where they cannot be; None where they are not used.
-    told : by which field, or why they are not used, for a person."""
+    told : by which field, or why they are not used, for a person.
+    """
 
     times_s: np.ndarray | None
     told: str

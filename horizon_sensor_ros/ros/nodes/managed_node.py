@@ -217,7 +217,7 @@ class ManagedNode(LifecycleNode, Generic[Settings]):
         declared: dict[str, Any] = self.get_parameters_by_prefix("")
         sim_time = declared.get("use_sim_time")
         if sim_time is not None and not isinstance(sim_time.value, bool):
-            raise ParameterError(f"use_sim_time must be true or false; got {shown(sim_time.value)}")
+            raise ParameterError(f"use_sim_time must be true or false, got {shown(sim_time.value)}")
         given = {
             name: parameter.value
             for name, parameter in declared.items()

@@ -1,5 +1,6 @@
 """Given parameters that a node ignores: names that mean nothing to any, an altitude without its
-sigma."""
+sigma.
+"""
 
 from __future__ import annotations
 

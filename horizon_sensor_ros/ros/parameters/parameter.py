@@ -66,7 +66,7 @@ class Parameter:
             )
         if self.choices and accepted not in self.choices:
             raise ParameterError(
-                f"{self.name} must be one of {', '.join(self.choices)}; got {shown(accepted)}"
+                f"{self.name} must be one of {', '.join(self.choices)}, got {shown(accepted)}"
             )
         if self.minimum is not None and self.maximum is not None:
             number = float(accepted)  # type: ignore[arg-type]

@@ -14,5 +14,5 @@ def nodes_of(names: object) -> list[str]:
     known = [name for name in given if name in NODES]
     if known != given or not given or len(set(given)) != len(given):
         got = ", ".join(map(str, given)) or "none"
-        raise ValueError(f"nodes must be some of {', '.join(NODES)}, each once; got {got}")
+        raise ValueError(f"nodes must be some of {', '.join(NODES)}, each once, got {got}")
     return known

@@ -1,5 +1,6 @@
 """A simulated flight, with a target in sight, past the real nodes over DDS; held against its truth,
-recorded as a bag, and shown by that bag's report."""
+recorded as a bag, and shown by that bag's report.
+"""
 
 from __future__ import annotations
 

@@ -73,7 +73,8 @@ def test_below_a_layer_errors_are_larger_but_where_it_was_told_from_the_limb() -
 
 def test_glow_that_fades_along_the_limb_is_known_better(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 301 such limbs 10 were turned by more than 2.5 sigma, not the 4 of as many normal errors:
-    what is claimed was too small by the ratio of both deviates."""
+    what is claimed was too small by the ratio of both deviates.
+    """
     fading = GlowPoints(Status.OK, shared=BY_DAY, cone_errors=SEPARATED)
     monkeypatch.setattr(GlowPoints, "twilit", property(lambda _: True))
     views = [view_at_limb(PINHOLE, NADIR, RHO, azimuth) for azimuth in (1.0, 3.0)]

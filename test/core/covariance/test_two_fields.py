@@ -59,7 +59,8 @@ def test_frames_of_one_moment_claim_nothing() -> None:
 @pytest.mark.parametrize(("moves_deg_s", "asked"), [(None, True), (5.0, True), (0.05, False)])
 def test_a_craft_that_hardly_turns_is_not_asked(moves_deg_s: float | None, asked: bool) -> None:
     """Fields that differ are claimed where the limb moves, or may; 0.05 deg/s is no hundredth of a
-    pixel in a fiftieth of a second."""
+    pixel in a fiftieth of a second.
+    """
     images = interlaced(1, TURN_RAD * np.array([1.0, 0.0, 0.0]))
     limbs = [
         LimbObservation(view, replace(limb, shared=limb.shared._replace(fields_px=0.0)))

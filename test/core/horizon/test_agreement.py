@@ -166,7 +166,8 @@ def test_what_is_found_around_a_cone_that_is_no_cameras_own_does_not_hide_it(
 @pytest.mark.parametrize(("apart", "by_chance"), [(2.6, True), (2.9, True), (3.1, False)])
 def test_altitudes_are_apart_by_chance_up_to_three_sigma(apart: float, by_chance: bool) -> None:
     """One pair in 370 is farther by the normal law: then all was claimed too small, by Birge's
-    factor, and not only the mountings are wrong."""
+    factor, and not only the mountings are wrong.
+    """
     planet, nadir, altitude_m = Planet(), np.array([0.0, 0.0, 1.0]), 800e3
     rho_rad = planet.rho_from_altitude(altitude_m)
     views = [

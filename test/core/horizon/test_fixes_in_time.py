@@ -1,5 +1,6 @@
 """From where on a fix does not go with those before, as doc/horizon.md says: with fixes and a gyro
-that are told, not measured."""
+that are told, not measured.
+"""
 
 from __future__ import annotations
 
@@ -91,7 +92,8 @@ def test_nadir_moves_no_farther_than_the_craft_turns(
 
 def first_refused(rate_deg_s: float, step_s: float, moves: float = 0.0, sets: int = 2000) -> float:
     """Time at which a fix is refused that moves by a share of what the gyro tells; infinite where
-    none is."""
+    none is.
+    """
     fixed = CraftFixed()
     for k in range(sets):
         fix = fix_at(-moves * rate_deg_s * k * step_s)

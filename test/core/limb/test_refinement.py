@@ -99,7 +99,8 @@ def test_uniform_planet_to_hundredths_of_a_pixel(altitude_m: float, camera: obje
 
 def test_error_grows_with_noise_as_claimed() -> None:
     """Noise is measured in space, which must not be clipped at zero; where it is, the fit's own
-    residuals say more than these sigmas."""
+    residuals say more than these sigmas.
+    """
     views = limb_views(600e3)
     claimed, actual = [], []
     for noise in (2.0, 4.0, 8.0):

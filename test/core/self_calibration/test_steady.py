@@ -120,7 +120,8 @@ def _off(frames: FrameSet, amounts: np.ndarray, sigma: float) -> FrameSet:
 
 def test_a_turn_about_a_nadir_beside_an_axis_is_no_turn_about_the_axes() -> None:
     """Nadir stays 7 deg off z; of a misalignment of 1 deg about z .12 deg would be told as about
-    x, to half a thousandth of a degree."""
+    x, to half a thousandth of a degree.
+    """
     nadir = nadir_from_roll_pitch(0.0, np.radians(7.0), "down")
     wrong = {**ROTATIONS, "camera_2": rotation_from_vector([0, 0, 0.0175]) @ ROTATIONS["camera_2"]}
     sets = frame_sets([nadir] * 60, wrong, rng(2))

@@ -313,7 +313,8 @@ def cut_by_lidar(pose: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(8))
 def test_noise_of_normals_is_no_end_of_a_prism_that_fills_the_frame(seed: int) -> None:
     """Faces alone show no shift along them; yet two views' normals agree by chance, here and there
-    by as much as would tell it to some millimetres: two of these eight were let through."""
+    by as much as would tell it to some millimetres: two of these eight were let through.
+    """
     camera = ToFCamera(width=320, height=240, pixel_pitch_m=9.8e-6, range_noise_m=0.008)
     rng = np.random.default_rng(seed)
     along_rows = Rotation.from_euler("YX", (90, 26.5), degrees=True).as_matrix()
@@ -429,7 +430,8 @@ def test_the_covariance_moves_to_another_point() -> None:
 @pytest.mark.parametrize("name", ["n5", "winged_cylinder"])
 def test_what_a_bias_of_the_ranges_does_is_known(name: str, seed: int) -> None:
     """What faces the sensor is moved along the sight before and after it turned; and the turn as
-    the same clouds with ranges 2 mm longer, and shorter, show."""
+    the same clouds with ranges 2 mm longer, and shorter, show.
+    """
     told_m = 0.002
     config = RegistrationConfig(range_bias_sigma_m=told_m)
     a, b, _ = pair(name, seed, 12.0)
@@ -681,7 +683,7 @@ def test_a_prior_that_is_no_motion_is_the_callers_bug(wrong: float) -> None:
 
 
 def test_fewer_points_than_span_a_body_are_no_limit() -> None:
-    with pytest.raises(ValueError, match="min_points must be at least 4; got 3"):
+    with pytest.raises(ValueError, match="min_points must be at least 4, got 3"):
         RegistrationConfig(min_points=3)
     rng = np.random.default_rng(0)
     config = RegistrationConfig(min_points=4)

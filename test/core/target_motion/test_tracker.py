@@ -160,7 +160,8 @@ def test_a_refused_cloud_changes_nothing() -> None:
 
 def strewn(count: int, seed: int) -> np.ndarray:
     """A cloud of no body: ranges of 1 mm to 1000 km, as many in each decade, ahead of the
-    sensor."""
+    sensor.
+    """
     rng = np.random.default_rng(seed)
     ray = np.column_stack([rng.uniform(-0.3, 0.3, (count, 2)), np.ones(count)])
     return 10 ** rng.uniform(-3, 6, (count, 1)) * ray / np.linalg.norm(ray, axis=1, keepdims=True)
@@ -292,7 +293,8 @@ def test_two_odd_clouds_after_a_first_good_one_are_no_new_target() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_a_side_of_a_prism_away_from_the_velocity_is_no_motion(seed: int) -> None:
     """A prism of six sides that spins up while no clouds come: found a side (60 deg) off, and as
-    the prediction went on that came to lie near it."""
+    the prediction went on that came to lie near it.
+    """
     mesh = assembly([cylinder(0.6, 1.0, 6), box((0.12, 0.12, 0.2), (0.2, 0.1, 0.55))])
     lean = Rotation.from_euler("X", 7 * seed - 60, degrees=True).as_matrix()
     rng = np.random.default_rng(seed)
@@ -344,7 +346,8 @@ def test_a_box_that_may_have_turned_by_a_side_unseen_is_not_at_rest(
     step_deg: float, lean_deg: float, roll_deg: float
 ) -> None:
     """The first clouds of a box of square section were refused for whatever reason, until it was
-    taken to have turned by 90 deg less: the views agree to 0.99 and more with that."""
+    taken to have turned by 90 deg less: the views agree to 0.99 and more with that.
+    """
     mesh = assembly([box((0.7, 0.7, 1.6)), box((0.1, 0.15, 0.2), (0.37, 0.1, 0.4))])
     rng = np.random.default_rng(6)
     start = Rotation.from_euler("XZ", (lean_deg, roll_deg), degrees=True).as_matrix()
@@ -424,7 +427,8 @@ def test_after_a_turn_that_was_refused_less_is_let_through(
     off_deg: float, refused_before: bool, accepted: bool
 ) -> None:
     """Of a body like itself what was refused may come to lie nearer as the prediction goes on: 10
-    deg are allowed then, before three times the 6 deg of a step."""
+    deg are allowed then, before three times the 6 deg of a step.
+    """
     rng = np.random.default_rng(1)
     start = Rotation.from_euler("YXZ", (23.5, 23.5, 1), degrees=True).as_matrix()
     steady = list(range(0, 25, 6))
@@ -445,7 +449,8 @@ def test_after_a_turn_that_was_refused_less_is_let_through(
 
 def test_an_approach_keeps_its_track() -> None:
     """From 40 m to 3: a pixel of the first view is as wide as thirteen of the last one, and what it
-    smears is no part that moves otherwise."""
+    smears is no part that moves otherwise.
+    """
     camera = ToFCamera(pixel_pitch_m=20e-6, range_max_m=100.0)
     rng = np.random.default_rng(1)
     start = Rotation.from_euler("YXZ", (23.5, 23.5, 1), degrees=True).as_matrix()
@@ -468,7 +473,8 @@ def test_an_approach_keeps_its_track() -> None:
 
 def test_two_stamps_close_together_are_no_velocity() -> None:
     """Those of clouds that arrive two at a time: 3 deg in a millisecond would be 600 in the next
-    step."""
+    step.
+    """
     clouds, _ = tumbling(15, 8)
     tracker = TargetTracker()
     for k, cloud in enumerate(clouds):
@@ -490,7 +496,8 @@ def test_stamps_that_repeat_or_jump_back() -> None:
 
 def test_the_very_same_cloud_under_new_stamps_is_not_of_now() -> None:
     """A driver that repeats its last cloud: the target would stand still, known to a tenth of a
-    degree, while it turns by 3 deg a cloud."""
+    degree, while it turns by 3 deg a cloud.
+    """
     clouds, poses = tumbling(15, 4)
     tracker = TargetTracker()
     first = tracker.process(clouds[0], 0)
@@ -682,7 +689,8 @@ def _known(stamp_ns: int, pose: np.ndarray, covariance: np.ndarray, step: np.nda
 @pytest.mark.parametrize("bias_m", [-0.006, pytest.param(0.004, marks=pytest.mark.slow)])
 def test_a_bias_of_the_ranges_is_claimed_where_it_is_told(bias_m: float) -> None:
     """It moves whatever faces the sensor, which is another part as the target turns: poses are off
-    by up to twice the bias, and of steps that err alike nothing averages out."""
+    by up to twice the bias, and of steps that err alike nothing averages out.
+    """
     clouds, poses = tumbling(20.0, 45)
     biased = [
         cloud * (1.0 + bias_m / np.linalg.norm(cloud, axis=-1, keepdims=True)) for cloud in clouds
@@ -723,7 +731,8 @@ def _squares(
 
 def _off(pose: np.ndarray, found: np.ndarray) -> np.ndarray:
     """Turn and shift (6,) from a pose that was found to another, about the axes of the frame that
-    both are told in."""
+    both are told in.
+    """
     turn = vector_from_rotation(pose[:3, :3] @ found[:3, :3].T)
     return np.concatenate([turn, pose[:3, 3] - found[:3, 3]])
 
@@ -736,7 +745,8 @@ def _square(truth: np.ndarray, found: np.ndarray, covariance: np.ndarray) -> flo
 
 def test_an_error_of_the_target_frame_turns_the_axes_of_a_step() -> None:
     """Of steps of 40 deg and 0.5 m, with poses known to 2 deg and single steps to 0.1 deg: without
-    it the normalised squared error was 850, not 6."""
+    it the normalised squared error was 850, not 6.
+    """
     rng = np.random.default_rng(0)
     before = pose_matrix(rotation_from_vector(rng.normal(size=3)), np.array([0.2, -0.3, 5.0]))
     step = pose_matrix(rotation_from_vector(np.array([0.1, 0.6, -0.3])), np.array([0.4, 0.1, -0.2]))
@@ -799,7 +809,8 @@ def test_a_steps_covariance_is_that_of_two_poses_that_err_each_by_itself() -> No
 
 def test_what_two_poses_have_from_one_kept_view_is_not_in_their_step() -> None:
     """Each registration errs by the noise of both of its views, and that of the kept one is the
-    same in both: it turns the target frame, and not the target in it."""
+    same in both: it turns the target frame, and not the target in it.
+    """
     rng = np.random.default_rng(7)
     root = rng.normal(size=(6, 6)) * np.repeat([1e-3, 1e-3], 3)[:, None]
     of_view = root @ root.T

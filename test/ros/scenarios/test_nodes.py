@@ -401,7 +401,7 @@ def test_a_time_that_is_neither_is_refused(
     code, errors = start("attitude_node", *params, "-p", "use_sim_time:=3").wait()
     assert code == 1
     # rclpy says it too, and goes on by the wall clock.
-    assert errors.endswith("attitude_node: use_sim_time must be true or false; got 3\n")
+    assert errors.endswith("attitude_node: use_sim_time must be true or false, got 3\n")
 
 
 def test_a_name_for_the_process_leaves_its_nodes_theirs(

@@ -157,7 +157,8 @@ def motion(turn: list[float], shift: list[float]) -> np.ndarray:
 
 def flown_target(turn: list[float], shift: list[float]) -> tuple[dict, dict]:
     """Truths and messages of four clouds; the third pose, and what follows from it, is off by a
-    small motion about the sensor's axes, and the fourth sets a frame of its own."""
+    small motion about the sensor's axes, and the fourth sets a frame of its own.
+    """
     bodies = {k * S: motion([0.1 * k, 0.3, -0.2 * k], [0.1 * k, 0.0, 5.0]) for k in range(4)}
     fixed = motion([0.5, -0.4, 0.2], [0.05, 0.1, -0.2])
     poses = {stamp: body @ fixed for stamp, body in bodies.items()}

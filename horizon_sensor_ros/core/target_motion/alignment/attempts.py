@@ -1,5 +1,6 @@
 """Tries of one registration: from the prior, from no turn, from all over the search, each refined
-and seen how well the views agree."""
+and seen how well the views agree.
+"""
 
 from __future__ import annotations
 
@@ -201,7 +202,8 @@ class Finder:
 
     def _settle(self, rotation: np.ndarray, translation: np.ndarray, *, searched: bool) -> Found:
         """Refine; where a direction is not known well, or the views do not quite agree, look along
-        the weakest direction for what agrees better."""
+        the weakest direction for what agrees better.
+        """
         found = self._finish(rotation, translation, searched=searched)
         sound = found.sound(self._config)
         clear = sound and found.score > BEYOND_DOUBT - SCORE_LOST * self._odd
@@ -250,7 +252,8 @@ def _lost(
     covariance: np.ndarray, size_m: float, config: RegistrationConfig, by: float = _LOST
 ) -> bool:
     """Whether what is known worst is a shift (turns count at the rms radius), worse than allowed by
-    this factor."""
+    this factor.
+    """
     scale = np.repeat([size_m, 1.0], 3)
     values, vectors = np.linalg.eigh(covariance * np.outer(scale, scale))
     shift = np.linalg.norm(vectors[3:, -1]) > np.linalg.norm(vectors[:3, -1])
@@ -259,7 +262,8 @@ def _lost(
 
 def _slides_px(view: SurfaceView) -> np.ndarray:
     """(2 N + 1,) motions that are tried along the weakest direction, pixels' widths; none is the
-    middle one."""
+    middle one.
+    """
     reach = int(np.ceil(_SLIDE * view.size_m / view.footprint_m))
     step = max(1.0, reach / _MOST_STEPS)
     count = round(reach / step)
@@ -268,7 +272,8 @@ def _slides_px(view: SurfaceView) -> np.ndarray:
 
 def _along_weakest(found: Found, steps_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Motions (C, 3, 3), (C, 3) so many pixels' widths (C,) beside the found one in the direction
-    that is observed least."""
+    that is observed least.
+    """
     b = found.b
     scale = np.array([b.size_m] * 3 + [1.0] * 3)
     vectors = np.linalg.eigh(found.uncertainty.covariance * np.outer(scale, scale))[1]

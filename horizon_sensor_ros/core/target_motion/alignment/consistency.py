@@ -37,7 +37,8 @@ def odd_share(a: SurfaceView, b: SurfaceView) -> float:
 
 def project(view: SurfaceView, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Flat pixel index in ``view`` of points (any shape); beyond its border the pixel on the
-    border."""
+    border.
+    """
     image = view.image
     height, width = image.inverse_depth.shape
     scale = np.float32(image.focal_px) / np.maximum(z, np.float32(1e-3))

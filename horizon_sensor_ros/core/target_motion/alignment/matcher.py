@@ -1,5 +1,6 @@
 """Finds pairs between two views for any motion between them: planes seen in the same direction,
-edges that are near."""
+edges that are near.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +61,8 @@ class Matcher:
         self, rotation: np.ndarray, translation: np.ndarray, gate_m: float, step: int = 1
     ) -> Pairs:
         """Pairs whose distance along the normal is below ``gate_m``; of planes and edges
-        each ``step``-th, and parts only where that is 1."""
+        each ``step``-th, and parts only where that is 1.
+        """
         a, b = self.a, self.b
         turn, shift = rotation.astype(np.float32), translation.astype(np.float32)
         sets = [
@@ -107,7 +109,8 @@ class Matcher:
         self, rotation: np.ndarray, translation: np.ndarray, gate_m: float, step: int
     ) -> tuple[list[_Set], tuple[np.ndarray, np.ndarray]]:
         """Pairs across edges, then, if there are bars, along their fronts; and of which edges of a
-        and of b the former are."""
+        and of b the former are.
+        """
         a, b = self.a.edges, self.b.edges
         point = a.points[::step] @ rotation.T + translation
         reach = max(3 * self.b.footprint_m, gate_m)
@@ -167,7 +170,8 @@ class Matcher:
 
 def _directions(edges: Edges) -> tuple[np.ndarray, np.ndarray]:
     """(K, 3) directions of bars, the commonest first, and (E,) which of them each edge has; 0 where
-    it is no bar's."""
+    it is no bar's.
+    """
     which = np.zeros(len(edges), np.int8)
     left = np.flatnonzero(np.isfinite(edges.fronts[:, 0]) | (edges.half_width_m > 0))
     axes: list[np.ndarray] = []

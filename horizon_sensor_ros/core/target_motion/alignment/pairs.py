@@ -60,7 +60,8 @@ class Pairs:
     @cached_property
     def _behind(self) -> list[tuple[np.ndarray, float, float]]:
         """Plates, and bars of each direction: their pairs, by how much they are to be expected to
-        lie behind each other, and its standard deviation."""
+        lie behind each other, and its standard deviation.
+        """
         expected = {
             kind: (mean * self.plate_m, deviation * self.plate_m)
             for kind, (mean, deviation) in _BEHIND_FACE.items()
@@ -72,7 +73,8 @@ class Pairs:
     @cached_property
     def residual(self) -> np.ndarray:
         """(N,) distances along the mean normal, metres; of plates beyond what all of a kind have in
-        common."""
+        common.
+        """
         distance = column_dots(self.point_a - self.point_b, self.normal)
         for rows, mean, deviation in self._behind:
             known = (self.weight[rows] / self.sigma_m[rows] ** 2).sum()
@@ -87,7 +89,8 @@ class Pairs:
 
     def apart_by_range(self, which: slice | np.ndarray) -> np.ndarray:
         """(M,) how much farther ``which`` pairs lie apart along their normals for each metre by
-        which all ranges are too long: a's points were seen along other rays, and turned since."""
+        which all ranges are too long: a's points were seen along other rays, and turned since.
+        """
         seen_a = self.point_a[:, which] - self.translation_m[:, None]
         seen_b = self.point_b[:, which]
         rays_a, rays_b = (seen / np.sqrt(column_dots(seen, seen)) for seen in (seen_a, seen_b))
@@ -96,7 +99,8 @@ class Pairs:
     @cached_property
     def _outlines(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Ends of narrow faces of each direction, which lie alike behind them, and how much farther
-        apart each pair is where they do by half of the width: as by ranges that are too short."""
+        apart each pair is where they do by half of the width: as by ranges that are too short.
+        """
         narrow = np.flatnonzero(self.half_width_m)
         if not len(narrow):
             return []

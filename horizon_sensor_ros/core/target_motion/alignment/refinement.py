@@ -1,5 +1,6 @@
 """Motion between two views to the sensor's noise: weighted point-to-plane over faces, depth edges
-and thin parts."""
+and thin parts.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +59,8 @@ def _square_ratio(pairs: Pairs) -> np.ndarray:
 
 def jacobian(point: np.ndarray, normal: np.ndarray, centre: np.ndarray) -> np.ndarray:
     """(6, N) change of the distance along ``normal`` with a small turn about ``centre`` and a
-    shift."""
+    shift.
+    """
     (x, y, z), (a, b, c) = point - centre[:, None], normal
     return np.array([y * c - z * b, z * a - x * c, x * b - y * a, a, b, c])
 

@@ -59,7 +59,8 @@ def _pull(
     p: np.ndarray, n: np.ndarray, view: SurfaceView, gate: float, bare: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of moved points and normals (C, 3, S): direction of the pull (C, 3, S), distance along it
-    and weight (C, S)."""
+    and weight (C, S).
+    """
     index = project(view, p[:, 0], p[:, 1], p[:, 2])
     nearest = view.nearest[index]
     on_plane = nearest == index
@@ -101,7 +102,8 @@ def _solve(arm: np.ndarray, n: np.ndarray, e: np.ndarray, weight: np.ndarray) ->
 
 def rotation_starts(largest_rad: float, spacing_rad: float) -> np.ndarray:
     """(C, 3, 3) rotations that fill a ball of ``largest_rad`` about no rotation; no rotation
-    first."""
+    first.
+    """
     reach = int(np.ceil(largest_rad / spacing_rad)) + 1
     grid = np.arange(-reach, reach + 1) * spacing_rad
     cells = np.stack(np.meshgrid(grid, grid, grid, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -1,5 +1,6 @@
 """How well a motion between two views is known: covariance, and the directions that the views do
-not show."""
+not show.
+"""
 
 from __future__ import annotations
 
@@ -105,7 +106,8 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
 
 def _across_bars(pairs: Pairs, edges: Edges) -> np.ndarray:
     """(3, N) places of the pairs, those on a narrow part of b's moved along it to one: what shows
-    of it, and what of that falls into the pixels, is alike all along."""
+    of it, and what of that falls into the pixels, is alike all along.
+    """
     from scipy.spatial import cKDTree  # noqa: PLC0415  heavy to import, and only used here
 
     place = pairs.point_b.copy()
@@ -129,7 +131,8 @@ def block_sums(
     score: np.ndarray, place: np.ndarray, kind: np.ndarray, footprint_m: float
 ) -> np.ndarray:
     """(6, K) sums of the gradients (6, N) of pairs of a kind at places (3, N) that lie so near each
-    other that they err alike; ``footprint_m`` : a pixel's width."""
+    other that they err alike; ``footprint_m`` : a pixel's width.
+    """
     block = np.floor(place / (_BLOCK_PX * footprint_m)).astype(np.int64)
     key = ((block[0] * 4099 + block[1]) * 4099 + block[2]) * 32 + kind
     order = np.argsort(key)
@@ -139,7 +142,8 @@ def block_sums(
 
 def _of_runs(pairs: Pairs, rows: np.ndarray, a: Edges, b: Edges) -> np.ndarray:
     """(6, K) gradients of what each run of places on an edge may be off by, all of it alike and as
-    it leans, one sigma."""
+    it leans, one sigma.
+    """
     gradients = []
     for edges, which in zip((a, b), pairs.of_edges, strict=True):
         run = edges.run[which]
@@ -180,7 +184,8 @@ def _by_line(
     along: int,
 ) -> np.ndarray:
     """(6, K) gradients of ranges that are all longer in one row (``along`` 1) or column (0) of a
-    view, by what it saw (3, N), in b's axes, ``sight``, and in its own."""
+    view, by what it saw (3, N), in b's axes, ``sight``, and in its own.
+    """
     cosine = column_dots(sight, normal) / np.sqrt(column_dots(sight, sight))
     image = view.image
     size = image.inverse_depth.shape[1 - along]
@@ -212,7 +217,8 @@ def _drawn_back(pairs: Pairs, weight: np.ndarray, a: SurfaceView, b: SurfaceView
 
 def _feigned(arm: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(6, 6) sum of ``weight`` times the squared motion of each point (3, N), whatever its
-    direction."""
+    direction.
+    """
     moved = weight * arm
     spread = moved @ arm.T
     total = np.zeros((6, 6))

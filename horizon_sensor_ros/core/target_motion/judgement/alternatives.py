@@ -1,5 +1,6 @@
 """Motions that would look almost alike: a target whose faces stand at right angles, turned by one
-or two of them; a prism of five to sixteen sides, turned by one of those."""
+or two of them; a prism of five to sixteen sides, turned by one of those.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +51,8 @@ class Rival:
 
 def right_turns() -> np.ndarray:
     """(23, 3, 3) rotations that map the three axes on each other, without the one that leaves
-    them."""
+    them.
+    """
     turns = []
     for order in permutations(range(3)):
         for signs in product((1.0, -1.0), repeat=3):
@@ -121,7 +123,8 @@ def right_turned(
     a: SurfaceView, b: SurfaceView, rotation: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Motions (23, 3, 3), (23, 3) a right turn or two beside the given one, centroid on
-    centroid."""
+    centroid.
+    """
     axes = face_axes(b)
     rotations = axes @ right_turns() @ axes.T @ rotation
     return rotations, b.image.centroid_m - rotations @ a.image.centroid_m
@@ -135,7 +138,8 @@ def prism_turned(
     most_rad: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Motions (M, 3, 3), (M, 3) from one side of a prism to another beside the given one, about
-    some middles of it; those that turn by less than ``most_rad``, if nothing does in ``still``."""
+    some middles of it; those that turn by less than ``most_rad``, if nothing does in ``still``.
+    """
     turns = alike_prism_turns(b)
     turns = turns[np.einsum("kij,ji->k", turns, rotation @ still.T) > 1 + 2 * np.cos(most_rad)]
     front = b.image.centroid_m
@@ -155,7 +159,8 @@ def rivals(
     starts: tuple[np.ndarray, np.ndarray],
 ) -> list[Rival]:
     """The most consistent motions that ``starts`` (K, 3, 3), (K, 3) lead to, beside the given
-    one; ``still`` : rotation of one that turns nothing."""
+    one; ``still`` : rotation of one that turns nothing.
+    """
     rotations, translations = starts
     if not len(rotations):
         return []

@@ -1,5 +1,6 @@
 """Does every layer of a cloud, near to far, move alike? An arm before a target, or a body behind
-it, may be too little off in each place to tell there, but is off all over."""
+it, may be too little off in each place to tell there, but is off all over.
+"""
 
 from __future__ import annotations
 

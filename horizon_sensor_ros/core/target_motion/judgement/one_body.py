@@ -1,5 +1,6 @@
 """Does all of a cloud move alike? A wall, a floor or a second body would hold a motion to its
-own."""
+own.
+"""
 
 from __future__ import annotations
 

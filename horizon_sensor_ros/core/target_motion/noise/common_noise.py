@@ -1,5 +1,6 @@
 """Noise that all returns of a row of the sensor, or of a column, have in common: of its readout, or
-of the lines that it scans."""
+of the lines that it scans.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +42,8 @@ _BENDS_PX = 0.01
 @dataclass(frozen=True, eq=False)
 class LineMeans:
     """Of N lines of a view, rows or columns: their numbers, squares (m^2) of what their returns'
-    mean lies off those beside them, and what they would be of independent noise."""
+    mean lies off those beside them, and what they would be of independent noise.
+    """
 
     place: np.ndarray
     square: np.ndarray
@@ -105,7 +107,8 @@ def _row_means(off: np.ndarray, first: np.ndarray, count: np.ndarray) -> np.ndar
 
 def _of_independent(off: np.ndarray, place: np.ndarray, whole: np.ndarray) -> tuple[float, float]:
     """Variance of differences at flat indices ``place``, from which their rows' means are taken,
-    and that of such a mean, times the returns: neighbours may share some of their noise."""
+    and that of such a mean, times the returns: neighbours may share some of their noise.
+    """
     one, value = whole.ravel().astype(np.float32), np.zeros(whole.size, np.float32)
     value[place] = off
     # The image's margin is wider than the lags, so that a row's end does not meet the next one.

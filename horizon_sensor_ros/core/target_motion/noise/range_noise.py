@@ -115,7 +115,8 @@ def slant_growth(inverse: np.ndarray, secant2: np.ndarray, side: int, least_m: f
 
 def _alike(inverse: np.ndarray, secant2: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
     """Flat indices (N,) of returns within one surface, as of `slant_growth`, and the square of
-    their slant's tangent (N,), the mean of the windows about them."""
+    their slant's tangent (N,), the mean of the windows about them.
+    """
     window = np.ones((side, side), np.uint8)
     known = secant2 < NO_PLANE
     of_known = np.where(known, secant2, np.float32(0))

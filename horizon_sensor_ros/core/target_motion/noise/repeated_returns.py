@@ -1,5 +1,6 @@
 """Whether a driver took the median of neighbouring ranges: it gives one of them, and often gives
-the same one to the pixel beside."""
+the same one to the pixel beside.
+"""
 
 from __future__ import annotations
 

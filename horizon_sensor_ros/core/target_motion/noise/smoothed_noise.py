@@ -1,5 +1,6 @@
 """Ranges that the sensor's driver has smoothed: neighbours share their noise and tell too little of
-it, and at the ends of a surface they are off."""
+it, and at the ends of a surface they are off.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +75,8 @@ def noise_before_smoothing(inverse: np.ndarray) -> tuple[float, float] | None:
 
 def _within_and_smoothed(inverse: np.ndarray, place: np.ndarray, mixed: list[np.ndarray]) -> bool:
     """Whether enough of the returns lie within surfaces, and neighbours differ by less than
-    others."""
+    others.
+    """
     if len(place) < _WITHIN * np.count_nonzero(inverse):
         return False
     near, far = (quantile(np.abs(each), 0.25) for each in mixed)
@@ -84,7 +86,8 @@ def _within_and_smoothed(inverse: np.ndarray, place: np.ndarray, mixed: list[np.
 
 def _mixed(inverse: np.ndarray, lags: int) -> tuple[np.ndarray, list[np.ndarray]] | None:
     """Flat indices (N,) of returns that have others all about them, and their `mixed_differences`
-    (N,) at each lag; None where such are too few."""
+    (N,) at each lag; None where such are too few.
+    """
     whole = cv2.erode((inverse > 0).view(np.uint8), np.ones((2 * lags + 1,) * 2, np.uint8))
     place = np.flatnonzero(whole)
     if len(place) < _FEWEST:
@@ -96,7 +99,8 @@ def _where_least(
     shape: tuple[int, ...], place: np.ndarray, mixed: list[np.ndarray]
 ) -> list[float] | None:
     """Standard deviation (m) of single returns by each lag, in the squares of pixels where that of
-    the last one is least, as creases add to it; None where such are too few."""
+    the last one is least, as creases add to it; None where such are too few.
+    """
     square, known = np.zeros((2, *shape), np.float32)
     square.ravel()[place], known.ravel()[place] = mixed[-1] ** 2, 1
     total, count = (

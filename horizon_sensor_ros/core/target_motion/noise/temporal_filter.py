@@ -1,5 +1,6 @@
 """Clouds that the sensor's driver has averaged over time: each holds some of those before it, and
-shows the target where it is no more."""
+shows the target where it is no more.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +40,8 @@ _LASTS, _KEPT = 0.9, 8
 @dataclass(frozen=True, eq=False)
 class _Noise:
     """Mixed differences (H, W) of a cloud, m, 0 without; mean depths (H, W) of the nine returns, 0
-    where one is missing; standard deviation of one; and the target's pose."""
+    where one is missing; standard deviation of one; and the target's pose.
+    """
 
     image: RangeImage
     bend_m: np.ndarray
@@ -51,7 +53,8 @@ class _Noise:
 @dataclass
 class _Sum:
     """Weighted sums over clouds: of products, less those that relief would make alike; of their
-    variance, and of what they would be if the two were the same."""
+    variance, and of what they would be if the two were the same.
+    """
 
     product: float = 0.0
     variance: float = 0.0
@@ -61,7 +64,8 @@ class _Sum:
         self, a: np.ndarray, b: np.ndarray, whole: float, relief: np.ndarray | float = 0.0
     ) -> None:
         """Take differences (N,) of two clouds, and those of the second that relief makes as like
-        the first; 0: it makes none."""
+        the first; 0: it makes none.
+        """
         product, of_relief = a * b, a * relief
         self.product = _LASTS * self.product + float(product.sum() - of_relief.sum())
         squares = float(product @ product + of_relief @ of_relief)
@@ -93,7 +97,8 @@ class TemporalFilter:
 
     def start(self, image: RangeImage, sigma_m: float, pose: np.ndarray) -> None:
         """Take the first cloud of a target frame, as of `told`: those before it do not tell how far
-        the target has moved. What they told of the driver still holds."""
+        the target has moved. What they told of the driver still holds.
+        """
         self._clouds.clear()
         self._clouds.append(_noise_of(image, sigma_m, pose))
 
@@ -146,7 +151,8 @@ class TemporalFilter:
 
 def _noise_of(image: RangeImage, sigma_m: float, pose: np.ndarray) -> _Noise:
     """Of an image, the noise of its single returns, and the target's pose; nothing where its pixels
-    are not the sensor's own."""
+    are not the sensor's own.
+    """
     inverse = image.inverse_depth
     bend_m, depth_m = np.zeros((2, *inverse.shape), np.float32)
     if image.on_grid:
@@ -163,7 +169,8 @@ def _there(
     cloud: _Noise, image: RangeImage, place: tuple[np.ndarray, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
     """What a cloud has in the same pixels of the sensor as the ``place`` (rows, columns) of another
-    image: mixed differences (N,), and depths (N,), 0 where it has none."""
+    image: mixed differences (N,), and depths (N,), 0 where it has none.
+    """
     own = cloud.image
     aside = (image.origin - own.origin) * own.focal_px
     whole = np.rint(aside).astype(np.int64)

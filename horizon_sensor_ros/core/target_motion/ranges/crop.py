@@ -30,7 +30,7 @@ class Crop:
                 )
         if not all(least < most for least, most in zip(self.least_m, self.most_m, strict=True)):
             raise ValueError(
-                f"least_m must be below most_m in x, y and z; got {list(self.least_m)} and"
+                f"least_m must be below most_m in x, y and z, got {list(self.least_m)} and"
                 f" {list(self.most_m)}"
             )
 

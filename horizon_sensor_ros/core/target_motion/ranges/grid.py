@@ -104,7 +104,8 @@ def _square_grid(
     tangent: np.ndarray, pixel: np.ndarray, pitch: np.ndarray, origin: np.ndarray, most_px: float
 ) -> Grid | None:
     """Grid of pixels (2, N) with the mean of both pitches (2,), or None where too many points lie
-    farther than that from their pixels' middles."""
+    farther than that from their pixels' middles.
+    """
     mean = float(pitch.mean())
     middle = pixel.mean(axis=1)
     origin = origin + (pitch - mean) * middle

@@ -48,7 +48,8 @@ def sensor_of_returns(points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | Non
 
 def _returns(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Flat pixels (N,) of some returns, and these (3, N); without those that are the same in
-    pixels side by side: what a driver fills missing ones with."""
+    pixels side by side: what a driver fills missing ones with.
+    """
     flat = points.reshape(-1, 3)
     with np.errstate(invalid="ignore"):  # signalling NaN, of garbled messages
         same = (flat[1:] == flat[:-1]).all(axis=1)
@@ -62,7 +63,8 @@ def _returns(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _projection(points: np.ndarray, pixel: np.ndarray) -> np.ndarray | None:
     """(3, 4) matrix that takes points (3, N) to pixels (2, N), of either sign; None where others do
-    nearly as well."""
+    nearly as well.
+    """
     to_point, x = _normalised(points)
     to_pixel, (u, v, _) = _normalised(pixel)
     none = np.zeros_like(x)
@@ -78,7 +80,8 @@ def _projection(points: np.ndarray, pixel: np.ndarray) -> np.ndarray | None:
 
 def _normalised(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Matrix that brings homogeneous (D, N) values about 0, their spread to 1, and these (D + 1,
-    N)."""
+    N).
+    """
     size = len(values)
     mean = values.mean(axis=1)
     spread = max(float(np.sqrt(np.mean((values - mean[:, None]) ** 2))), 1e-9)
@@ -103,7 +106,8 @@ def _taken_apart(
     projection: np.ndarray, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Rotation and place of the sensor with that projection; None where it is no camera's with
-    square pixels, in front of which the points (3, N) lie."""
+    square pixels, in front of which the points (3, N) lie.
+    """
     projection = projection * np.sign(np.linalg.det(projection[:, :3]))
     if not np.median(projection[2, :3] @ points + projection[2, 3]) > 0:
         return None

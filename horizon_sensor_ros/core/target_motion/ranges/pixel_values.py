@@ -45,7 +45,8 @@ def _slopes(
     level: np.ndarray, u: np.ndarray, v: np.ndarray, seen: np.ndarray, width: int, step: float
 ) -> np.ndarray:
     """(2, N) change of inverse depth a pixel about those ``seen``, from neighbours on the same
-    surface."""
+    surface.
+    """
     reach = np.arange(-_REACH_PX, _REACH_PX + 1)
     du, dv = (each.ravel() for each in np.meshgrid(reach, reach))
     beside = seen[:, None] + (dv * width + du)

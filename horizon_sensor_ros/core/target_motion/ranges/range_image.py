@@ -1,5 +1,6 @@
 """Any point cloud as a small pinhole image of inverse depth, in which a plane is a linear
-function."""
+function.
+"""
 
 from __future__ import annotations
 
@@ -110,7 +111,7 @@ def cloud_of(points: np.ndarray) -> np.ndarray:
     """Return points as an array; ValueError where they are neither (H, W, 3) nor (N, 3)."""
     points = np.asarray(points)
     if points.ndim not in (2, 3) or points.shape[-1] != 3:
-        raise ValueError(f"points must be (H, W, 3) or (N, 3); got shape {points.shape}")
+        raise ValueError(f"points must be (H, W, 3) or (N, 3), got shape {points.shape}")
     return points
 
 
@@ -129,7 +130,7 @@ def range_image(
     """
     points = cloud_of(points)
     if focal_px is not None and not focal_px > 0:
-        raise ValueError(f"focal_px must be positive; got {focal_px}")
+        raise ValueError(f"focal_px must be positive, got {focal_px}")
     image = _as_seen_from_zero(points, focal_px, min_points)
     if points.ndim == 2 or (image.status is Status.OK and image.on_grid):
         return image
@@ -214,7 +215,8 @@ def _refused(status: Status, reason: str, num_points: int) -> RangeImage:
 
 def _view_rotation(points: np.ndarray) -> np.ndarray | None:
     """None where z is the forward axis of (3, N) points; else the axis swap (3, 3) that makes it
-    so."""
+    so.
+    """
     if not points.size:
         return None
     centre = points.mean(axis=1)
@@ -288,7 +290,8 @@ def _assemble(
 
 def _in_lines(inverse: np.ndarray, focal: float) -> np.ndarray:
     """(2,) bool, whether along the rows and along the columns many returns have the next one of
-    their surface beyond empty pixels."""
+    their surface beyond empty pixels.
+    """
     share = np.zeros(2)
     for way, image in enumerate((inverse, inverse.T)):
         here = image[:, :-_LINE_REACH_PX]

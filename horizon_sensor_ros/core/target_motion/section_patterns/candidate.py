@@ -26,7 +26,8 @@ def motion(sections: Sections, candidate: np.ndarray) -> np.ndarray:
 
 def candidate_of(sections: Sections, pose: np.ndarray) -> np.ndarray:
     """(6,) the candidate of a rigid motion (4, 4) in the sensor frame: the inverse of
-    ``motion``."""
+    ``motion``.
+    """
     u, origin = sections.frame.rot_sensor_from_frame, sections.frame.origin_m
     g = u.T @ pose[:3, :3] @ u
     shift = u.T @ (pose[:3, :3] @ origin + pose[:3, 3] - origin)

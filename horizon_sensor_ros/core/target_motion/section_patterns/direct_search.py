@@ -103,7 +103,8 @@ def plateau_mean(
     samples: int,
 ) -> np.ndarray:
     """(D,) mean of the places around ``best`` whose values are about as high as the highest; looked
-    for at so many samples within ``reach`` (D,) to both sides, twice."""
+    for at so many samples within ``reach`` (D,) to both sides, twice.
+    """
     from scipy.stats import qmc  # noqa: PLC0415  heavy to import, and only used here
 
     spread = (2 * qmc.Halton(len(best), scramble=False).random(samples) - 1) * np.asarray(reach)

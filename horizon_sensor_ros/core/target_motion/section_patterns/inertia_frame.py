@@ -1,5 +1,6 @@
 """The frame of a cloud's centroid and principal axes of inertia (paper D, "Construction of the
-section planes")."""
+section planes").
+"""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ import numpy as np
 @dataclass(frozen=True, eq=False)
 class InertiaFrame:
     """Frame n of the paper: ``origin_m`` (3,) its origin g_c, ``rot_sensor_from_frame`` (3, 3) its
-    axes U as columns."""
+    axes U as columns.
+    """
 
     origin_m: np.ndarray
     rot_sensor_from_frame: np.ndarray
@@ -36,7 +38,7 @@ def inertia_frame(points: np.ndarray) -> InertiaFrame:
     """
     points = np.asarray(points, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 3 or not np.isfinite(points).all():
-        raise ValueError(f"points must be finite, (N >= 3, 3); got shape {points.shape}")
+        raise ValueError(f"points must be finite, (N >= 3, 3), got shape {points.shape}")
     u = np.linalg.svd(inertia_matrix(points))[0]
     if np.linalg.det(u) < 0:
         u[:, 2] = -u[:, 2]

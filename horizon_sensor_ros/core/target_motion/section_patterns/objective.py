@@ -32,7 +32,8 @@ def patterns_of(
 
 def objective(sections: Sections, points: np.ndarray, candidate: np.ndarray) -> float:
     """Likeness (equation 2) of the previous cloud's sections and the current cloud's (N, 3) by the
-    moved planes."""
+    moved planes.
+    """
     now = patterns_of(sections, points, candidate)
     return float(np.mean([likeness(*pair) for pair in zip(sections.patterns, now, strict=True)]))
 

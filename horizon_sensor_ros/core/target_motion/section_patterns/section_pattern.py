@@ -19,7 +19,8 @@ _WIDER = 0.2
 @dataclass(frozen=True, eq=False)
 class SectionPattern:
     """One plane's grid: ``count`` (m, n) k of the points in each cell, ``radius`` (m, n) r of its
-    centre from the frame's origin."""
+    centre from the frame's origin.
+    """
 
     count: np.ndarray
     radius: np.ndarray
@@ -28,7 +29,8 @@ class SectionPattern:
 @dataclass(frozen=True)
 class SectionGrid:
     """Cells of pitch d over one plane: ``low_m`` the corner of the first cell, ``shape`` their
-    number."""
+    number.
+    """
 
     low_m: tuple[float, float]
     shape: tuple[int, int]
@@ -36,7 +38,8 @@ class SectionGrid:
 
     def cells(self, flat: np.ndarray) -> np.ndarray:
         """(K, 2) cell numbers of (K, 2) points in the plane; outside the grid they are out of
-        range."""
+        range.
+        """
         return np.floor((flat - np.array(self.low_m)) / self.pitch_m).astype(np.int64)
 
     def radius(self) -> np.ndarray:
@@ -60,7 +63,8 @@ class Sections:
 
 def section_points(coordinates: np.ndarray, plane: int, pitch_m: float) -> np.ndarray:
     """(K, 2) projections of the points (N, 3) that lie within ``pitch_m`` of plane 0, 1 or 2 of
-    their frame."""
+    their frame.
+    """
     near = np.abs(coordinates[:, plane]) <= pitch_m
     return coordinates[near][:, IN_PLANE[plane]]
 
@@ -94,7 +98,7 @@ def cut(points: np.ndarray, pitch_m: float) -> Sections:
     Raises ValueError for a pitch that is not positive, and what ``inertia_frame`` raises.
     """
     if not pitch_m > 0:
-        raise ValueError(f"pitch_m must be positive; got {pitch_m}")
+        raise ValueError(f"pitch_m must be positive, got {pitch_m}")
     frame = inertia_frame(points)
     coordinates = frame.coordinates(points)
     flats = [section_points(coordinates, plane, pitch_m) for plane in range(3)]

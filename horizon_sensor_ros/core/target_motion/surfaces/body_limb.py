@@ -13,7 +13,8 @@ LIMB_BEND = np.cos(np.radians([10.0, 55.0]))
 
 def limb_reach_px(radius_px: int) -> int:
     """So far within its end the bend of a surface is looked for: there the windows share no return
-    with those at the end."""
+    with those at the end.
+    """
     return 2 * radius_px + 1
 
 

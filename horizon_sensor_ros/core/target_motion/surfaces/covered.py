@@ -16,7 +16,8 @@ _COVERED_PX = 96**-0.5
 
 def off_middle_px(image: RangeImage) -> np.ndarray:
     """(H W) float32 standard deviation, in pixels, of where in its pixel a return lies: 0 within a
-    surface, and where the pixels are not the sensor's own."""
+    surface, and where the pixels are not the sensor's own.
+    """
     off = np.zeros(image.inverse_depth.shape, np.float32)
     if image.on_grid:
         seen = (without_holes(image.inverse_depth) > 0).view(np.uint8)

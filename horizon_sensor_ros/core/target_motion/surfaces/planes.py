@@ -137,7 +137,8 @@ class _Noise:
     """Noise of ranges, as of `Planes`, and that of each (H, W) over that of what is seen squarely,
     or 1; a pixel's width at the target; radius of the windows; how much of the noise smoothing
     has left within a window; and by how much farther than these a curved surface leads what was
-    smoothed before."""
+    smoothed before.
+    """
 
     sigma_m: float
     slant_growth: float
@@ -195,7 +196,8 @@ def _borrow_planes(
     radius: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Where there is a plane, its slopes and level, and the pixel whose window it is of, all flat;
-    where a window straddles an edge, of one beside it that does not and is ``lending``."""
+    where a window straddles an edge, of one beside it that does not and is ``lending``.
+    """
     found, lender = own.copy(), np.arange(own.size)
     slope_u, slope_v, level = (m.ravel().copy() for m in (fit.slope_u, fit.slope_v, fit.level))
     here = np.flatnonzero(seen.ravel() & ~own)

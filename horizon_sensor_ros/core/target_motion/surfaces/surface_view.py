@@ -75,7 +75,8 @@ class SurfaceView:
     @cached_property
     def gaps(self) -> np.ndarray:
         """(H W) bool, pixels without a return that lie between returns, in gaps narrower than the
-        target's rms radius; only a doubt asks for it."""
+        target's rms radius; only a doubt asks for it.
+        """
         reach = min(max(1, round(_GAP / 2 * self.size_m / self.footprint_m)), _MOST_REACH_PX)
         seen = np.pad((self.image.inverse_depth > 0).view(np.uint8), reach)
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
@@ -106,7 +107,8 @@ class SurfaceView:
 
     def sample(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Points and normals (up to about ``count``, 3) float32 spread evenly over all returns; no
-        plane: normal 0."""
+        plane: normal 0.
+        """
         seen = np.flatnonzero(self.depth_map)
         index = seen[:: max(1, round(len(seen) / count))]
         return self.point_map.take(index, axis=0), self.normal_map.take(index, axis=0)

@@ -61,7 +61,8 @@ def slope_gain(radius: int) -> float:
 @dataclass(frozen=True, eq=False)
 class PlaneFit:
     """Windowed least squares at every pixel: inverse depth about its middle, level, slopes a pixel,
-    mean square residual, returns used, where defined."""
+    mean square residual, returns used, where defined.
+    """
 
     about_middle: np.ndarray
     level: np.ndarray
@@ -73,7 +74,8 @@ class PlaneFit:
 
     def noise_m(self, guess_m: float, radius: int, gain: np.ndarray | np.float32) -> float:
         """Range noise from the flattest windows, each by its ``gain``; ``guess_m`` where they are
-        few or it is the lower."""
+        few or it is the lower.
+        """
         dof = (2 * radius + 1) ** 2 - 3
         full = self.defined & (self.count > dof)
         if np.count_nonzero(full) < 50:
@@ -87,14 +89,16 @@ class PlaneFit:
         self, image: RangeImage, radius: int, least_m: float
     ) -> tuple[float, np.ndarray | np.float32]:
         """By how much range noise grows with the slant, and each return's over that of what is seen
-        squarely, which is ``least_m`` or more."""
+        squarely, which is ``least_m`` or more.
+        """
         secant2, side = self._secant2(image), 2 * radius + 1
         growth = slant_growth(image.inverse_depth, secant2, side, least_m)
         return growth, least_gain(secant2, growth, side) if growth else np.float32(1)
 
     def _secant2(self, image: RangeImage) -> np.ndarray:
         """(H, W) squared secant of the angle between ray and normal; `NO_PLANE` where none is
-        defined."""
+        defined.
+        """
         tan_u, tan_v = (tangent.astype(np.float32) for tangent in image.tangents())
         focal = np.float32(image.focal_px)
         tan_v = tan_v[:, None]
@@ -117,7 +121,8 @@ def box(image: np.ndarray, kernel_u: np.ndarray, kernel_v: np.ndarray) -> np.nda
 
 def fit_windows(inverse: np.ndarray, seen: np.ndarray, middle: float, radius: int) -> PlaneFit:
     """Fit planes to an image (H, W) of inverse depth, 0 without a return, about the pixels ``seen``
-    (H, W); ``middle`` : a typical inverse depth."""
+    (H, W); ``middle`` : a typical inverse depth.
+    """
     mask = (inverse > 0).astype(np.float32)
     # About the middle, so that single precision does for the squares.
     w = (inverse - np.float32(middle)) * mask

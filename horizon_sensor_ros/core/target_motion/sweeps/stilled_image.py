@@ -76,7 +76,8 @@ def _moved(
     image: RangeImage, points: np.ndarray, times_s: np.ndarray, velocity: Velocity
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which pixels (H, W) have a return of a known time; and where those were at the stamp, (3, N)
-    in the view frame."""
+    in the view frame.
+    """
     which, index, _ = image.project(points)
     times = np.full(image.inverse_depth.shape, np.nan)
     times.ravel()[index] = times_s[which]
@@ -94,7 +95,8 @@ def _shifts(
     image: RangeImage, seen: np.ndarray, moved_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """By how many pixels (2, H, W) right and down those that are seen move, 0 elsewhere; and which
-    of them (N,) stay in the field, or near it."""
+    of them (N,) stay in the field, or near it.
+    """
     tan_x, tan_y = image.tangents()
     row, column = np.nonzero(seen)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -108,7 +110,8 @@ def _shifts(
 
 def _sources(shift: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
     """For each pixel the one (row, column) that a shift (2, H, W) right and down brings nearest to
-    it; and by how much that misses it, (2, H, W)."""
+    it; and by how much that misses it, (2, H, W).
+    """
     height, width = shift.shape[1:]
     row, column = np.indices((height, width))
     source = row, column

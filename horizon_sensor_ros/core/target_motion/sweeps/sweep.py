@@ -23,7 +23,8 @@ _LEAST_S = 1e-6  # times so near the stamp are the stamp
 class Sweep:
     """Returns (N, 3) of a cloud, metres, sensor frame, and when each was measured (N,), seconds
     from the cloud's stamp; the image of the cloud as it came, and the returns (M, 3) that were
-    cropped from it."""
+    cropped from it.
+    """
 
     points: np.ndarray
     times_s: np.ndarray
@@ -49,7 +50,8 @@ class Sweep:
         self, velocity: Velocity, focal_px: float | None = None, min_points: int = 100
     ) -> RangeImage:
         """Image of the points where they were at the stamp; focal_px, min_points : as of
-        `range_image`."""
+        `range_image`.
+        """
         if self.image.on_grid:
             return stilled_image(self.image, self.points, self.times_s, velocity, min_points)
         moved = velocity.moved(self.points, -self.times_s)
@@ -82,7 +84,7 @@ def sweep_of(
     """
     times_s = np.asarray(times_s)
     if times_s.shape != points.shape[:-1]:
-        raise ValueError(f"times_s must be {points.shape[:-1]}; got {times_s.shape}")
+        raise ValueError(f"times_s must be {points.shape[:-1]}, got {times_s.shape}")
     flat, times = points.reshape(-1, 3), times_s.reshape(-1)
     with np.errstate(invalid="ignore"):  # signalling NaN, of garbled messages
         used = np.isfinite(times) & (np.abs(flat) < MOST_M).all(axis=1) & flat.any(axis=1)

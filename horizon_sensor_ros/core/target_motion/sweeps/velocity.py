@@ -36,7 +36,8 @@ class Velocity:
         cls, before: np.ndarray, now: np.ndarray, duration_s: float, covariance: np.ndarray
     ) -> Velocity:
         """From two poses (4, 4) of the target frame.  covariance : (6, 6) of the motion between
-        them, about the sensor's axes."""
+        them, about the sensor's axes.
+        """
         motion = now @ inverse_pose(before)
         turn = vector_from_rotation(motion[:3, :3])
         shift = inverse_left_jacobian(turn) @ motion[:3, 3]
@@ -52,7 +53,8 @@ class Velocity:
 
     def less_sure(self, share: float, size_m: float) -> Velocity:
         """With such a share of its turn as one more sigma of that about any axis, and of the shift
-        of what lies so far off its origin."""
+        of what lies so far off its origin.
+        """
         sigma = share * float(np.linalg.norm(self.turn_rad_s)) * np.repeat([1.0, size_m], 3)
         return replace(self, covariance=self.covariance + np.diag(np.square(sigma)))
 
@@ -89,6 +91,7 @@ class Velocity:
 
 def off_m(covariance: np.ndarray, size_m: float) -> float:
     """By how much points so far from an origin are off, one sigma, by a covariance (6, 6) of turn
-    and shift."""
+    and shift.
+    """
     variance = np.diag(covariance)
     return float(np.sqrt((size_m**2 * variance[:3].sum() + variance[3:].sum()) / 3.0))

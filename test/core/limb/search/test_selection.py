@@ -43,7 +43,8 @@ def candidates_of(
     turn_rad: float = 0.0,
 ) -> LimbCandidates:
     """A limb to whole grid steps, and this share of others: half of them edges along arcs of
-    clouds, well below the limb, that look the same way; half anywhere, with any direction."""
+    clouds, well below the limb, that look the same way; half anywhere, with any direction.
+    """
     limb = observe(view, NADIR, rho, spacing_px=PITCH_PX).limb
     count = len(limb.px)
     px = limb.px + rng.uniform(-PITCH_PX / 2, PITCH_PX / 2, (count, 2))

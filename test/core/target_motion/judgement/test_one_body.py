@@ -162,7 +162,8 @@ def test_small_steps_do_not_add_up_to_the_motion_of_the_wall(seed: int) -> None:
 @pytest.mark.parametrize(("name", "seed"), [("n1", 4), ("n5", 2), ("winged_cylinder", 2)])
 def test_what_a_kept_view_refuses_the_last_one_lets_not_through(name: str, seed: int) -> None:
     """Few pixels on the target: kept views refused without naming a part, and the last one let
-    steps of the wall through that added up to 6 to 9 deg."""
+    steps of the wall through that added up to 6 to 9 deg.
+    """
     camera = ToFCamera(width=102, height=102, focal_length_m=ToFCamera().focal_length_m / 2)
     rng, tracker = np.random.default_rng(4), TargetTracker()
     before = motion(seed)[0]
@@ -250,7 +251,8 @@ def test_layers_of_one_body_move_alike(name: str) -> None:
 
 def slanted_noise(points: np.ndarray, noise_m: float, rng: np.random.Generator) -> np.ndarray:
     """Points (H, W, 3) without noise, with such as grows as less light comes back: range noise over
-    the cosine between ray and normal."""
+    the cosine between ray and normal.
+    """
     along_v, along_u, _ = np.gradient(points)
     normal = np.cross(along_u, along_v)
     rays = points / np.linalg.norm(points, axis=-1, keepdims=True)
@@ -263,7 +265,8 @@ def slanted_noise(points: np.ndarray, noise_m: float, rng: np.random.Generator) 
 @pytest.mark.parametrize("num", [20, pytest.param(80, marks=pytest.mark.slow)])
 def test_faces_that_are_noisier_at_a_slant_are_one_body(num: int) -> None:
     """Of 40 pairs of a drum of eight sides 8 are refused if their layers are judged by the noise of
-    the faces that are seen from the front."""
+    the faces that are seen from the front.
+    """
     drum = revolved([(0.0, -0.6), (0.55, -0.6), (0.8, 0.1), (0.5, 0.7), (0.0, 0.7)], segments=8)
     mesh = assembly([drum, box((0.3, 0.25, 0.3), (0.6, 0.1, 0.2))])
     camera = ToFCamera(width=240, height=240, pixel_pitch_m=34e-6, range_noise_m=0.0)

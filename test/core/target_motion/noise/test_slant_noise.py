@@ -25,7 +25,8 @@ def planes_of(target: TriangleMesh, seed: int, noise_m: float, growth: float) ->
 @pytest.mark.parametrize("growth", [0.3, 1.0])
 def test_growth_of_the_noise_is_estimated(growth: float) -> None:
     """And the noise of what is seen squarely, which was taken for a quarter larger at a growth of
-    1."""
+    1.
+    """
     planes = [planes_of(TARGET["n5"], seed, 0.005, growth) for seed in range(12)]
     assert np.median([each.slant_growth for each in planes]) == pytest.approx(growth, rel=0.25)
     assert np.median([each.sigma_m for each in planes]) == pytest.approx(0.005, rel=0.1)
@@ -47,7 +48,8 @@ def test_motions_beside_noise_that_grows_with_the_slant_are_claimed_as_they_are_
     num: int,
 ) -> None:
     """One noise for all faces let the mean square be 6.9 standard deviations squared of the six
-    unknowns, and the largest 23."""
+    unknowns, and the largest 23.
+    """
     camera = ToFCamera(range_noise_m=0.01, slant_growth=1.0)
 
     def view_of(name: str, pose: np.ndarray, rng: np.random.Generator) -> TargetView:

@@ -24,7 +24,8 @@ _ONE_SURFACE_M = 0.08
 
 def smoothed(points: np.ndarray) -> np.ndarray:
     """An organised cloud whose ranges are the means over 3 x 3 pixels, as far as these are of one
-    surface."""
+    surface.
+    """
     ranges = np.linalg.norm(points, axis=-1)
     total, count = np.zeros((2, *ranges.shape))
     for down in (-1, 0, 1):
@@ -74,7 +75,8 @@ def test_nor_are_bodies_that_are_mostly_ends(name: str, seeds: tuple[int, ...]) 
 @pytest.mark.parametrize("num", [10, pytest.param(40, marks=pytest.mark.slow)])
 def test_motions_between_smoothed_clouds_are_claimed_as_they_are_known(num: int) -> None:
     """With the noise that neighbours tell, 31 of the 40 clouds were refused, as parts were off by
-    more than it, and the mean square of the others was 24 standard deviations squared."""
+    more than it, and the mean square of the others was 24 standard deviations squared.
+    """
 
     def view_of(name: str, pose: np.ndarray, rng: np.random.Generator) -> TargetView:
         return target_view(smoothed(CAMERA.scan(TARGET[name], pose, rng).points))

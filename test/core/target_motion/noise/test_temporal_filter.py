@@ -22,7 +22,8 @@ BEFORE, CLOUDS = 3, 6
 
 def clouds(name: str, *, averaged: bool = False, pattern_m: float = 0.0) -> Iterator[np.ndarray]:
     """Of a target that turns by 0.8 deg and moves by a pixel each, with a driver's filter that has
-    run for some clouds, or with pixels that are each off by something that stays."""
+    run for some clouds, or with pixels that are each off by something that stays.
+    """
     rng = np.random.default_rng(4)
     target, rays = TARGETS[name](), CAMERA.rays()
     shape = CAMERA.height, CAMERA.width

@@ -93,7 +93,8 @@ def test_points_strewn_at_random_make_an_image_with_few_holes() -> None:
 @pytest.mark.parametrize("arm", [0.04, 0.1])
 def test_pixels_are_as_wide_as_the_points_lie_apart_whatever_the_targets_shape(arm: float) -> None:
     """Of a plus with arms a tenth as wide as long pixels were twice as wide, as those of the box
-    around it."""
+    around it.
+    """
     rng = np.random.default_rng(4)
     along, across = rng.uniform(-0.5, 0.5, 2500), rng.uniform(-arm / 2, arm / 2, 2500)
     spot = np.where(np.arange(2500)[:, None] % 2, np.c_[along, across], np.c_[across, along])
@@ -120,7 +121,8 @@ def barrel(rows: int, columns: int, focal_px: float) -> np.ndarray:
 )  # fmt: skip
 def test_pixels_show_the_depth_in_their_middle(spot: np.ndarray) -> None:
     """The nearest return of a pixel, as if it were in the middle, was 1.6 mm short of this plane
-    on average."""
+    on average.
+    """
     normal = np.array([0.5, -0.3, 1.0])
     depth = 5.0 / (spot @ normal[:2] + 1)
     image = range_image(np.concatenate([spot, np.ones_like(spot[..., :1])], -1) * depth[..., None])

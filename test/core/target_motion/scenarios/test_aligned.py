@@ -1,5 +1,6 @@
 """Edges that run along the sensor's rows or diagonals: all of one is off alike, by up to half a
-pixel."""
+pixel.
+"""
 
 import numpy as np
 import pytest
@@ -29,7 +30,8 @@ DISC_WITH_BOOMS = assembly(
 
 def squares(roll_deg: float, target: TriangleMesh = SLAB) -> list[float]:
     """NEES of 60 pairs of targets seen from the front, rolled by so much within 0.3 deg, that move
-    by parts of a pixel."""
+    by parts of a pixel.
+    """
     rng = np.random.default_rng(11)
     nees = []
     for _ in range(60):
@@ -59,7 +61,8 @@ def test_edges_along_the_rows_are_claimed_as_one() -> None:
 )
 def test_edges_along_a_diagonal_are_claimed_as_one(roll_deg: float, most: float) -> None:
     """One pixel aside for each row, and one for each two, shows no more of where in its pixels an
-    edge lies: with edges along the rows alone claimed as one NEES is 34 and 14 in the median."""
+    edge lies: with edges along the rows alone claimed as one NEES is 34 and 14 in the median.
+    """
     nees = squares(roll_deg)
     assert len(nees) > 50
     assert np.median(nees) < most
@@ -68,7 +71,8 @@ def test_edges_along_a_diagonal_are_claimed_as_one(roll_deg: float, most: float)
 def test_a_boom_along_the_rows_leans_by_up_to_a_pixel() -> None:
     """Where no edge of a boom crosses from a row to the next, all of it may lie half a pixel off
     and its ends a pixel apart. The roll of the disc is claimed four times too well, and NEES is 26
-    in the mean, with neither claimed of bars."""
+    in the mean, with neither claimed of bars.
+    """
     nees = squares(0.0, DISC_WITH_BOOMS)
     assert len(nees) > 40
     assert np.mean(nees) < 10

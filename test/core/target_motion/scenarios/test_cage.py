@@ -56,7 +56,8 @@ def pose_nees(seed: int, count: int, step_deg: float = 6.0) -> list[float]:
 
 def test_poses_of_a_cage_do_not_drift_beyond_their_claim() -> None:
     """From kept view to kept view the same error in the same direction: where outlines are taken to
-    lie as far away as the faces NEES is 41 in the mean."""
+    lie as far away as the faces NEES is 41 in the mean.
+    """
     nees = [pose_nees(seed, 28) for seed in range(3)]
     assert min(len(each) for each in nees) > 20
     assert 3.0 < np.concatenate(nees).mean() < 9.0

@@ -1,5 +1,6 @@
 """Where the sensor's frame cuts the target off there is no edge, nor does a cloud without its empty
-pixels say where that is."""
+pixels say where that is.
+"""
 
 from collections.abc import Callable
 
@@ -28,7 +29,8 @@ TARGET = assembly(
 
 def test_a_prism_that_leaves_the_frame_is_not_taken_to_end_there() -> None:
     """Both its ends are out of the frame while it moves along itself. Where the frame is taken for
-    its ends half of these 20 pairs are wrong with confidence, NEES up to 1155."""
+    its ends half of these 20 pairs are wrong with confidence, NEES up to 1155.
+    """
     rng = np.random.default_rng(3)
     upright = rotation_from_vector(np.radians([-90.0, 0.0, 0.0]))
     squares, fixed = [], 0
@@ -50,7 +52,8 @@ def test_a_prism_that_leaves_the_frame_is_not_taken_to_end_there() -> None:
 
 def rosette(pose: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(N, 3) cloud of a long box with a small one at its side, by two prisms that turn at unlike
-    rates: a field of 19 deg all around."""
+    rates: a field of 19 deg all around.
+    """
     phase = 2 * np.pi * (np.linspace(0.0, 1.0, 40_000)[:, None] * (71.3, -46.9) + rng.random(2))
     u, v = (np.radians(9.5) * of(phase).sum(axis=1) for of in (np.cos, np.sin))
     rays = np.stack([u, v, np.ones(len(u))], axis=1) / np.sqrt(1 + u * u + v * v)[:, None]
@@ -67,7 +70,8 @@ def rosette(pose: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 def test_a_box_that_leaves_a_round_field_is_not_taken_to_end_there() -> None:
     """As the prism above. Where the field is taken for its ends five of these 16 pairs are wrong
-    with confidence, NEES up to 615."""
+    with confidence, NEES up to 615.
+    """
     rng = np.random.default_rng(4)
     upright = rotation_from_vector(np.radians([-90.0, 0.0, 0.0]))
     corner_on = upright @ rotation_from_vector(np.radians([0.0, 0.0, 40.0]))

@@ -26,7 +26,8 @@ def about(axis: list[float], angle_deg: float) -> np.ndarray:
 
 def nees_of_plate(rng: np.random.Generator, known: bool) -> float | None:
     """Of one pair of clouds of a plate that turns by up to 3 deg, seen 2 to 10 deg edge on; None
-    where it is refused.  known : whether its motion is given as prior."""
+    where it is refused.  known : whether its motion is given as prior.
+    """
     plate = box((rng.uniform(0.8, 2.0), rng.uniform(0.5, 1.5), rng.uniform(0.01, 0.04)))
     leaning = 90 + rng.uniform(2, 10) * rng.choice([-1, 1])
     start = about([0, 0, 1], rng.uniform(0, 360)) @ about([1, 0, 0], leaning)
@@ -46,7 +47,8 @@ def nees_of_plate(rng: np.random.Generator, known: bool) -> float | None:
 @pytest.mark.parametrize("known", [False, True])
 def test_a_plate_that_is_seen_edge_on_is_claimed_as_it_is_known(known: bool) -> None:
     """Up to 9 cm off at 5 mm claimed, one in twenty: the few returns of its far end were taken for
-    those of a bar, whose range is known to the noise."""
+    those of a bar, whose range is known to the noise.
+    """
     rng = np.random.default_rng(3)
     every = [nees_of_plate(rng, known) for _ in range(50)]
     nees = np.array([each for each in every if each is not None])

@@ -1,5 +1,6 @@
 """The roll of bodies that little but small parts keeps from being ones of revolution: known as well
-as is said, and not drawn towards no roll."""
+as is said, and not drawn towards no roll.
+"""
 
 from collections.abc import Callable
 

@@ -145,7 +145,8 @@ def test_planes_near_the_limb_lie_on_the_barrel(
     axis: tuple[float, float, float], far: float, noise_m: float
 ) -> None:
     """Where few whole windows are left to tell that it is curved, those that the limb cuts off were
-    believed: in the mean 3 to 5 mm behind the barrel, in both views, and motions 3 mm off."""
+    believed: in the mean 3 to 5 mm behind the barrel, in both views, and motions 3 mm off.
+    """
     unit, off_m = axis_of(axis), []
     for seed in range(6):
         cloud = cylinder_cloud(unit, far * PLACE_M, noise_m, np.random.default_rng(seed))

@@ -1,5 +1,6 @@
 """Pixels that the end of a surface covers in part return the range of that part's middle, which on
-a slanted face is nearer or farther than in the pixel's own."""
+a slanted face is nearer or farther than in the pixel's own.
+"""
 
 import numpy as np
 from registered_motion import motion_nees, pose_of
@@ -24,7 +25,8 @@ def averaged_cloud(
     target: TriangleMesh, pose: np.ndarray, rng: np.random.Generator, least: float
 ) -> np.ndarray:
     """(H, W, 3) returns, each the mean of what covers its pixel; none where it is covered by less
-    than a share ``least``."""
+    than a share ``least``.
+    """
     k = 5
     fine = CAMERA.ranges(target, pose, k).reshape(CAMERA.height, k, CAMERA.width, k)
     seen = np.isfinite(fine)
@@ -37,7 +39,8 @@ def averaged_cloud(
 
 def test_motions_by_pixels_that_average_are_claimed_as_they_are_known() -> None:
     """As if they lay in the middles of their pixels the mean square was 6.8 standard deviations
-    squared of the six unknowns, and the largest 21."""
+    squared of the six unknowns, and the largest 21.
+    """
     squares = []
     for name in ("n1", "n5"):
         for seed in range(14):

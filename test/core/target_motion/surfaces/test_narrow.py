@@ -40,7 +40,8 @@ def test_windows_grow_with_the_noise_as_far_as_the_target_is_wide() -> None:
 def test_motions_of_thin_cylinders_are_claimed_as_they_are_known(num: int) -> None:
     """In some of the views the noise comes out so large that wider windows would do for it. Their
     planes pass 7 mm behind the cylinders, where those of the other views do not: NEES is 12.7 in
-    the mean, and 90 at most."""
+    the mean, and 90 at most.
+    """
     rng = np.random.default_rng(5)
     nees = []
     for _ in range(num):

@@ -65,7 +65,7 @@ def test_times_that_tell_nothing() -> None:
     at_the_stamp = np.full(points.shape[:2], 1e-7)
     assert sweep_of(points, at_the_stamp) is None
     assert sweep_of(points, at_the_stamp * np.nan) is None
-    with pytest.raises(ValueError, match=r"times_s must be \(128, 128\); got \(3,\)"):
+    with pytest.raises(ValueError, match=r"times_s must be \(128, 128\), got \(3,\)"):
         sweep_of(points, np.zeros(3))
 
 
@@ -106,7 +106,8 @@ def swept(deg_s: float, name: str = "n5", count: int = 1) -> list[SweptScan]:
 
 def errors(fixes: list[TargetFix], deg_s: float, name: str) -> list[tuple[float, float]]:
     """NEES of each pose but the first, and how far a point half a metre from the origin is off, in
-    the mean, mm; of those that were found."""
+    the mean, mm; of those that were found.
+    """
     pose = pose_at(deg_s, name)
     frame = inverse_pose(pose(0.0)) @ fixes[0].pose_sensor_from_target
     found = []
@@ -267,7 +268,8 @@ def test_points_whose_time_is_not_known_are_left_out() -> None:
 
 def test_stamps_that_make_no_sense_beside_the_times() -> None:
     """Two clouds of a fifth of a second each, a microsecond apart: no target moves like that, and
-    nothing is answered or breaks."""
+    nothing is answered or breaks.
+    """
     tracker = TargetTracker(WIDE)
     first, second = swept(30.0, "n5", 2)
     assert tracker.process(first.points, 0, times_s=first.times_s).status is Status.OK

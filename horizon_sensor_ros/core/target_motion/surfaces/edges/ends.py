@@ -43,7 +43,8 @@ _STRAIGHT_PX, _BY_CHANCE = 0.07, 2.0
 
 def find_ends(image: RangeImage, planes: Planes) -> Edges:
     """Ends of faces and thin parts: a short straight line through each place where a surface ends
-    and its neighbours on the same edge."""
+    and its neighbours on the same edge.
+    """
     places = places_of_ends(image, planes)
     if len(places.pixel) < _FEWEST_PLACES:
         return no_edges()
@@ -100,7 +101,8 @@ def _not_seen_to_end(
     run: np.ndarray,
 ) -> np.ndarray:
     """Which of the places k (N,) are where the sensor has lost a curved surface, or what such a one
-    may hide; across : (2, N). run : (P,) of all places."""
+    may hide; across : (2, N). run : (P,) of all places.
+    """
     pixel, way = places.pixel[k], places.way[k]
     fades = fading_limb(planes, pixel, across, run[k])
     return fades | may_be_hidden(image, planes, pixel, way, fading=bool(fades.any()))

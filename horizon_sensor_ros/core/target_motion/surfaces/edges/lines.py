@@ -54,7 +54,8 @@ class Sums(NamedTuple):
 
 def widths(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean squares (pixels^2) across and along the lines through places, and the angle of these to
-    the rows, (P,) each; sums : (16, P) as of `Sums`."""
+    the rows, (P,) each; sums : (16, P) as of `Sums`.
+    """
     n, u, v, _, uu, vv, uv = sums[:7]
     u, v = u / n, v / n
     uu, vv, uv = uu / n - u * u, vv / n - v * v, uv / n - u * v
@@ -66,7 +67,8 @@ def gather(
     image: RangeImage, planes: Planes, places: Places
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """`Sums` (16, P); which places (P,) lie on an oblique thin part; and the neighbours, i in
-    order, and j."""
+    order, and j.
+    """
     (u, v), w = places.spot, places.inverse_depth
     size = len(w)
     i, j = neighbours(places, image.inverse_depth.shape)

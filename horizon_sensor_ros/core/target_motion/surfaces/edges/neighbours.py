@@ -19,7 +19,8 @@ _SLANT_PX = 2.5
 
 def _beside(way: int) -> np.ndarray:
     """(M, 3) steps in u and v, and of the way outwards, from a place to all those that may lie on
-    one line with it; of two places the later one from the earlier one."""
+    one line with it; of two places the later one from the earlier one.
+    """
     steps = []
     reach = range(-5, 6)
     for other, du, dv in product(range(way, 4), reach, reach):

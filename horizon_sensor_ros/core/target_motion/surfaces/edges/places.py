@@ -33,7 +33,8 @@ class Places:
     WAYS leads outwards, (P,), in the order of the ways; pixel coordinates (2, P); inverse depth,
     and how much more it is a pixel inwards, NaN where the surface is one pixel wide; whether it is
     a face's; how many pixels wide the surface is there, along the way; 0 where it is more than a
-    few; whether the next pixel, which it covers in part, was cropped for what lies behind."""
+    few; whether the next pixel, which it covers in part, was cropped for what lies behind.
+    """
 
     pixel: np.ndarray
     way: np.ndarray
@@ -103,7 +104,8 @@ def places_of_ends(image: RangeImage, planes: Planes) -> Places:
 
 def _falling_back(image: RangeImage, planes: Planes) -> tuple[np.ndarray, np.ndarray]:
     """Flat pixel indices, and of `WAYS` the one (N,), where the next return does not lie on the
-    plane of a pixel but behind it."""
+    plane of a pixel but behind it.
+    """
     inverse, noise = image.inverse_depth.ravel(), planes.noise.ravel()
     width = image.inverse_depth.shape[1]
     slopes = planes.slope_u.ravel(), planes.slope_v.ravel()

@@ -82,7 +82,8 @@ def _rows(row: np.ndarray, first: np.ndarray) -> np.ndarray:
 
 def _along_run(spot: np.ndarray, angle: np.ndarray, run: np.ndarray) -> np.ndarray:
     """(P,) how far each place (2, P) is from the middle of its run along it, in lengths of the run:
-    -.5 to .5 where places lie evenly."""
+    -.5 to .5 where places lie evenly.
+    """
     count = np.bincount(run)
 
     def mean(values: np.ndarray) -> np.ndarray:

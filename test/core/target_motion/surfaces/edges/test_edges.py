@@ -15,7 +15,8 @@ FOCAL_PX, SIDE_PX, DEPTH_M = 320.0, 160, 4.0
 
 def edges_of_bar(angle_deg: float, width_px: float, seed: int) -> tuple[Edges, np.ndarray]:
     """Edges of a flat bar across a disc behind it, as wide in the image as that; and its unit
-    normal (2,) there. Away from its ends."""
+    normal (2,) there. Away from its ends.
+    """
     rng = np.random.default_rng(seed)
     middle = (SIDE_PX - 1) / 2 + rng.uniform(-0.5, 0.5, 2)
     u, v = np.meshgrid(*2 * [np.arange(float(SIDE_PX))])
@@ -84,7 +85,8 @@ def test_a_line_is_as_rough_as_its_returns_scatter(reach_m: float) -> None:
 @pytest.mark.parametrize("fall_m", [0.0, 0.04])
 def test_the_end_of_a_steep_strip_is_known_to_a_pixel(fall_m: float) -> None:
     """A plate seen nearly edge on, two rows high, that falls back by ``fall_m`` a row: its ends lie
-    anywhere in their rows, and all along them alike, so that they scatter little."""
+    anywhere in their rows, and all along them alike, so that they scatter little.
+    """
     rng = np.random.default_rng(2)
     depth = np.full((SIDE_PX, SIDE_PX), np.nan)
     depth[80:82, 40:120] = DEPTH_M + fall_m * np.arange(2)[:, None]
@@ -137,7 +139,8 @@ def test_an_edge_along_the_pixels_is_off_as_one() -> None:
 @pytest.mark.parametrize("angle_deg", [0.0, 0.6])
 def test_a_few_places_beside_the_rest_tell_nothing_of_an_edge(angle_deg: float) -> None:
     """Noise puts a place of an edge into the next row now and then. Where that made it a row
-    higher, the mean square of these was 1.6 and 1.7."""
+    higher, the mean square of these was 1.6 and 1.7.
+    """
     squares = []
     for seed in range(60):
         edges, outwards_px = edges_of_bar(angle_deg, 3.0, seed)
