@@ -117,7 +117,7 @@ class _Cone:
         return [*self.nadir.tolist(), self.rho]
 
 
-class _Sight:
+class _SeenCones:
     """Limb rays as the iteration looks at cones from them, again and again."""
 
     def __init__(self, rays: LimbRays) -> None:
@@ -172,7 +172,7 @@ def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool
 
     Returns the cone, whether it is the minimum, and the states (K, 4) on the way.
     """
-    sight = _Sight(rays)
+    sight = _SeenCones(rays)
     cone = sight.of(nadir, rho)
     history = [cone.state]
     scale = length2 = np.inf
@@ -224,7 +224,7 @@ def _iterate(rays: LimbRays, nadir: np.ndarray, rho: float) -> tuple[_Cone, bool
 
 
 def _along_valley(
-    sight: _Sight, cone: _Cone, basis: np.ndarray, step: np.ndarray, scale: float
+    sight: _SeenCones, cone: _Cone, basis: np.ndarray, step: np.ndarray, scale: float
 ) -> _Cone:
     """Where the way of a step (3,), in the basis (3, 2), leads on from a cone: along a valley
     reweighted steps creep, so it is gone on, ever farther, while it leads downwards.

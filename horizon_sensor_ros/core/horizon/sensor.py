@@ -219,7 +219,9 @@ class HorizonSensor:
     def _processed(
         self, given: Sequence[Frame], frames: Sequence[Frame], aiding: Aiding
     ) -> HorizonFix:
-        """Fix of frames. given : the same, by the cameras as they are called from set to set."""
+        """Fix of frames. given : the same frames, each with the view it was called with, by which a
+        track knows its camera again; frames have views that motion has moved.
+        """
         unusable = [_unusable(frame) for frame in frames]
         frames = [
             frame if limb is not None else _without_streaks(frame)

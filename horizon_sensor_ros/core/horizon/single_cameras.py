@@ -64,11 +64,11 @@ class SingleCameras:
         self._about: Sighting | None = None
 
     def detection(self, i: int) -> Detection:
-        """What a camera, by number, finds by itself."""
+        """Limb that a camera, by number, finds by itself."""
         return self._alone(i)[0]
 
     def judged(self, i: int) -> Judged:
-        """What that comes to, however little it says of nadir."""
+        """Fix from that limb alone, whatever sigma of nadir it has."""
         return self._alone(i)[1]
 
     def _look_near(self, sighting: Sighting) -> None:

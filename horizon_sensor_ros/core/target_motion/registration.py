@@ -101,9 +101,9 @@ def register(
     prior_b_from_a : (4, 4) expected motion, good to a few degrees and centimetres; the search
         follows only where it does not hold. Without one, a start from no turn is tried before the
         search.
-    turned_rad : as far as the target may have turned since view a, if that is more than the search
-        covers, as views between these two led to no motion. doubted : whether a motion to one of
-        them was.
+    turned_rad : how far the target may have turned since view a, where that is more than the search
+        covers: views in between were refused. doubted : whether the motion to
+        one of those could not be told from another that looks alike.
     Bad data never raises: status and reason tell (TOO_FEW_POINTS, NOT_CONVERGED, ILL_CONDITIONED
     where a direction cannot be observed, POOR_FIT where the views contradict each other). Raises
     ValueError for a prior of another shape, or not finite.
@@ -121,12 +121,14 @@ def register(
     assert a.surface is not None
     assert b.surface is not None
     prior = None if prior_b_from_a is None else _in_views(prior_b_from_a, a, b)
-    still = b.image.rot_sensor_from_view.T @ a.image.rot_sensor_from_view
-    found = Finder(a.surface, b.surface, config, still).find(prior)
-    return _judge(found, a, b, still, config, max(turned_rad, config.search_rad), doubted)
+    rot_b_from_a_still = b.image.rot_sensor_from_view.T @ a.image.rot_sensor_from_view
+    found = Finder(a.surface, b.surface, config, rot_b_from_a_still).find(prior)
+    return _judge(
+        found, a, b, rot_b_from_a_still, config, max(turned_rad, config.search_rad), doubted
+    )
 
 
-def gainsaid(
+def contradiction(
     a: TargetView, b: TargetView, pose_b_from_a: np.ndarray, config: RegistrationConfig
 ) -> Registration | None:
     """Hold a motion that was not found between these two views against them: a refusal where they
@@ -187,7 +189,7 @@ def _judge(
     found: Found,
     a: TargetView,
     b: TargetView,
-    still: np.ndarray,
+    rot_b_from_a_still: np.ndarray,
     config: RegistrationConfig,
     turned_rad: float,
     doubted: bool,
@@ -224,7 +226,9 @@ def _judge(
         return replace(known, status=Status.POOR_FIT, reason=reason, part_off_m=layer.off_m)
     doubt = ""
     if not found.expected:
-        doubt = ambiguity(found, a.surface, b.surface, still, config, turned_rad, doubted)
+        doubt = ambiguity(
+            found, a.surface, b.surface, rot_b_from_a_still, config, turned_rad, doubted
+        )
     if doubt:
         return replace(known, status=Status.POOR_FIT, reason=doubt, doubted=True)
     rotation = turn_b @ refined.rotation @ turn_a.T

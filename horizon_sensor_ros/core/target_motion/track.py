@@ -20,7 +20,7 @@ from horizon_sensor_ros.core.target_motion.constant_velocity import (
 )
 from horizon_sensor_ros.core.target_motion.known_view import KnownView, delta_covariance
 from horizon_sensor_ros.core.target_motion.noise.temporal_filter import TemporalFilter
-from horizon_sensor_ros.core.target_motion.registration import Registration, gainsaid, register
+from horizon_sensor_ros.core.target_motion.registration import Registration, contradiction, register
 from horizon_sensor_ros.core.target_motion.sweeps.sweep import Sweep
 from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity, off_m
 from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
@@ -244,7 +244,7 @@ class Track:
             return found
         for kept in refused_by:
             motion = found.pose_b_from_a @ keyframe.pose @ inverse_pose(kept.pose)
-            against = gainsaid(kept.view, view, motion, config)
+            against = contradiction(kept.view, view, motion, config)
             if against is not None:
                 return against
         return found
@@ -313,7 +313,7 @@ class Track:
             velocity = velocity_of(now, last, self._path, sweep.mean_s)
             if used is not None:
                 off = velocity.difference(used, now.pose[:3, 3])
-                velocity = velocity.or_by(off)
+                velocity = velocity.less_sure_by(off)
                 changed = np.diag(sweep.spread_s**2 * np.square(off))
                 if not more or off_m(changed, now.size_m) < off_m(now.step_covariance, now.size_m):
                     step = _known_well(

@@ -69,8 +69,10 @@ class Raster:
         return _BLUR_REST_PX**2 * self._alike
 
     def unshaped(self, step: float) -> np.ndarray:
-        """Shares (N,) of what profiles' shapes tell that is not the raster's: it shows the more of
-        itself, the larger the step is over their noise.
+        """Shares (N,) of the evidence in profiles' shapes that texture leaves, once the raster's is
+        taken out. The raster's grows with the step over the profiles' noise.
+
+        step : that ratio.
         """
         return np.asarray(1.0 / (1.0 + np.square(_BLUR_REST_PX * step * self.size)))
 

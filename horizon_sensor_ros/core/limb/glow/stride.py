@@ -14,10 +14,11 @@ _BACK = -1.3, -0.5
 
 
 class Stride(NamedTuple):
-    """As much of a step as is gone at once.
+    """As much of a step as is gone at once: cut, or lengthened by those that will follow it.
 
-    change : of the unknowns. shift_px : (M,) of the limb outwards, far_px at most. last : (M,) the
-    step itself, for the next one to be held against; None after one that went farther than it.
+    change : of the unknowns. shift_px : (M,) what it moves the limb outwards by; far_px is the
+    largest of these. last : (M,) shift of the step as it was solved for, which the next step is
+    compared with; None if this one was lengthened.
     """
 
     change: np.ndarray
@@ -27,8 +28,10 @@ class Stride(NamedTuple):
 
 
 def stride_of(change: np.ndarray, rows: np.ndarray, last: np.ndarray | None) -> Stride:
-    """What to go of a step that changes the unknowns so. rows, last : as of `GlowSight` and of the
-    stride before.
+    """Return how much of a step to go.
+
+    change : of the unknowns, by the whole step. rows : (M, 3) of `GlowSight`, what the first three
+    unknowns move the limb by. last : of the stride before.
     """
     shift = rows @ change[:3]
     share = _share(shift, last)

@@ -84,7 +84,7 @@ def krige_edges(
     """
     used = samples_between(stretches.d_px, -INNER_PX, OUTER_PX)
     tables = tables_of(stretches, used)
-    limb = _Limb(stretches, good, Raster.of(stretches.base[:, :2], phase, good), odd)
+    limb = _LimbStretches(stretches, good, Raster.of(stretches.base[:, :2], phase, good), odd)
     bright = _Brightness.of(limb, tables.rise)
     scaled = stretches.profiles[:, used] * (1.0 / bright.noise)
     over_step = bright.noise / bright.step
@@ -110,7 +110,7 @@ def krige_edges(
     return KrigedEdges(place, sigma, unknowns, misfit, bright.step, shared, lacking.corner)
 
 
-class _Limb:
+class _LimbStretches:
     """Stretches along one limb: which of them are good (N,), how they lie in the raster, and what
     changes their blur.
 
@@ -155,7 +155,7 @@ class _Brightness:
     noise: float
 
     @classmethod
-    def of(cls, limb: _Limb, rise: float) -> _Brightness:
+    def of(cls, limb: _LimbStretches, rise: float) -> _Brightness:
         """Of stretches; rise : as of `Tables`."""
         d_px, profiles = limb.stretches.d_px, limb.stretches.profiles
         # Just inside the edge: brightness may be another a few pixels on.
@@ -182,7 +182,9 @@ class _Solved:
     wider_information: np.ndarray
 
 
-def _solved(scaled: np.ndarray, over_step: np.ndarray, limb: _Limb, tables: Tables) -> _Solved:
+def _solved(
+    scaled: np.ndarray, over_step: np.ndarray, limb: _LimbStretches, tables: Tables
+) -> _Solved:
     """Solve profiles (N, J) over the noise; over_step (N,) : the noise over their steps."""
     solved = with_neighbours(scaled, limb.good) @ tables.weights
     solved *= over_step[:, None]
@@ -197,7 +199,7 @@ def _solved(scaled: np.ndarray, over_step: np.ndarray, limb: _Limb, tables: Tabl
 
 
 def _on_one_limb(
-    found: _Solved, texture: int, limb: _Limb, tables: Tables
+    found: _Solved, texture: int, limb: _LimbStretches, tables: Tables
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Unknowns (3,) of the limb that fits the edges beside one texture; edges (N,) that lie on it,
     and what their blur lacks (N,).
@@ -215,7 +217,7 @@ def _on_one_limb(
     return unknowns, stretches.base @ unknowns + error * raster.place, blur
 
 
-def _shares(evidence: np.ndarray, bright: _Brightness, limb: _Limb) -> np.ndarray:
+def _shares(evidence: np.ndarray, bright: _Brightness, limb: _LimbStretches) -> np.ndarray:
     """How likely (N, S) each texture is beside each stretch, by what it and its neighbours say.
 
     evidence : (N, S) log likelihood of their profiles, to which that of their brightness is added.
@@ -236,7 +238,7 @@ def _shares(evidence: np.ndarray, bright: _Brightness, limb: _Limb) -> np.ndarra
 
 
 def _averaged(
-    found: _Solved, share: np.ndarray, limb: _Limb, tables: Tables
+    found: _Solved, share: np.ndarray, limb: _LimbStretches, tables: Tables
 ) -> tuple[np.ndarray, np.ndarray, Blur]:
     """Places (N,) and variances (N,) averaged over the textures, as likely as each is (N, S), and
     what the blur lacks.
@@ -252,7 +254,7 @@ def _averaged(
 
 
 def _without_raster(
-    place: np.ndarray, spread2: np.ndarray, limb: _Limb
+    place: np.ndarray, spread2: np.ndarray, limb: _LimbStretches
 ) -> tuple[np.ndarray, np.ndarray]:
     """Places (N,) less what the raster moves them by, and their variances (N,) with what is left of
     it.

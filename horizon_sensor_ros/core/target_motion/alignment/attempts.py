@@ -109,13 +109,17 @@ class Found:
 class Finder:
     """Tries of one registration, from the cheapest start to the dearest.
 
-    still : (3, 3), view frame of b from that of a where nothing turned.
+    rot_b_from_a_still : (3, 3), view frame of b from that of a where nothing turned.
     """
 
     def __init__(
-        self, a: SurfaceView, b: SurfaceView, config: RegistrationConfig, still: np.ndarray
+        self,
+        a: SurfaceView,
+        b: SurfaceView,
+        config: RegistrationConfig,
+        rot_b_from_a_still: np.ndarray,
     ) -> None:
-        self._a, self._b, self._config, self._still = a, b, config, still
+        self._a, self._b, self._config, self._rot_b_from_a_still = a, b, config, rot_b_from_a_still
         self._matcher = Matcher(a, b)
         unit = 2 * b.footprint_m + 4 * np.hypot(a.sigma_m, b.sigma_m)
         self._gates = (unit, 0.4 * unit)
@@ -133,9 +137,11 @@ class Finder:
             good = tried[-1].score >= config.min_score and tried[-1].refined.converged
             if good and tried[-1].expected:
                 return tried[-1]
-        still = self._still
-        shift = b.image.centroid_m - still @ a.image.centroid_m
-        first = align_batch(a, b, still[None], shift[None], b.size_m * _SINGLE_GATES, 250)
+        rot_b_from_a_still = self._rot_b_from_a_still
+        shift = b.image.centroid_m - rot_b_from_a_still @ a.image.centroid_m
+        first = align_batch(
+            a, b, rot_b_from_a_still[None], shift[None], b.size_m * _SINGLE_GATES, 250
+        )
         tried.append(self._settle(first[0][0], first[1][0], searched=False))
         sure = _SURE - SCORE_LOST * self._odd
         if tried[-1].score >= sure and tried[-1].refined.converged:
@@ -145,7 +151,9 @@ class Finder:
                 return tried[-1]
         # A second candidate, and another reach, only where there is no likely answer yet.
         for reach in (_FIRST_GATES, _WIDE_GATES):
-            for rotation, translation in _search(a, b, still, config.search_rad, reach):
+            for rotation, translation in _search(
+                a, b, rot_b_from_a_still, config.search_rad, reach
+            ):
                 tried.append(self._settle(rotation, translation, searched=True))
                 if tried[-1].score >= _LIKELY and tried[-1].sound(config):
                     return max(tried, key=lambda found: found.merit)
@@ -285,10 +293,14 @@ def _along_weakest(found: Found, steps_px: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _search(
-    a: SurfaceView, b: SurfaceView, still: np.ndarray, search_rad: float, reach: np.ndarray
+    a: SurfaceView,
+    b: SurfaceView,
+    rot_b_from_a_still: np.ndarray,
+    search_rad: float,
+    reach: np.ndarray,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """The most consistent motions found from starts all over a ball of rotations, best first."""
-    rotations = rotation_starts(search_rad, _START_SPACING_RAD) @ still
+    rotations = rotation_starts(search_rad, _START_SPACING_RAD) @ rot_b_from_a_still
     translations = b.image.centroid_m - rotations @ a.image.centroid_m
     for gates, align_samples, view_samples, kept in (
         (reach, 150, 200, 8),

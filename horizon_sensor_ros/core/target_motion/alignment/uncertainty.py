@@ -206,10 +206,10 @@ def _drawn_back(pairs: Pairs, weight: np.ndarray, a: SurfaceView, b: SurfaceView
     lean, times how far the body has slipped under it; of two places farther apart than a window is
     wide the leans differ.
     """
-    still = b.image.rot_sensor_from_view.T @ a.image.rot_sensor_from_view
+    rot_b_from_a_still = b.image.rot_sensor_from_view.T @ a.image.rot_sensor_from_view
     before = pairs.rotation.T @ (pairs.point_a - pairs.translation_m[:, None])
     arm = pairs.point_a - b.image.centroid_m[:, None]
-    slip = arm - still @ (before - a.image.centroid_m[:, None])
+    slip = arm - rot_b_from_a_still @ (before - a.image.centroid_m[:, None])
     reach = _LEAN_PX * b.footprint_m
     slip *= weight * pairs.tilt2 * reach / np.maximum(np.sqrt((slip * slip).sum(axis=0)), reach)
     return np.concatenate([np.cross(arm.T, slip.T).sum(axis=0), slip.sum(axis=1)])

@@ -134,14 +134,17 @@ def prism_turned(
     b: SurfaceView,
     rotation: np.ndarray,
     translation_m: np.ndarray,
-    still: np.ndarray,
+    rot_b_from_a_still: np.ndarray,
     most_rad: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Motions (M, 3, 3), (M, 3) from one side of a prism to another beside the given one, about
-    some middles of it; those that turn by less than ``most_rad``, if nothing does in ``still``.
+    some middles of it; those that turn by less than ``most_rad``, if nothing does in
+    ``rot_b_from_a_still``.
     """
     turns = alike_prism_turns(b)
-    turns = turns[np.einsum("kij,ji->k", turns, rotation @ still.T) > 1 + 2 * np.cos(most_rad)]
+    turns = turns[
+        np.einsum("kij,ji->k", turns, rotation @ rot_b_from_a_still.T) > 1 + 2 * np.cos(most_rad)
+    ]
     front = b.image.centroid_m
     behind = b.size_m * front / np.linalg.norm(front)
     middles = front + np.outer(_DEPTHS, behind)
@@ -155,11 +158,11 @@ def rivals(
     b: SurfaceView,
     rotation: np.ndarray,
     translation_m: np.ndarray,
-    still: np.ndarray,
+    rot_b_from_a_still: np.ndarray,
     starts: tuple[np.ndarray, np.ndarray],
 ) -> list[Rival]:
     """The most consistent motions that ``starts`` (K, 3, 3), (K, 3) lead to, beside the given
-    one; ``still`` : rotation of one that turns nothing.
+    one; ``rot_b_from_a_still`` : rotation of one that turns nothing.
     """
     rotations, translations = starts
     if not len(rotations):
@@ -182,7 +185,7 @@ def rivals(
     for turn, shift_m, score, overlap in alike:
         apart = float(np.linalg.norm(vector_from_rotation(rotation.T @ turn)))
         if apart > _APART_RAD and overlap > _LEAST_OVERLAP * seen.overlap[0]:
-            whole = float(np.linalg.norm(vector_from_rotation(turn @ still.T)))
+            whole = float(np.linalg.norm(vector_from_rotation(turn @ rot_b_from_a_still.T)))
             lead = float(score - seen.score[0])
             found.append(Rival(turn, shift_m, whole, apart, float(score), float(overlap), lead))
     return found

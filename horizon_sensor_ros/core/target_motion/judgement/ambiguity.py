@@ -86,7 +86,7 @@ def ambiguity(
     found: Found,
     a: SurfaceView,
     b: SurfaceView,
-    still: np.ndarray,
+    rot_b_from_a_still: np.ndarray,
     config: RegistrationConfig,
     turned_rad: float,
     doubted: bool,
@@ -94,7 +94,8 @@ def ambiguity(
     """Why a motion nobody expected may be another one, on a target that is nearly symmetric: "" if
     nothing says so.
 
-    still : as of `Finder`. turned_rad, doubted : as of `register`, the former not below the search.
+    rot_b_from_a_still : as of `Finder`. turned_rad, doubted : as of `register`, the former not
+    below the search.
     Rivals are the same motion turned further, about the target's axes, with which the views agree
     about as well. How much better a rival must agree (`_Margins`) depends on how likely its turn
     is: up to `_AS_LIKELY` times the turn that was found, within what the target may have turned.
@@ -113,7 +114,7 @@ def ambiguity(
             " alike could not be told apart"
         )
     rotation, translation = found.refined.rotation, found.refined.translation_m
-    turn = float(np.linalg.norm(vector_from_rotation(rotation @ still.T)))
+    turn = float(np.linalg.norm(vector_from_rotation(rotation @ rot_b_from_a_still.T)))
     far = turn > config.search_rad
     within = not far and turned_rad <= config.search_rad
     odd = odd_share(a, b)
@@ -121,8 +122,8 @@ def ambiguity(
     likely_rad = turned_rad if doubted else min(_AS_LIKELY * turn, turned_rad)
     margins = _Margins(config.search_rad, turned_rad, far, likely_rad, _SCORE_NOISE * odd)
     most_rad = max(_BEYOND_SEARCH * config.search_rad, turned_rad)
-    starts = prism_turned(b, rotation, translation, still, min(most_rad, np.pi))
-    prisms = rivals(a, b, rotation, translation, still, starts)
+    starts = prism_turned(b, rotation, translation, rot_b_from_a_still, min(most_rad, np.pi))
+    prisms = rivals(a, b, rotation, translation, rot_b_from_a_still, starts)
     doubt = _better(prisms, margins.of_prism)
     if doubt and doubt.turn_rad < likely_rad:
         return _tell_rival(doubt, found)
@@ -134,7 +135,7 @@ def ambiguity(
                 f"a turn by {np.degrees(turn):.0f} deg, beyond the search, with which the views"
                 f" agree to {found.score:.3f} only"
             )
-    boxes = rivals(a, b, rotation, translation, still, right_turned(a, b, rotation))
+    boxes = rivals(a, b, rotation, translation, rot_b_from_a_still, right_turned(a, b, rotation))
     doubt = doubt or _better(boxes, margins.of_right_angles)
     if not doubt or (within and not doubted and _best_but_for_a_patch(found, a, b, prisms + boxes)):
         return ""

@@ -63,8 +63,11 @@ class _Sum:
     def add(
         self, a: np.ndarray, b: np.ndarray, whole: float, relief: np.ndarray | float = 0.0
     ) -> None:
-        """Take differences (N,) of two clouds, and those of the second that relief makes as like
-        the first; 0: it makes none.
+        """Add what two clouds have in common, pixel by pixel.
+
+        a, b : (N,) deviations of either. whole : what the sum of a * b would be if both had the
+        same. relief : (N,) those of the second where the target's own relief would make them as
+        like a as they are in b, twice as far on its way (`TemporalFilter._hold`); 0: not asked.
         """
         product, of_relief = a * b, a * relief
         self.product = _LASTS * self.product + float(product.sum() - of_relief.sum())

@@ -64,8 +64,8 @@ class Velocity:
         shift = self.shift_m_s - other.shift_m_s + np.cross(turn, origin_m)
         return np.concatenate([turn, shift])
 
-    def or_by(self, difference: np.ndarray) -> Velocity:
-        """With as much more, (6,), as one more sigma."""
+    def less_sure_by(self, difference: np.ndarray) -> Velocity:
+        """With a difference (6,) of turn and shift as one more sigma of this one."""
         return replace(self, covariance=self.covariance + np.outer(difference, difference))
 
     def pose_after(self, pose: np.ndarray, time_s: float) -> np.ndarray:
