@@ -40,7 +40,7 @@ setup(
     package_data={f"{PACKAGE}.tools.report": ["templates/*.j2"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
-        (f"share/{PACKAGE}", ["package.xml", "README.md"]),
+        (f"share/{PACKAGE}", ["package.xml", "README.md", "CHANGELOG.rst", "LICENSE"]),
         (f"share/{PACKAGE}/config", sorted(glob("config/*.*"))),
         (f"share/{PACKAGE}/config/integration", sorted(glob("config/integration/*"))),
         (f"share/{PACKAGE}/config/security", sorted(glob("config/security/*"))),

@@ -77,7 +77,8 @@ def test_colcon_installs_executables_where_ros2_run_looks(installed: Path) -> No
 def test_colcon_installs_index_marker_and_share_files(installed: Path) -> None:
     share = installed / "share"
     assert (share / "ament_index" / "resource_index" / "packages" / PACKAGE).is_file()
-    assert (share / PACKAGE / "package.xml").is_file()
+    for name in ("package.xml", "README.md", "CHANGELOG.rst", "LICENSE"):
+        assert (share / PACKAGE / name).read_bytes() == (ROOT / name).read_bytes()
     for folder, pattern in (
         *(("config", "*"), ("config/integration", "*"), ("config/security", "*")),
         *(("launch", "*.launch.py"), ("doc/pictures", "*")),
