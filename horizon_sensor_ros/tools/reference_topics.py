@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.attitude import nadir_sign, rotation_from_quaternion
+from horizon_sensor_ros.core.mathematics.attitude import nadir_sign
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.messages.aiding import EARTH_FRAME
 from horizon_sensor_ros.ros.messages.estimates import LEVEL_FRAME
+from horizon_sensor_ros.ros.messages.geometry import rotation_of, xyz_of
 from horizon_sensor_ros.tools.bags.message_types import IMU, POSE, POSE_WITH_COVARIANCE, VECTOR
 from horizon_sensor_ros.tools.command_errors import CommandError
 
@@ -28,7 +29,7 @@ def nadir_of(msg: Any, msgtype: str, level_z: str, base_frame: str) -> np.ndarra
     """
     if msgtype == VECTOR:
         _require_frame(msg, base_frame, "vectors")
-        return _unit([msg.vector.x, msg.vector.y, msg.vector.z])
+        return _unit(xyz_of(msg.vector))
     if msgtype == IMU:
         _require_frame(msg, base_frame, "measurements")
         if msg.orientation_covariance[0] == -1.0:
@@ -49,7 +50,7 @@ def altitude_of(msg: Any, planet: Planet) -> float | None:
     if msg.header.frame_id == LEVEL_FRAME:
         altitude = abs(position.z)
     elif msg.header.frame_id == EARTH_FRAME:
-        altitude = float(np.linalg.norm([position.x, position.y, position.z]))
+        altitude = float(np.linalg.norm(xyz_of(position)))
         altitude -= planet.mean_radius_m
     else:
         raise CommandError(
@@ -104,15 +105,13 @@ def _pose(msg: Any) -> Any:
 def _down_in_base(orientation: Any, down_sign: float) -> np.ndarray | None:
     """Down in the base frame, of its orientation in a frame whose z is down_sign times down."""
     try:
-        rot = rotation_from_quaternion(
-            np.array([orientation.x, orientation.y, orientation.z, orientation.w])
-        )
+        rot = rotation_of(orientation)
     except ValueError:
         return None
     return down_sign * rot[2]
 
 
-def _unit(vector: Sequence[float]) -> np.ndarray | None:
+def _unit(vector: Sequence[float] | np.ndarray) -> np.ndarray | None:
     v = np.array(vector, dtype=float)
     norm = float(np.linalg.norm(v))
     return v / norm if np.isfinite(norm) and norm > 0 else None

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.ros.messages.geometry import rotation_of, xyz_of
 from horizon_sensor_ros.ros.messages.refusal import Refusal, quoted
 
 EARTH_FRAME = "earth"
@@ -22,8 +22,7 @@ def coarse_pose_from_message(msg: Any, planet: Planet) -> tuple[np.ndarray, np.n
     frame = str(msg.header.frame_id)
     if frame != EARTH_FRAME:
         return Refusal("wrong_frame", f"header frame is {quoted(frame)}, not '{EARTH_FRAME}'")
-    p, q = msg.pose.position, msg.pose.orientation
-    position = np.array([p.x, p.y, p.z], dtype=float)
+    position = xyz_of(msg.pose.position)
     if not np.all(np.isfinite(position)):
         return Refusal("not_finite", "position is not finite")
     distance = math.hypot(*position)
@@ -33,7 +32,7 @@ def coarse_pose_from_message(msg: Any, planet: Planet) -> tuple[np.ndarray, np.n
     if distance > _FARTHEST_M:
         return Refusal("too_far", far_km)
     try:
-        return position, rotation_from_quaternion(np.array([q.x, q.y, q.z, q.w]))
+        return position, rotation_of(msg.pose.orientation)
     except ValueError as error:
         return Refusal("bad_orientation", str(error))
 
@@ -43,7 +42,7 @@ def rate_from_imu(msg: Any, base_frame: str) -> np.ndarray | Refusal:
     frame = str(msg.header.frame_id)
     if frame != base_frame:
         return Refusal("wrong_frame", f"header frame is {quoted(frame)}, not {quoted(base_frame)}")
-    rate = np.array([msg.angular_velocity.x, msg.angular_velocity.y, msg.angular_velocity.z])
+    rate = xyz_of(msg.angular_velocity)
     if not np.all(np.isfinite(rate)):
         return Refusal("not_finite", "angular velocity is not finite")
     if math.hypot(*rate) > _FASTEST_RAD_S:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
+from horizon_sensor_ros.ros.messages.geometry import rotation_of
 from horizon_sensor_ros.ros.messages.refusal import Refusal, quoted
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 
@@ -48,8 +48,7 @@ class TfExtrinsics:
             transform = self._buffer.lookup_transform(self._base_frame, frame_id, self._latest)
         except self._errors as error:
             return Refusal("no_extrinsics", f"no transform for {camera}: {quoted(str(error), 200)}")
-        q = transform.transform.rotation
         try:
-            return rotation_from_quaternion(np.array([q.x, q.y, q.z, q.w]))
+            return rotation_of(transform.transform.rotation)
         except ValueError as error:
             return Refusal("no_extrinsics", f"transform for {camera}: {error}")

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.mathematics.attitude import roll_pitch_from_nadir
+from horizon_sensor_ros.ros.messages.geometry import xyz_of
 from horizon_sensor_ros.tools.colours import BLUE, COLOURS, GREEN, VERMILION
 from horizon_sensor_ros.tools.report.blocks import (
     Block,
@@ -118,7 +119,7 @@ def attitude_section(recorded: Recorded) -> Section | None:
         ]
     verticals = dict(sorted(recorded.answers.get("local_vertical", {}).items()))
     if verticals:
-        nadir = np.array([[m.vector.x, m.vector.y, m.vector.z] for m in verticals.values()])
+        nadir = np.array([xyz_of(m.vector) for m in verticals.values()])
         time_s = recorded.seconds(list(verticals))
         blocks.append(
             chart(

@@ -21,6 +21,7 @@ from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern impo
     cut,
     likeness,
 )
+from horizon_sensor_ros.ros.messages.geometry import pose_of
 from horizon_sensor_ros.ros.messages.point_cloud import points_from_cloud
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.messages.stamps import stamp_ns
@@ -31,7 +32,6 @@ from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.colours import BLUE, VERMILION
 from horizon_sensor_ros.tools.report.blocks import Block, Text, chart
 from horizon_sensor_ros.tools.report.recorded import Recorded
-from horizon_sensor_ros.tools.truth.target_errors import pose_of
 
 # The second cloud is the first after which the target has turned by as much.
 _TURN_SHOWN_RAD = np.radians(8.0)
@@ -58,7 +58,7 @@ def cloud_blocks(
     if set(clouds) != set(pair):
         return []
     old, new = (clouds[stamp] for stamp in pair)
-    pose_old, pose_new = (pose_of(poses[stamp]) for stamp in pair)
+    pose_old, pose_new = (pose_of(poses[stamp].pose.pose) for stamp in pair)
     moved = pose_new @ inverse_pose(pose_old)
     angle = np.degrees(np.linalg.norm(vector_from_rotation(moved[:3, :3])))
     times = recorded.seconds(pair)
@@ -147,7 +147,7 @@ def _pair(poses: dict[int, Any], stepped: set[int]) -> tuple[int, int] | None:
         if stamp not in stepped or first is None:
             first = stamp
             continue
-        turn = pose_of(poses[first])[:3, :3].T @ pose_of(message)[:3, :3]
+        turn = pose_of(poses[first].pose.pose)[:3, :3].T @ pose_of(message.pose.pose)[:3, :3]
         angle = float(np.linalg.norm(vector_from_rotation(turn)))
         if best is None or angle > best[0]:
             best = angle, (first, stamp)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from horizon_sensor_ros.core.mathematics.attitude import nadir_sign, rotation_from_quaternion
-from horizon_sensor_ros.core.mathematics.rigid import pose_matrix
+from horizon_sensor_ros.core.mathematics.attitude import nadir_sign
+from horizon_sensor_ros.ros.messages.geometry import pose_of, xyz_of
 from horizon_sensor_ros.ros.pipelines.target_pipeline import TARGET_TOPICS
 from horizon_sensor_ros.tools.colours import BLUE, VERMILION
 from horizon_sensor_ros.tools.report.attitude import attitudes, quantities
@@ -81,7 +80,7 @@ def _horizon_errors(recorded: Recorded) -> FlightErrors | None:
     truths = []
     for stamp, time_s in zip(stamps, recorded.seconds(stamps), strict=True):
         v = verticals[stamp].vector
-        down = np.array([v.x, v.y, v.z])
+        down = xyz_of(v)
         altitude = sign * poses[stamp].pose.position.z
         truths.append(Truth(stamp, float(time_s), down / np.linalg.norm(down), altitude))
     errors = flight_errors(
@@ -101,7 +100,7 @@ def target_errors_section(recorded: Recorded) -> Section | None:
     if not stamps or not any(answers.values()):
         return None
     errors = target_errors(
-        recorded.seconds(stamps).tolist(), {s: _pose(poses[s].pose) for s in stamps}, answers
+        recorded.seconds(stamps).tolist(), {s: pose_of(poses[s].pose) for s in stamps}, answers
     )
     rows = []
     for topic, motion, per in (
@@ -192,10 +191,3 @@ def _draw_target(axes: Sequence[Axes], time_s: np.ndarray, motion: MotionErrors)
         panel.set_ylim(bottom=0.0)
         panel.set_ylabel(f"error of {name}")
     axes[-1].set_xlabel("time (s)")
-
-
-def _pose(pose: Any) -> np.ndarray:
-    q, p = pose.orientation, pose.position
-    return pose_matrix(
-        rotation_from_quaternion(np.array([q.x, q.y, q.z, q.w])), np.array([p.x, p.y, p.z])
-    )

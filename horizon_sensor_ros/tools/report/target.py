@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.mathematics.rigid import vector_from_rotation
+from horizon_sensor_ros.ros.messages.geometry import pose_of
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.colours import COLOURS
 from horizon_sensor_ros.tools.report.blocks import (
@@ -26,7 +27,6 @@ from horizon_sensor_ros.tools.truth.target_errors import (
     DELTA_TOPIC,
     POSE_TOPIC,
     TWIST_TOPIC,
-    pose_of,
 )
 
 _STYLES = ("-", "--", ":")
@@ -77,7 +77,7 @@ def _draw_pose(
     axes: Sequence[Axes], recorded: Recorded, poses: dict[int, Any], starts: np.ndarray
 ) -> None:
     time_s = recorded.seconds(list(poses))
-    found = [pose_of(message) for message in poses.values()]
+    found = [pose_of(message.pose.pose) for message in poses.values()]
     cov = np.array([np.reshape(m.pose.covariance, (6, 6)) for m in poses.values()])
     sigma = np.sqrt(np.maximum(np.einsum("kii->ki", cov), 0.0))
     shift = np.array([pose[:3, 3] for pose in found])

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
+from horizon_sensor_ros.ros.messages.geometry import rotation_of, xyz_of
 
 
 def is_usable(msg: Any) -> bool:
@@ -15,24 +15,19 @@ def is_usable(msg: Any) -> bool:
     msg : Vector3Stamped, PoseStamped, PoseWithCovarianceStamped or TwistWithCovarianceStamped.
     """
     if hasattr(msg, "vector"):
-        size = float(np.linalg.norm(_xyz(msg.vector)))
+        size = float(np.linalg.norm(xyz_of(msg.vector)))
         return bool(0.0 < size < np.inf)
     if hasattr(msg, "twist"):
-        rates = (*_xyz(msg.twist.twist.linear), *_xyz(msg.twist.twist.angular))
+        rates = (*xyz_of(msg.twist.twist.linear), *xyz_of(msg.twist.twist.angular))
         return _finite(*rates, *msg.twist.covariance)
     pose, covariance = msg.pose, ()
     if hasattr(pose, "pose"):
         pose, covariance = pose.pose, pose.covariance
-    q = pose.orientation
     try:
-        rotation_from_quaternion(np.array([q.x, q.y, q.z, q.w]))
+        rotation_of(pose.orientation)
     except ValueError:
         return False
-    return _finite(*_xyz(pose.position), *covariance)
-
-
-def _xyz(vector: Any) -> tuple[float, float, float]:
-    return vector.x, vector.y, vector.z
+    return _finite(*xyz_of(pose.position), *covariance)
 
 
 def _finite(*numbers: float) -> bool:

@@ -13,8 +13,8 @@ from horizon_sensor_ros.core.mathematics.attitude import (
     level_from_base,
     nadir_sign,
     roll_pitch_from_nadir,
-    rotation_from_quaternion,
 )
+from horizon_sensor_ros.ros.messages.geometry import rotation_of, xyz_of
 from horizon_sensor_ros.tools.truth.columns import columns_of
 from horizon_sensor_ros.tools.truth.nees import nees, within_95
 
@@ -85,8 +85,7 @@ def nadir_and_altitude(
     message: PoseWithCovarianceStamped, level_z: str
 ) -> tuple[np.ndarray, float]:
     """Nadir (3,) in the base frame and altitude in metres that an `attitude` message states."""
-    q = message.pose.pose.orientation
-    rot_level_from_base = rotation_from_quaternion(np.array([q.x, q.y, q.z, q.w]))
+    rot_level_from_base = rotation_of(message.pose.pose.orientation)
     sign = nadir_sign(level_z)
     return sign * rot_level_from_base[2], -sign * message.pose.pose.position.z
 
@@ -103,7 +102,7 @@ def flight_errors(
         row = {"time_s": truth.time_s}
         if truth.stamp in verticals:
             v = verticals[truth.stamp].vector
-            row["vertical_rad"] = angle_rad(np.array([v.x, v.y, v.z]), truth.nadir_base)
+            row["vertical_rad"] = angle_rad(xyz_of(v), truth.nadir_base)
         if truth.stamp in attitudes:
             row |= _attitude_errors(attitudes[truth.stamp], truth, level_z)
         rows.append(row)

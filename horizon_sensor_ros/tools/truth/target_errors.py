@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.mathematics.rigid import (
     inverse_pose,
-    pose_matrix,
     vector_from_rotation,
 )
+from horizon_sensor_ros.ros.messages.geometry import pose_of, xyz_of
 from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
 from horizon_sensor_ros.ros.pipelines.target_pipeline import TARGET_TOPICS
 from horizon_sensor_ros.tools.truth.columns import columns_of
@@ -52,13 +51,6 @@ class TargetErrors:
     frames: int
 
 
-def pose_of(message: Any) -> np.ndarray:
-    """Pose (4, 4) of a `PoseWithCovarianceStamped`."""
-    p, q = message.pose.pose.position, message.pose.pose.orientation
-    rotation = rotation_from_quaternion(np.array([q.x, q.y, q.z, q.w]))
-    return pose_matrix(rotation, np.array([p.x, p.y, p.z]))
-
-
 def target_errors(
     time_s: Sequence[float],
     truths: Mapping[int, np.ndarray],
@@ -82,7 +74,7 @@ def target_errors(
         body = truths.get(stamp)
         delta, twist = (messages[topic].get(stamp) for topic in (DELTA_TOPIC, TWIST_TOPIC))
         if delta is None or frames == 0:
-            set_at, frames = None if body is None else (body, pose_of(pose)), frames + 1
+            set_at, frames = None if body is None else (body, pose_of(pose.pose.pose)), frames + 1
         if body is None or set_at is None:
             before = None
             continue
@@ -109,7 +101,7 @@ def target_errors(
 
 
 def _pose_error(message: Any, truth: np.ndarray) -> dict[str, float]:
-    found = pose_of(message)
+    found = pose_of(message.pose.pose)
     # Covariances have the position first, then rotations about the header frame's fixed axes.
     turn = vector_from_rotation(found[:3, :3] @ truth[:3, :3].T)
     return _sizes(found[:3, 3] - truth[:3, 3], turn, message.pose.covariance)
@@ -117,8 +109,8 @@ def _pose_error(message: Any, truth: np.ndarray) -> dict[str, float]:
 
 def _twist_error(message: Any, step: np.ndarray, duration_s: float) -> dict[str, float]:
     v, w = message.twist.twist.linear, message.twist.twist.angular
-    linear = np.array([v.x, v.y, v.z]) - step[:3, 3] / duration_s
-    angular = np.array([w.x, w.y, w.z]) - vector_from_rotation(step[:3, :3]) / duration_s
+    linear = xyz_of(v) - step[:3, 3] / duration_s
+    angular = xyz_of(w) - vector_from_rotation(step[:3, :3]) / duration_s
     return _sizes(linear, angular, message.twist.covariance)
 
 
