@@ -9,7 +9,7 @@ import pytest
 from calibration_sets import ROTATIONS, frame_sets, swinging
 
 from horizon_sensor_ros.core.aiding import AltitudeMeasurement
-from horizon_sensor_ros.core.mathematics.attitude import nadir_from_roll_pitch
+from horizon_sensor_ros.core.mathematics.attitude import nadir_from_roll_pitch, tangent_basis
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector, vector_from_rotation
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.self_calibration.adjustment import calibrate, sets_alike
@@ -40,6 +40,38 @@ def test_an_altitude_that_is_off_all_along_moves_the_limb_by_as_much() -> None:
         assert found.sigmas[where[0]] > 300.0
         squares.append(squared_error(found, np.zeros(1), where))
     assert np.mean(squares) == pytest.approx(1.0, abs=0.5)
+
+
+def test_errors_that_sets_close_in_time_share_are_counted_as_often_as_there_are_new_ones() -> None:
+    """First-order autoregressive errors, whose correlation falls as the calibration takes it to."""
+    time_s, sigma = 200.0, np.radians([0.03, 0.03, 0.02])
+    squares = []
+    for seed in range(24):
+        random = rng(seed)
+        kept = np.exp(-10.0 / time_s)  # from set to set
+        errors = {camera: sigma * random.standard_normal(3) for camera in ROTATIONS}
+        sets = []
+        for each in frame_sets(swinging(80), ROTATIONS):
+            seen = []
+            for horizon in each.horizons:
+                fresh = np.sqrt(1.0 - kept**2) * sigma * random.standard_normal(3)
+                error = errors[horizon.camera] = kept * errors[horizon.camera] + fresh
+                nadir = horizon.nadir_cam + tangent_basis(horizon.nadir_cam) @ error[:2]
+                seen.append(
+                    replace(
+                        horizon,
+                        nadir_cam=nadir / np.linalg.norm(nadir),
+                        rho_rad=horizon.rho_rad + error[2],
+                        cov_noise=1e-6 * np.diag(sigma**2),
+                        cov_shared=np.diag(sigma**2),
+                    )
+                )
+            sets.append(replace(each, horizons=tuple(seen)))
+        config = CalibrationConfig(correlation_s=time_s, max_sigma=100.0)
+        found = calibrate(sets, ROTATIONS, PLANET, config)
+        where = found.unknowns.where("rotation", "camera_2")
+        squares.append(squared_error(found, np.zeros(3), where))
+    assert np.mean(squares) / 3 == pytest.approx(1.0, abs=0.4)
 
 
 def test_a_reference_that_is_mounted_otherwise_turns_all_cameras() -> None:

@@ -31,7 +31,9 @@ from horizon_sensor_ros.core.mathematics.normal_law import normal_cdf
 
 @dataclass(frozen=True)
 class Texture:
-    """What the surface adds to the brightness just inside the limb.
+    """What the surface adds to the brightness just inside the limb, where profiles are taken one by
+    one: in the root of the depth in pixels, so that one table serves all altitudes and cameras.
+    What profiles tell together is weighed over distances on the ground: `texture.ground_texture`.
 
     amplitude : over that brightness. rough : it jumps, as at borders of clouds, instead of having
     gradients.

@@ -1,6 +1,7 @@
 """What brightness may do over the ground beside the limb: textures of two kinds, in strengths.
 
-Gaussian processes over distance along the ground, in planet radii; a texture is one of `NUM`, the
+For the profiles of a limb taken together; for single ones there is `edge.model.Texture`. Gaussian
+processes over distance along the ground, in planet radii; a texture is one of `NUM`, the
 rough ones first, and among these none at all. Strengths are one sigma, over an image's noise.
 Source: Rasmussen & Williams 2006, 4.2 (exponential and Matern 3/2 covariance).
 """
