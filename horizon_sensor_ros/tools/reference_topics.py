@@ -12,7 +12,7 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.ros.messages.aiding import EARTH_FRAME
 from horizon_sensor_ros.ros.messages.estimates import LEVEL_FRAME
 from horizon_sensor_ros.ros.messages.geometry import rotation_of, xyz_of
-from horizon_sensor_ros.tools.bags.message_types import IMU, POSE, POSE_WITH_COVARIANCE, VECTOR
+from horizon_sensor_ros.ros.messages.message_types import IMU, POSE, POSE_WITH_COVARIANCE, VECTOR
 from horizon_sensor_ros.tools.command_errors import CommandError
 
 POSE_TYPES = (POSE, POSE_WITH_COVARIANCE)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from horizon_sensor_ros.ros.diagnostics.diagnostics import ERROR, OK
+from horizon_sensor_ros.ros.messages.message_types import type_name
 from horizon_sensor_ros.ros.pipelines.aiding_sources import OF_NO_AVAIL
 
 # Their reasons change with what each frame shows: the state alone makes them news.
@@ -29,17 +30,17 @@ class StateLog:
         self._written: tuple[str, ...] | None = None
         self._last: tuple[str, ...] | None = None
 
-    def on_report(self, status: DiagnosticStatus, missing: Callable[[], Sequence[str]]) -> None:
+    def on_report(self, status: DiagnosticStatus, unheard: Callable[[], str]) -> None:
         """Take note of a report, and write its state where that is news.
 
-        missing : returns the topics that nobody publishes; a change of them is news.
+        unheard : returns why topics are not heard, as `why_unheard`; a change of it is news.
         """
         state = _state(status)
         line = "; ".join([f"now {state}: {status.message}", *_of_no_avail(status)])
-        topics = ", ".join(missing()) if state in _WANTING else ""
-        if topics:
-            line += f"; nobody publishes {topics}"
-        key = (*_key(status), topics)
+        why = unheard() if state in _WANTING else ""
+        if why:
+            line += f"; {why}"
+        key = (*_key(status), why)
         lasts, self._last = key == self._last, key
         if not lasts or key == self._written:
             return
@@ -53,14 +54,24 @@ class StateLog:
             self._logger.warning(line)
 
 
-def unpublished(node: Node, topics: Sequence[str]) -> list[str]:
-    """Return full names of those topics of a node that nobody publishes, as far as it knows."""
-    missing = []
-    for topic in map(node.resolve_topic_name, topics):
-        if not node.count_publishers(topic):
+def why_unheard(node: Node, sources: Mapping[str, type]) -> str:
+    """Which topics of a node nobody publishes, or only as another type, as far as it knows; empty
+    where all are published.
+
+    sources : types of the topics, by their names in the code.
+    """
+    missing, others = [], []
+    for name, kind in sources.items():
+        topic = node.resolve_topic_name(name)
+        wanted = type_name(kind)
+        types = {info.topic_type for info in node.get_publishers_info_by_topic(name)}
+        if not types:
             compressed = node.count_publishers(f"{topic}/compressed")
             missing.append(f"{topic} (only compressed)" if compressed else topic)
-    return missing
+        elif wanted not in types:
+            others.append(f"{topic} is {', '.join(sorted(types))}, not {wanted}")
+    nobody = [f"nobody publishes {', '.join(missing)}"] if missing else []
+    return "; ".join([*nobody, *others])
 
 
 def _state(status: DiagnosticStatus) -> str:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CameraInfo, Image
 
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.diagnostics.horizon_diagnostics import HorizonMonitor
@@ -52,8 +52,8 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         return f"{self.get_name()}: horizon"
 
     @property
-    def sources(self) -> Sequence[str]:
-        """Topics without which the node has nothing to do."""
+    def sources(self) -> Mapping[str, type]:
+        """Topics without which the node has nothing to do; their types."""
         return _of_cameras(self.settings)
 
     def parameters_of(self, values: Mapping[str, Any]) -> tuple[Parameter, ...]:
@@ -203,10 +203,11 @@ class HorizonNode(ReportingNode[HorizonSettings]):
         return self._monitor.message(now, self._feed.pipeline)
 
 
-def _of_cameras(settings: HorizonSettings) -> list[str]:
-    """Topics of the cameras."""
+def _of_cameras(settings: HorizonSettings) -> dict[str, type]:
+    """Topics of the cameras; their types."""
+    of_each = {"image_raw": Image, "camera_info": CameraInfo}
     cameras = settings.pipeline.cameras
-    return [f"{name}/{topic}" for name in cameras for topic in ("image_raw", "camera_info")]
+    return {f"{name}/{topic}": kind for name in cameras for topic, kind in of_each.items()}
 
 
 class LocalVerticalNode(HorizonNode):

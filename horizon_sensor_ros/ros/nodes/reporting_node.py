@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -15,7 +15,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.timer import Timer
 
 from horizon_sensor_ros.ros.diagnostics.diagnostics import OK, Health, diagnostic_message
-from horizon_sensor_ros.ros.diagnostics.state_log import StateLog, unpublished
+from horizon_sensor_ros.ros.diagnostics.state_log import StateLog, why_unheard
 from horizon_sensor_ros.ros.nodes.managed_node import ManagedNode, Settings
 from horizon_sensor_ros.ros.nodes.qos import overridable
 
@@ -45,8 +45,8 @@ class ReportingNode(ManagedNode[Settings]):
         raise NotImplementedError
 
     @property
-    def sources(self) -> Sequence[str]:
-        """Topics, as named in the code, without which the node has nothing to do."""
+    def sources(self) -> Mapping[str, type]:
+        """Topics, as named in the code, without which the node has nothing to do; their types."""
         raise NotImplementedError
 
     def now(self) -> int:
@@ -93,7 +93,7 @@ class ReportingNode(ManagedNode[Settings]):
 
     def _on_timer(self) -> None:
         (status,) = self.report().status
-        self._state_log.on_report(status, partial(unpublished, self, self.sources))
+        self._state_log.on_report(status, partial(why_unheard, self, self.sources))
 
     def report(self) -> DiagnosticArray:
         """Publish on /diagnostics; return the message."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -42,9 +42,9 @@ class TargetPoseNode(ReportingNode[TargetSettings]):
         return f"{self.get_name()}: target"
 
     @property
-    def sources(self) -> Sequence[str]:
-        """Topics without which the node has nothing to do."""
-        return [CLOUD_TOPIC]
+    def sources(self) -> Mapping[str, type]:
+        """Topics without which the node has nothing to do; their types."""
+        return {CLOUD_TOPIC: PointCloud2}
 
     def parameters_of(self, values: Mapping[str, Any]) -> tuple[Parameter, ...]:
         """Return all parameters of a node to which these values were given."""

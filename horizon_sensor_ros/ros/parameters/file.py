@@ -16,6 +16,7 @@ from horizon_sensor_ros.ros.parameters.ros_yaml import (
     list_fault,
     read_ros_yaml,
 )
+from horizon_sensor_ros.ros.process.node_names import NODES, ONE_PROCESS
 
 
 def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str, Any]:
@@ -28,7 +29,7 @@ def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str
     misplaced = _misplaced(path, found)
     if misplaced:
         raise ParameterError(misplaced)
-    full_name = "/".join(["", *namespace.strip("/").split("/"), node]).replace("//", "/")
+    full_name = full_name_of(node, namespace)
     values: dict[str, Any] = {}
     for pattern, parameters in found.sections.items():
         own = _matches(pattern, full_name)
@@ -40,6 +41,11 @@ def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str
         if own:
             values.update(parameters)
     return values
+
+
+def full_name_of(node: str, namespace: str) -> str:
+    """Full name of a node of a namespace."""
+    return "/".join(["", *namespace.strip("/").split("/"), node]).replace("//", "/")
 
 
 def why_refused(path: Path) -> str:
@@ -72,17 +78,36 @@ def _misplaced(path: Path, found: ParameterFile) -> str:
     return f"{path} has {found.stray[0]} outside of {PARAMETERS}, as ROS takes none"
 
 
-def misspelt_sections(path: Path, nodes: Sequence[str]) -> list[tuple[str, str]]:
-    """Sections of a ROS parameter file, a valid one, whose node's name is nearly one of these
-    nodes', and that name: other nodes' sections are none of our business.
+def unreached_sections(path: Path, nodes: Sequence[str]) -> list[str]:
+    """What is to be said of sections of a ROS parameter file that seem to be for one of these nodes
+    and reach none: their names are misspelt, or lack the namespace. Nothing of an invalid file.
+
+    nodes : full names. Other nodes' sections are none of our business.
     """
-    found = []
-    for pattern in _read(path).sections:
-        name = pattern.rpartition("/")[2]
-        close = difflib.get_close_matches(name, nodes, n=1, cutoff=0.85)
-        if close and name not in nodes:
-            found.append((name, close[0]))
-    return found
+    try:
+        sections = list(_read(path).sections)
+    except ParameterError:
+        return []
+    names = sorted({*NODES, ONE_PROCESS, *map(_last_word, nodes)})
+    told = []
+    for section in sections:
+        name = _last_word(section)
+        if name not in names:
+            close = difflib.get_close_matches(name, names, n=1, cutoff=0.85)
+            told += [f"section {name} is for no node: {each}? ({path})" for each in close]
+            continue
+        namesakes = [node for node in nodes if _last_word(node) == name]
+        alike = [each for each in sections if _last_word(each) == name]
+        reached = any(_matches(each, node) for each in alike for node in namesakes)
+        if section == f"/{name}" and namesakes and not reached:
+            told.append(
+                f"section {name} is for /{name}, not for {namesakes[0]}: /**/{name}? ({path})"
+            )
+    return told
+
+
+def _last_word(name: str) -> str:
+    return name.rpartition("/")[2]
 
 
 def _read(path: Path) -> ParameterFile:

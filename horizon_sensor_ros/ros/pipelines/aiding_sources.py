@@ -23,6 +23,8 @@ _OF_NO_USE = "not used: planet is sphere; the Earth's ellipsoid is wgs84"
 IMU_TOPIC = "imu"
 # How the words of a topic begin that somebody publishes, and not as it is wanted.
 OF_NO_AVAIL = ("refused: ", "too old: ", "of the future: ", "of another time: ")
+# Poses refused in a row, from where on that is said though an older one is used.
+_MANY_REFUSED = 3
 _LONGEST_GAP_NS = 5 * NANOSECONDS  # of the imu; stamps that lie farther off are told
 
 
@@ -41,7 +43,9 @@ class AidingSources:
         self._base_frame = base_frame
         self._rates = RateHistory(settings.imu_max_gap_ns)
         self._poses = CoarsePoses()
+        # Why a topic's last message was refused, and how many were in a row.
         self._refused: dict[str, str] = {}
+        self._in_a_row: Counter[str] = Counter()
         self._last_set: int | None = None
 
     def with_settings(
@@ -50,7 +54,7 @@ class AidingSources:
         """Return sources of the same topics with other settings; the rates begin anew."""
         other = AidingSources(settings, planet, base_frame)
         other.ignored, other.words = self.ignored.copy(), self.words.copy()
-        other._refused = self._refused.copy()
+        other._refused, other._in_a_row = self._refused.copy(), self._in_a_row.copy()
         other._poses = self._poses.with_sigmas(
             settings.position_sigma_m, settings.rotation_sigma_rad
         )
@@ -82,7 +86,7 @@ class AidingSources:
         elif isinstance(pose, Refusal):
             self._ignore(COARSE_POSE_TOPIC, pose)
         else:
-            self._refused.pop(COARSE_POSE_TOPIC, None)
+            self._accept(COARSE_POSE_TOPIC)
             sigmas = self._settings.position_sigma_m, self._settings.rotation_sigma_rad
             self._poses.add(stamp, CoarsePose(*pose, *sigmas))
 
@@ -96,7 +100,7 @@ class AidingSources:
         elif not self._rates.add(stamp, rate):
             self._ignore(IMU_TOPIC, repeated_stamp(stamp))
         else:
-            self._refused.pop(IMU_TOPIC, None)
+            self._accept(IMU_TOPIC)
 
     def of_set(self, stamp: int) -> Aiding:
         """Return what is known for the set of this stamp, which is the last one from now on."""
@@ -151,8 +155,17 @@ class AidingSources:
             self._say(COARSE_POSE_TOPIC, f"{off}: {abs(age) / NANOSECONDS:.1f} s")
             return None
         of_use = self._planet.flattening > 0.0 or self._settings.pose_altitude_sigma_m > 0.0
-        self.words[COARSE_POSE_TOPIC] = "used" if of_use else _OF_NO_USE
-        return replace(chosen.pose, age_s=abs(age) / NANOSECONDS)
+        age_s = abs(age) / NANOSECONDS
+        if not of_use:
+            self.words[COARSE_POSE_TOPIC] = _OF_NO_USE
+        elif self._in_a_row[COARSE_POSE_TOPIC] < _MANY_REFUSED:
+            self.words[COARSE_POSE_TOPIC] = "used"
+        else:
+            refused = self._refused[COARSE_POSE_TOPIC]
+            self.words[COARSE_POSE_TOPIC] = (
+                f"{refused}; used is the last good one, {age_s:.1f} s off"
+            )
+        return replace(chosen.pose, age_s=age_s)
 
     def _altitude(self, pose: CoarsePose | None) -> AltitudeMeasurement | None:
         """That of the pose, where its altitude has a sigma; else the parameter's, if any."""
@@ -163,8 +176,13 @@ class AidingSources:
             return AltitudeMeasurement(s.altitude_m, s.altitude_sigma_m)
         return None
 
+    def _accept(self, topic: str) -> None:
+        self._refused.pop(topic, None)
+        del self._in_a_row[topic]
+
     def _ignore(self, topic: str, refusal: Refusal) -> None:
         self.ignored[f"{topic}_{refusal.cause}"] += 1
+        self._in_a_row[topic] += 1
         self._refused[topic] = f"refused: {refusal.reason}"
         if self.words[topic] != "used":
             self.words[topic] = self._refused[topic]

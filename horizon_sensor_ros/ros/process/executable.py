@@ -141,6 +141,7 @@ def _until_a_signal(names: Sequence[str], program: str, end: _QuietEnd) -> int:
             executor.add_node(node)
         for node in managed:
             node.bring_up()
+        _say_unreached_sections(nodes, managed[0].get_logger())
         _keep_what_is_loaded()
         while not END.asked_for:
             # Not spin(): in rclpy 7.1.6 that of the EventsExecutor outlives its context.
@@ -202,6 +203,8 @@ def _in_words(error: Exception) -> str:
     if type(error).__name__ == "UnknownROSArgsError":
         # rclpy, whose class has no public name, says no more than what it was given.
         return f"unknown ROS argument {words.strip('[]')}"
+    if "log directory" in words:
+        return f"{words}; set ROS_LOG_DIR to a folder that can be written to"
     if "params file" in words or words.startswith("a parameter was given an empty list"):
         # Neither rcl nor rclpy says which value it is.
         return _why_refused(sys.argv) or words
@@ -242,9 +245,22 @@ def _refuse_empty_lists(arguments: Sequence[str]) -> None:
 def _why_refused(arguments: Sequence[str]) -> str:
     """What is wrong with the parameter files of a command line; empty where that is not seen."""
     why_refused = _load("horizon_sensor_ros.ros.parameters.file:why_refused")
-    given = pairwise(arguments)
-    files = [Path(value) for option, value in given if option == "--params-file"]
-    return next(filter(None, map(why_refused, files)), "")
+    return next(filter(None, map(why_refused, _parameter_files(arguments))), "")
+
+
+def _parameter_files(arguments: Sequence[str]) -> list[Path]:
+    return [Path(value) for option, value in pairwise(arguments) if option == "--params-file"]
+
+
+def _say_unreached_sections(nodes: Sequence[Any], logger: Any) -> None:
+    """Warn of what parameter files have for our nodes and ROS gives to none of them.
+
+    Done when all nodes are active: it takes as long as reading the files.
+    """
+    for file in _parameter_files(sys.argv):
+        unreached = _load("horizon_sensor_ros.ros.parameters.file:unreached_sections")
+        for told in unreached(file, [node.get_fully_qualified_name() for node in nodes]):
+            logger.warning(told)
 
 
 def _renames_all() -> bool:

@@ -12,8 +12,13 @@ from typing import Any, TypeVar
 
 from rosbags.serde import SerdeError
 
+from horizon_sensor_ros.ros.messages.message_types import CAMERA_INFO, IMAGE, IMU, POINT_CLOUD, POSE
 from horizon_sensor_ros.ros.parameters.common import NODES_PARAMETER
-from horizon_sensor_ros.ros.parameters.file import misspelt_sections, read_parameter_file
+from horizon_sensor_ros.ros.parameters.file import (
+    full_name_of,
+    read_parameter_file,
+    unreached_sections,
+)
 from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
 from horizon_sensor_ros.ros.parameters.horizon_settings import (
     HorizonSettings,
@@ -46,7 +51,6 @@ from horizon_sensor_ros.tools.bags.input_bag import (
     progress,
     storage_of,
 )
-from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU, POINT_CLOUD, POSE
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag, check_replaceable
 from horizon_sensor_ros.tools.bags.replay_tally import ReplayTally
 from horizon_sensor_ros.tools.bags.replayed_node import (
@@ -243,8 +247,9 @@ def _read_values(params: Path | None, namespace: str) -> dict[str, dict[str, Any
     ]
     for each in dict.fromkeys(ignored):
         print(f"{each} ({params})", file=sys.stderr)
-    for section, node in misspelt_sections(params, NODES):
-        print(f"section {section} is for no node: {node}? ({params})", file=sys.stderr)
+    full_names = [full_name_of(node, namespace) for node in (*nodes, ONE_PROCESS)]
+    for told in unreached_sections(params, full_names):
+        print(told, file=sys.stderr)
     return values
 
 

@@ -13,13 +13,13 @@ from typing import Any
 from rosbags.interfaces import Connection
 from rosbags.serde import SerdeError
 
+from horizon_sensor_ros.ros.messages.message_types import DIAGNOSTICS
 from horizon_sensor_ros.tools.bags.input_bag import InputBag, open_bag, progress
 from horizon_sensor_ros.tools.bags.message_tables import (
     TABLES,
     MessageTable,
     diagnostics_table,
 )
-from horizon_sensor_ros.tools.bags.message_types import DIAGNOSTICS
 from horizon_sensor_ros.tools.bags.unreadable import Unreadable
 from horizon_sensor_ros.tools.command_errors import CommandError, in_one_line
 from horizon_sensor_ros.tools.output_files import written_whole

@@ -9,7 +9,7 @@ import numpy as np
 from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
-from horizon_sensor_ros.tools.bags.message_types import IMAGE
+from horizon_sensor_ros.ros.messages.message_types import IMAGE
 
 SUFFIX = "/compressed"  # by which image_transport names them after the topic of their images
 # As they are stored: what a photograph's header says of how to turn it is not the camera's.

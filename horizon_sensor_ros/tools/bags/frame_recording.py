@@ -120,6 +120,10 @@ def _inputs(arguments: argparse.Namespace) -> list[Path]:
     return [*folders, *([arguments.clouds] if arguments.clouds else [])]
 
 
+def _is_same(one: Path, other: Path) -> bool:
+    return one.exists() and other.exists() and one.samefile(other)
+
+
 def _folders(given: list[str], rig: Rig, file: Path) -> list[tuple[CameraView, Path]]:
     """Cameras of the file with their folders."""
     views = {view.name: view for view in rig.views}
@@ -136,6 +140,9 @@ def _folders(given: list[str], rig: Rig, file: Path) -> list[tuple[CameraView, P
             )
         if name in found:
             raise CommandError(f"--images {text}: {name} has its folder already, {found[name]}")
+        twin = next((other for other, path in found.items() if _is_same(path, Path(folder))), None)
+        if twin is not None:
+            raise CommandError(f"--images {text}: that is the folder of {twin} already")
         found[name] = Path(folder)
     try:
         cameras_of({"cameras": list(found)})

@@ -15,8 +15,8 @@ from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
 from horizon_sensor_ros.ros.files.yaml_file import YamlFileError, read_yaml
+from horizon_sensor_ros.ros.messages.message_types import COMPRESSED_IMAGE, IMAGE
 from horizon_sensor_ros.tools.bags.compressed_images import SUFFIX, decompressed
-from horizon_sensor_ros.tools.bags.message_types import COMPRESSED_IMAGE, IMAGE
 from horizon_sensor_ros.tools.command_errors import CommandError, in_one_line
 
 STORAGE = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}

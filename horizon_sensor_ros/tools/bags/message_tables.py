@@ -8,9 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.ros.messages.stamps import ns_from_time
-from horizon_sensor_ros.tools.bags.frame_files import stamp_text
-from horizon_sensor_ros.tools.bags.message_types import (
+from horizon_sensor_ros.ros.messages.message_types import (
     IMU,
     ORIENTATION,
     POSE,
@@ -19,6 +17,8 @@ from horizon_sensor_ros.tools.bags.message_types import (
     TWIST_WITH_COVARIANCE,
     VECTOR,
 )
+from horizon_sensor_ros.ros.messages.stamps import ns_from_time
+from horizon_sensor_ros.tools.bags.frame_files import stamp_text
 
 _STAMP = ("stamp_s", "frame_id")
 _LEAST_LEVEL = 1e-8  # cosine of a pitch: below it rounding decides on roll and yaw

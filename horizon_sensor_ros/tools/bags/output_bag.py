@@ -23,7 +23,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from horizon_sensor_ros.tools.bags.message_types import type_name
+from horizon_sensor_ros.ros.messages.message_types import type_name
 from horizon_sensor_ros.tools.command_errors import CommandError, in_one_line
 from horizon_sensor_ros.tools.output_files import make_folders, remove_folders
 

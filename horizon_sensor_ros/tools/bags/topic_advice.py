@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from horizon_sensor_ros.ros.messages.message_types import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE
 from horizon_sensor_ros.tools.bags.input_bag import InputBag
-from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE
 
 
 def advice(missing: Iterable[tuple[str, str]], spare: Iterable[tuple[str, str]]) -> list[str]:

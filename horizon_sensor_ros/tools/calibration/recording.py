@@ -27,6 +27,7 @@ from horizon_sensor_ros.core.self_calibration.measurement import (
     NadirReference,
     camera_horizon,
 )
+from horizon_sensor_ros.ros.messages.message_types import CAMERA_INFO, IMAGE, IMU
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.messages.stamps import ns_from_s, s_from_ns, stamp_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings, PipelineSettings
@@ -35,7 +36,6 @@ from horizon_sensor_ros.ros.pipelines.aiding_sources import COARSE_POSE_TOPIC, I
 from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.pipelines.pairing import Pairing
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
-from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.command_errors import CommandError, UsageError
 from horizon_sensor_ros.tools.horizon_parameters import horizon_values, settings_of_a_node

@@ -11,19 +11,19 @@ from typing import Any
 from rosbags.interfaces import Connection
 from rosbags.serde import SerdeError
 
-from horizon_sensor_ros.ros.messages.refusal import Refusal
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, stamp_ns
-from horizon_sensor_ros.ros.pipelines.aiding_sources import IMU_TOPIC
-from horizon_sensor_ros.ros.pipelines.horizon_outputs import HORIZON_OUTPUTS
-from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
-from horizon_sensor_ros.tools.bags.input_bag import InputBag, open_bag, progress
-from horizon_sensor_ros.tools.bags.message_types import (
+from horizon_sensor_ros.ros.messages.message_types import (
     DIAGNOSTICS,
     IMAGE,
     IMU,
     POINT_CLOUD,
     type_name,
 )
+from horizon_sensor_ros.ros.messages.refusal import Refusal
+from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, stamp_ns
+from horizon_sensor_ros.ros.pipelines.aiding_sources import IMU_TOPIC
+from horizon_sensor_ros.ros.pipelines.horizon_outputs import HORIZON_OUTPUTS
+from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS
+from horizon_sensor_ros.tools.bags.input_bag import InputBag, open_bag, progress
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.command_errors import CommandError
 from horizon_sensor_ros.tools.report.recorded import (
@@ -86,13 +86,29 @@ def _no_answers(found: Recorded, names: TopicNames) -> str:
         ]
     else:
         lines = [f"no answers in {bags}: no messages at all"]
-    return "\n".join(
-        [
-            *lines,
-            *found.left_out,
+    elsewhere = _namespaces(found)
+    if elsewhere:
+        advice = f"Those of other nodes are there: --namespace {' or '.join(elsewhere)}"
+    else:
+        advice = (
             "Make them with horizon_replay IN_BAG OUT_BAG, then: horizon_report OUT_BAG --input "
-            "IN_BAG",
-        ]
+            "IN_BAG"
+        )
+    return "\n".join([*lines, *found.left_out, advice])
+
+
+def _namespaces(found: Recorded) -> list[str]:
+    """Namespaces in which there are answers by the nodes' own names."""
+    truths = tuple(f"/{topic}" for topic in TRUTH_TOPICS)
+    answers = {f"/{topic}": type_name(kind) for topic, kind in _ANSWERS.items()}
+    return sorted(
+        {
+            facts.topic.removesuffix(topic) or "/"
+            for facts in found.topics
+            for topic, kind in answers.items()
+            if facts.count and facts.topic.endswith(topic) and facts.msgtype == kind
+            if not facts.topic.endswith(truths)
+        }
     )
 
 

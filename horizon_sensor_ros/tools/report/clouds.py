@@ -22,12 +22,12 @@ from horizon_sensor_ros.core.target_motion.section_patterns.section_pattern impo
     likeness,
 )
 from horizon_sensor_ros.ros.messages.geometry import pose_of
+from horizon_sensor_ros.ros.messages.message_types import POINT_CLOUD
 from horizon_sensor_ros.ros.messages.point_cloud import points_from_cloud
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.messages.stamps import stamp_ns
 from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.tools.bags.bag_listening import Listener, listen
-from horizon_sensor_ros.tools.bags.message_types import POINT_CLOUD
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.colours import BLUE, VERMILION
 from horizon_sensor_ros.tools.report.blocks import Block, Text, chart

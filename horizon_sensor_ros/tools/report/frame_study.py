@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.ros.messages.message_types import CAMERA_INFO, IMAGE, IMU, POSE
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.messages.stamps import ns_from_s, stamp_ns
 from horizon_sensor_ros.ros.parameters.horizon import CAMERA_TIMEOUT, SLOP
@@ -18,7 +19,6 @@ from horizon_sensor_ros.ros.pipelines.aiding_sources import COARSE_POSE_TOPIC, I
 from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline, Step
 from horizon_sensor_ros.ros.pipelines.pairing import Pairing
 from horizon_sensor_ros.tools.bags.bag_listening import Listener
-from horizon_sensor_ros.tools.bags.message_types import CAMERA_INFO, IMAGE, IMU, POSE
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
 from horizon_sensor_ros.tools.calibration.recording import Horizons
 from horizon_sensor_ros.tools.report.blocks import Photo

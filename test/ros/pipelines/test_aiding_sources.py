@@ -117,6 +117,17 @@ def test_a_bad_pose_is_refused_counted_and_said(cause: str) -> None:
     aiding.on_coarse_pose(msg)
     assert aiding.of_set(START_NS).coarse_pose is not None
     assert aiding.words["coarse_pose"] == "used"
+    # But where nothing else comes any more it is said.
+    aiding.on_coarse_pose(msg)
+    aiding.on_coarse_pose(msg)
+    assert aiding.of_set(START_NS + 2 * S).coarse_pose is not None
+    said = aiding.words["coarse_pose"]
+    assert said.startswith("refused: ")
+    assert words in said
+    assert said.endswith("; used is the last good one, 2.0 s off")
+    aiding.on_coarse_pose(pose_of())
+    aiding.of_set(START_NS + 3 * S)
+    assert aiding.words["coarse_pose"] == "used"
 
 
 BAD_RATES: dict[str, tuple[Callable[[Imu], Any], str]] = {

@@ -380,6 +380,23 @@ def test_without_ros_a_node_says_so_in_one_line(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (1, "", said)
 
 
+def test_where_no_log_can_be_written_the_cure_is_said(tmp_path: Path) -> None:
+    """As on a file system that is read only."""
+    (tmp_path / "file").touch()
+    done = subprocess.run(
+        [sys.executable, "-m", "horizon_sensor_ros.ros.attitude_node"],
+        env=os.environ | {"ROS_LOG_DIR": str(tmp_path / "file" / "log")},
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        check=False,
+    )
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert str(tmp_path / "file" / "log") in last
+    assert last.endswith("; set ROS_LOG_DIR to a folder that can be written to")
+
+
 def test_an_argument_that_ros_does_not_know_is_said(start: Callable[..., Program]) -> None:
     code, errors = start("attitude_node", "--bad").wait()
     assert code == 1
@@ -444,6 +461,27 @@ def test_whole_numbers_and_unknown_parameters(
     for name, meant in (("planet_raduis", "planet_radius"), ("camera1.gamma", "camera_1.gamma")):
         told = f"unknown parameter {name} is ignored; did you mean {meant}?"
         assert any(told in line for line in lines), errors
+
+
+def test_sections_of_a_file_that_reach_no_node_are_said(
+    start: Callable[..., Program], craft: Craft, params: list[str], tmp_path: Path
+) -> None:
+    """Else what they say is missing without a word: which way z points, or what is believed."""
+    path = tmp_path / "more.yaml"
+    sections = ("atitude_node", "attitude_node", "driver", "other/attitude_node")
+    text = "{}: {{ros__parameters: {{level_z: down}}}}\n"
+    path.write_text("".join(map(text.format, sections)))
+    given = (*params, "--params-file", str(path), "-r", "__ns:=/sat1")
+    program = start("attitude_node", *given)
+    craft.wait(lambda: any("/sat1/" in each.hardware_id for each in craft.statuses()), "a report")
+    code, errors = program.end()
+    assert code == 0
+    lines = [line.partition("[sat1.attitude_node]: ")[2] for line in errors.splitlines()]
+    assert lines == [
+        f"section atitude_node is for no node: attitude_node? ({path})",
+        "section attitude_node is for /attitude_node, not for /sat1/attitude_node: "
+        f"/**/attitude_node? ({path})",
+    ]
 
 
 @pytest.mark.parametrize("given", ["[attitude_node]", "attitude_node"])

@@ -298,6 +298,8 @@ def test_what_is_wrong_with_the_cameras(tmp_path: Path, folders: Path, refused: 
     assert "more than one camera" in refused(out, "--camera-file", rig, f"--images={images}")
     twice = [f"--images=camera_1={images}"] * 2
     assert "its folder already" in refused(out, "--camera-file", rig, *twice)
+    copied = [f"--images=camera_1={images}", f"--images=camera_2={images / '.'}"]
+    assert "the folder of camera_1 already" in refused(out, "--camera-file", rig, *copied)
     assert "none.yaml: cannot be read" in refused(
         out, "--camera-file", tmp_path / "none.yaml", f"--images=camera_1={images}"
     )

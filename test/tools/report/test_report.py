@@ -353,6 +353,7 @@ def test_a_namespace_that_the_answers_do_not_have_is_said(
     given = (out, "--input", source, "--namespace", "foo", "--out", page)
     assert "no answers in " in (told := refused(capsys, *given))
     assert "none of /foo/local_vertical, /foo/attitude" in told
+    assert told.splitlines()[-1] == "Those of other nodes are there: --namespace /"
     assert not page.exists()
 
 

@@ -1,4 +1,4 @@
-"""Names of the message types that the tools look for in bags."""
+"""Names of message types, in bags and in the graph."""
 
 from __future__ import annotations
 
@@ -17,5 +17,5 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 
 def type_name(message: type) -> str:
-    """Return what a bag calls the type of a message's class."""
+    """Return what a bag or the graph calls the type of a message's class."""
     return f"{message.__module__.split('.')[0]}/msg/{message.__name__}"
