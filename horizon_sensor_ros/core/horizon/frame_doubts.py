@@ -13,6 +13,7 @@ from horizon_sensor_ros.core.horizon.judgement import doubt
 from horizon_sensor_ros.core.horizon.sighting import Sighting
 from horizon_sensor_ros.core.limb.edge.terminator import terminator
 from horizon_sensor_ros.core.limb.evidence import sky_evidence
+from horizon_sensor_ros.core.limb.strip import strip
 from horizon_sensor_ros.core.limb.sun_artefact import sun_artefact
 from horizon_sensor_ros.core.limb_points import LimbPoints
 from horizon_sensor_ros.core.status import Status
@@ -31,6 +32,8 @@ def doubtful_frames(
     those in which a part of the craft is known to lie before the sky.
     """
     detection = sighting.detection
+    # A limb that is followed was asked when it was searched for.
+    searched = detection.candidates is not None
     doubts = {}
     for i, (image, view, limb) in enumerate(
         zip(sighting.images, sighting.views, limbs, strict=True)
@@ -53,6 +56,7 @@ def doubtful_frames(
         reason = (
             doubt(evidence, *at_limb, config, sky_hidden=i in hidden)
             or sun_artefact(limb.px, working, view, fit.nadir_base, fit.rho_rad)
+            or (strip(limb, image, working, view.mask) if searched else "")
             or terminator(limb, view, fit.nadir_base, image, working.space_level)
         )
         if reason:

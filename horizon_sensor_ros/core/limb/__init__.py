@@ -9,5 +9,6 @@ look like: ``edge`` (sharp, smeared, saturated), ``texture`` (clouds beside it),
 ``lens_kinds`` (lenses that blur and darken).
 
 Before all of it ``sun_streak`` takes the Sun's streaks off a frame. What speaks against a limb:
-``evidence``, ``sun_artefact``. ``canny_limbs`` are the papers', for comparison.
+``evidence``, ``sun_artefact``, ``strip`` (parts of the craft). ``canny_limbs`` are the papers', for
+comparison.
 """
