@@ -20,6 +20,7 @@ from horizon_sensor_ros.core.target_motion.alignment.consistency import (
     odd_share,
     view_consistency,
 )
+from horizon_sensor_ros.core.target_motion.alignment.relief import range_error_of_relief_m
 from horizon_sensor_ros.core.target_motion.alignment.uncertainty import weak_directions
 from horizon_sensor_ros.core.target_motion.config import RegistrationConfig
 from horizon_sensor_ros.core.target_motion.judgement.ambiguity import ambiguity
@@ -207,8 +208,7 @@ def _judge(
         return replace(known, status=Status.POOR_FIT, reason=reason)
     turn_a, turn_b = a.image.rot_sensor_from_view, b.image.rot_sensor_from_view
     judged = found.uncertainty
-    by_bias = config.range_bias_sigma_m * turn_and_shift(turn_b) @ judged.by_range
-    covariance = rotated_covariance(judged.covariance, turn_b) + np.outer(by_bias, by_bias)
+    covariance, by_bias = _covariance(found, a.surface, b.surface, turn_b, config)
     known = replace(known, rms_residual_m=judged.rms_residual_m)
     weak = weak_directions(covariance, config.max_rotation_sigma_rad, config.max_shift_sigma_m)
     if len(weak):
@@ -241,6 +241,23 @@ def _judge(
         by_bias=by_bias,
         centre_m=turn_b @ judged.centre_m + b.image.sensor_m,
     )
+
+
+def _covariance(
+    found: Found,
+    a: SurfaceView,
+    b: SurfaceView,
+    rot_sensor_from_b: np.ndarray,
+    config: RegistrationConfig,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance (6, 6) in the sensor's axes, and (6,) what a common bias of ranges adds to it."""
+    refined, judged = found.refined, found.uncertainty
+    by_range = turn_and_shift(rot_sensor_from_b) @ judged.by_range
+    by_bias = config.range_bias_sigma_m * by_range
+    relief_m = range_error_of_relief_m(a, b, refined.rotation, refined.translation_m)
+    covariance = rotated_covariance(judged.covariance, rot_sensor_from_b)
+    covariance += np.outer(by_bias, by_bias) + relief_m**2 * np.outer(by_range, by_range)
+    return covariance, by_bias
 
 
 def _tell(weak: np.ndarray, covariance: np.ndarray) -> str:
