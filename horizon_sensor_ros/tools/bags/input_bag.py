@@ -200,7 +200,7 @@ def _begins_with(path: Path, start: bytes) -> bool:
 def progress(messages: Iterator[_Message], connections: Sequence[Connection]) -> tqdm[_Message]:
     """Messages of these connections under a progress bar; as a context, which ends it in time."""
     total = sum(connection.msgcount for connection in connections)
-    return tqdm(messages, total=total, unit="msg", file=sys.stderr)
+    return tqdm(messages, total=total, unit="msg", file=sys.stderr, disable=total == 0)
 
 
 @contextmanager

@@ -123,7 +123,12 @@ class OutputBag:
 
 
 def check_replaceable(path: Path, *sources: Path, force: bool) -> None:
-    """CommandError where no bag may be written to `path`: something is there, or the input is."""
+    """CommandError where no bag may be written to `path`: something is there, or the input is, or
+    it is in the input.
+    """
+    for source in sources:
+        if source.is_dir() and source.resolve() in path.resolve().parents:
+            raise CommandError(f"{path} would lie in the input, {source}; choose a place beside it")
     if not os.path.lexists(path):
         return
     if not force:

@@ -806,6 +806,15 @@ def test_the_folder_one_is_in_is_not_replaced(
     assert len(read(out)["/attitude"]) == 5
 
 
+def test_no_bag_is_written_into_the_input(
+    flight: Path, params: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = sorted(flight.iterdir())
+    told = refused(capsys, flight, flight / "out", "--params", params)
+    assert f"would lie in the input, {flight}; choose a place beside it" in told
+    assert sorted(flight.iterdir()) == before
+
+
 def test_an_older_bag_stays_where_the_new_one_cannot_take_its_place(
     tmp_path: Path,
     flight: Path,
