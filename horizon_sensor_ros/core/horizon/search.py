@@ -111,34 +111,38 @@ class HorizonSearch:
             if by_layer is not None and (by_layer.ok or not judged.doubtful):
                 judged = Judged(by_layer)
             if not judged.doubtful:
-                fix = judged.fix
-                if fix.ok and not fix.airglow_alone and is_at_layer(detection.observations, layer):
-                    fix = self._estimator.refused(Status.POOR_FIT, _AT_LAYER, fix.fit, fix.limbs)
-                reason = fix.reason if fix.ok else _reason_and_left_out(frames, limbs, fix.reason)
-                for i, limb in zip(rest, fix.limbs, strict=True):
-                    limbs[i] = limb
-                fix = replace(fix, reason=reason, limbs=tuple(_filled(limbs)))
-                hidden = doubted and self._with_sky_hidden(frames, *doubted, fix, singles)
-                if hidden:
-                    fix, sighting = hidden
-                    detection = sighting.detection
-                fix = singles.with_contradicting(fix)
-                contradicted = (
-                    singles.refusing(fix)
-                    or singles.perhaps_of_layer(sighting, fix)
-                    or singles.by_own_limbs(sighting, fix)
-                )
-                if contradicted is not None:
-                    return contradicted, None
-                return singles.instead_of(fix, layer) or (
-                    fix,
-                    detection if everything and not fix.airglow_alone else None,
-                )
+                break
             # What a camera says against itself may have misled the others: once more without it.
             everything = False
             doubted = doubted or (sighting, {i: rest[i] for i in judged.doubtful})
             for i, limb in judged.doubtful.items():
                 limbs[rest[i]] = limb
+        fix = judged.fix
+        if fix.ok and not fix.airglow_alone and is_at_layer(detection.observations, layer):
+            fix = self._estimator.refused(Status.POOR_FIT, _AT_LAYER, fix.fit, fix.limbs)
+        reason = fix.reason if fix.ok else _reason_and_left_out(frames, limbs, fix.reason)
+        for i, limb in zip(rest, fix.limbs, strict=True):
+            limbs[i] = limb
+        fix = replace(fix, reason=reason, limbs=tuple(_filled(limbs)))
+        # By what the others found a camera may be back that was left out for its sky alone.
+        hidden = doubted and self._with_sky_hidden(frames, *doubted, fix, singles)
+        if hidden:
+            fix, sighting = hidden
+            detection = sighting.detection
+        # Then cameras by themselves: those that see another limb, and, where there is no fix of
+        # all, one that has one of its own.
+        fix = singles.with_contradicting(fix)
+        contradicted = (
+            singles.refusing(fix)
+            or singles.perhaps_of_layer(sighting, fix)
+            or singles.by_own_limbs(sighting, fix)
+        )
+        if contradicted is not None:
+            return contradicted, None
+        alone = singles.instead_of(fix, layer)
+        if alone is not None:
+            return alone
+        return fix, detection if everything and not fix.airglow_alone else None
 
     def agreeing(self, frame: Frame) -> int:
         """Number of edges beside space in one frame that agree on a disc, whether or not it is the
