@@ -29,6 +29,8 @@ from horizon_sensor_ros.core.target_motion.judgement.one_body import part_off_m
 from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 from horizon_sensor_ros.core.target_motion.target_view import TargetView
 
+_FARTHEST_M = 500.0
+
 
 def _nan(*shape: int) -> np.ndarray:
     return np.full(shape, np.nan)
@@ -212,7 +214,7 @@ def _judge(
     known = replace(known, rms_residual_m=judged.rms_residual_m)
     weak = weak_directions(covariance, config.max_rotation_sigma_rad, config.max_shift_sigma_m)
     if len(weak):
-        reason = _tell(weak[0], covariance)
+        reason = _tell(weak[0], covariance) + _units(b.image.centroid_m[2])
         return replace(known, status=Status.ILL_CONDITIONED, reason=reason, weak=weak)
     if not refined.converged:
         reason = f"still moving after {refined.iterations} iterations"
@@ -258,6 +260,13 @@ def _covariance(
     covariance = rotated_covariance(judged.covariance, rot_sensor_from_b)
     covariance += np.outer(by_bias, by_bias) + relief_m**2 * np.outer(by_range, by_range)
     return covariance, by_bias
+
+
+def _units(distance_m: float) -> str:
+    """A doubt about the units of a cloud that is farther away than sensors of targets see."""
+    if distance_m < _FARTHEST_M:
+        return ""
+    return f"; the cloud is {distance_m:.0f} m away: are its points in millimetres?"
 
 
 def _tell(weak: np.ndarray, covariance: np.ndarray) -> str:

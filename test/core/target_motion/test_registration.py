@@ -1,5 +1,6 @@
 """Motion between two views: right, honest about its error, and refused where it cannot be known."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -670,6 +671,16 @@ def test_faces_give_the_axes_of_a_box() -> None:
     axes = face_axes(surface)
     assert np.linalg.det(axes) == pytest.approx(1)
     assert np.abs(turn.T @ axes).max(axis=0).min() > np.cos(np.radians(3))
+
+
+def test_points_in_millimetres_are_guessed() -> None:
+    a, b, _ = pair("n5", 1, 5.0)
+    found = register(target_view(1e3 * a), target_view(1e3 * b))
+    assert found.status is Status.ILL_CONDITIONED
+    away = round(1e3 * centroid(a)[2])
+    told = re.search(r"the cloud is (\d+) m away: are its points in millimetres\?$", found.reason)
+    assert told is not None
+    assert int(told[1]) == pytest.approx(away, rel=0.1)
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])
