@@ -25,7 +25,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 PEERS := requirements/bench.txt
 INPUTS := setup.py setup.cfg pyproject.toml $(filter-out $(PEERS),$(wildcard requirements/*.txt))
 
-.PHONY: help venv demo test test-slow test-explore test-faults bench-ros soak test-noble bench lint params docs pictures clean
+.PHONY: help venv demo test test-slow test-explore test-faults bench-ros soak test-noble bench lint params docs pictures clean clean-venv
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -60,8 +60,10 @@ docs: venv ## the pages of doc/ as HTML, build/docs/index.html
 	@echo "build/docs/index.html"
 pictures: venv ## draw the documentation's pictures anew
 	$(VENV)/bin/python doc/make_pictures.py
-clean: ## remove what the other targets made
-	rm -rf $(VENV) $(NOBLE) build install log demo_output bench_output *.egg-info
+clean: clean-venv ## remove what the other targets made
+	rm -rf demo_output bench_output
+clean-venv: ## remove environments, builds and caches; results stay
+	rm -rf $(VENV) $(NOBLE) build install log *.egg-info
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find horizon_sensor_ros test -name __pycache__ -type d -prune -exec rm -rf {} +
 
