@@ -48,15 +48,13 @@ def strip(limb: LimbPoints, gray: np.ndarray, working: WorkingImage, mask: Mask 
     if mask is not None:
         seen &= mask.use[y, x]
     seen = np.logical_and.accumulate(seen, axis=1)
+    space, noise = np.float32(working.space_level), working.noise * working.factor
     # Mostly there is ground as far as is looked: that is told by single pixels.
-    bright = np.median(gray[y, x][:, :_LEAST_BREADTH_PX], axis=1) - working.space_level
-    black = np.maximum(_BLACK * bright, _NOISE * working.noise * working.factor)[:, None]
-    ends = (seen & (gray[y, x] < working.space_level + black)).any(axis=1)
-    if np.count_nonzero(ends) < _LEAST_SEEN * len(ends):
+    _, black = _bright_and_black(gray[y, x] - space, seen, noise)
+    if np.count_nonzero(black.any(axis=1)) < _LEAST_SEEN * len(black):
         return ""
     smooth = cv2.blur(gray, (_SMOOTH_PX, _SMOOTH_PX))
-    noise = working.noise * working.factor / _SMOOTH_PX
-    sharp, ends = _ends(smooth[y, x] - np.float32(working.space_level), seen, noise)
+    sharp, ends = _ends(smooth[y, x] - space, seen, noise / _SMOOTH_PX)
     places = int(np.count_nonzero(ends))
     share = int(np.count_nonzero(sharp)) / max(places, 1)
     if places < _LEAST_SEEN * len(ends) or share < _MOST_STRIP:
@@ -64,13 +62,20 @@ def strip(limb: LimbPoints, gray: np.ndarray, working: WorkingImage, mask: Mask 
     return f"a part of the craft: behind {share:.0%} of its edge it ends as sharply, before black"
 
 
+def _bright_and_black(
+    level: np.ndarray, seen: np.ndarray, noise: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Brightness (N,) behind an edge, and where it is seen to be as black as space (N, J)."""
+    bright = np.median(level[:, :_LEAST_BREADTH_PX], axis=1)
+    return bright, seen & (level < np.maximum(_BLACK * bright, _NOISE * noise)[:, None])
+
+
 def _ends(level: np.ndarray, seen: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
     """Behind which places (N,) of an edge light ends sharply, and behind which at all.
 
     level : (N, J) above space, inwards; seen : (N, J) where that is known.
     """
-    bright = np.median(level[:, :_LEAST_BREADTH_PX], axis=1)
-    black = seen & (level < np.maximum(_BLACK * bright, _NOISE * noise)[:, None])
+    bright, black = _bright_and_black(level, seen, noise)
     ends = black.any(axis=1) & seen[:, _LEAST_BREADTH_PX]
     first = black.argmax(axis=1)
     place = np.arange(level.shape[1])

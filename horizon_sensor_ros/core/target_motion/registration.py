@@ -29,7 +29,7 @@ from horizon_sensor_ros.core.target_motion.judgement.one_body import part_off_m
 from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 from horizon_sensor_ros.core.target_motion.target_view import TargetView
 
-_FARTHEST_M = 500.0
+_FARTHEST_M = 500.0  # that a sensor sees a target
 
 
 def _nan(*shape: int) -> np.ndarray:
@@ -105,8 +105,8 @@ def register(
         follows only where it does not hold. Without one, a start from no turn is tried before the
         search.
     turned_rad : how far the target may have turned since view a, where that is more than the search
-        covers: views in between were refused. doubted : whether the motion to
-        one of those could not be told from another that looks alike.
+        covers: views in between were refused. doubted : whether the motion to one of those could
+        not be told from another that looks alike.
     Bad data never raises: status and reason tell (TOO_FEW_POINTS, NOT_CONVERGED, ILL_CONDITIONED
     where a direction cannot be observed, POOR_FIT where the views contradict each other). Raises
     ValueError for a prior of another shape, or not finite.

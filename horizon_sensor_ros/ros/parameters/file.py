@@ -16,7 +16,7 @@ from horizon_sensor_ros.ros.parameters.ros_yaml import (
     list_fault,
     read_ros_yaml,
 )
-from horizon_sensor_ros.ros.process.node_names import NODES, ONE_PROCESS
+from horizon_sensor_ros.ros.process.node_names import NODES, ONE_PROCESS, full_name_of
 
 
 def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str, Any]:
@@ -41,11 +41,6 @@ def read_parameter_file(path: Path, node: str, namespace: str = "/") -> dict[str
         if own:
             values.update(parameters)
     return values
-
-
-def full_name_of(node: str, namespace: str) -> str:
-    """Full name of a node of a namespace."""
-    return "/".join(["", *namespace.strip("/").split("/"), node]).replace("//", "/")
 
 
 def why_refused(path: Path) -> str:

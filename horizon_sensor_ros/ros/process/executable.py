@@ -257,9 +257,10 @@ def _say_unreached_sections(nodes: Sequence[Any], logger: Any) -> None:
 
     Done when all nodes are active: it takes as long as reading the files.
     """
+    unreached_sections = _load("horizon_sensor_ros.ros.parameters.file:unreached_sections")
+    names = [node.get_fully_qualified_name() for node in nodes]
     for file in _parameter_files(sys.argv):
-        unreached = _load("horizon_sensor_ros.ros.parameters.file:unreached_sections")
-        for told in unreached(file, [node.get_fully_qualified_name() for node in nodes]):
+        for told in unreached_sections(file, names):
             logger.warning(told)
 
 

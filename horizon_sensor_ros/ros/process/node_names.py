@@ -8,6 +8,11 @@ NODES = (*HORIZON_NODES, TARGET_NODE)
 ONE_PROCESS = "horizon_sensor"  # the executable that runs some of them in one process
 
 
+def full_name_of(name: str, namespace: str) -> str:
+    """Full name of a relative one, of a node or a topic, in a namespace."""
+    return "/".join(["", *namespace.strip("/").split("/"), name]).replace("//", "/")
+
+
 def nodes_of(names: object) -> list[str]:
     """Nodes that the parameter `nodes` names; ValueError where it cannot be."""
     given = [*names] if isinstance(names, list | tuple) else [names] if names else []

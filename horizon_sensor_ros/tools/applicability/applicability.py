@@ -222,7 +222,7 @@ def _axes(text: str) -> tuple[str, str]:
     names = [name.strip() for name in text.split(",")]
     if len(names) != 2 or len(set(names)) != 2 or not set(names) <= set(AXES):
         raise argparse.ArgumentTypeError(
-            f"must be two of {', '.join(AXES)}, as yaw,pitch, got {text!r}"
+            f"must be two of {', '.join(AXES)}, as in 'yaw,pitch', got {text!r}"
         )
     return names[0], names[1]
 

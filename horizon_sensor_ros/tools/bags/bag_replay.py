@@ -14,11 +14,7 @@ from rosbags.serde import SerdeError
 
 from horizon_sensor_ros.ros.messages.message_types import CAMERA_INFO, IMAGE, IMU, POINT_CLOUD, POSE
 from horizon_sensor_ros.ros.parameters.common import NODES_PARAMETER
-from horizon_sensor_ros.ros.parameters.file import (
-    full_name_of,
-    read_parameter_file,
-    unreached_sections,
-)
+from horizon_sensor_ros.ros.parameters.file import read_parameter_file, unreached_sections
 from horizon_sensor_ros.ros.parameters.horizon import horizon_parameters
 from horizon_sensor_ros.ros.parameters.horizon_settings import (
     HorizonSettings,
@@ -42,6 +38,7 @@ from horizon_sensor_ros.ros.process.node_names import (
     NODES,
     ONE_PROCESS,
     TARGET_NODE,
+    full_name_of,
     nodes_of,
 )
 from horizon_sensor_ros.tools.bags.input_bag import (

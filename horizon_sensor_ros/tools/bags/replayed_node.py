@@ -21,6 +21,7 @@ from horizon_sensor_ros.ros.pipelines.target_pipeline import (
     TargetPipeline,
     TargetStep,
 )
+from horizon_sensor_ros.ros.process.node_names import full_name_of
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag
 from horizon_sensor_ros.tools.command_errors import UsageError
 
@@ -86,7 +87,7 @@ class TopicNames:
         return None if topic in self._remapped else topic
 
     def _full(self, name: str) -> str:
-        return name if name.startswith("/") else f"{self._namespace.rstrip('/')}/{name}"
+        return name if name.startswith("/") else full_name_of(name, self._namespace)
 
 
 class ReplayedNode:

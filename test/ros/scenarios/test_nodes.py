@@ -365,17 +365,22 @@ def test_help_into_a_full_disk_is_no_traceback() -> None:
     assert done.returncode == 0
 
 
-def test_without_ros_a_node_says_so_in_one_line(tmp_path: Path) -> None:
-    (tmp_path / "rclpy.py").write_text("raise ImportError('librcl.so: cannot open')")
-    path = filter(None, [os.environ.get("PYTHONPATH")])
-    done = subprocess.run(
-        [sys.executable, "-m", "horizon_sensor_ros.ros.attitude_node"],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), *path])},
+def ended(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A node's process that ends by itself; arguments as they are."""
+    return subprocess.run(
+        [sys.executable, "-m", "horizon_sensor_ros.ros.attitude_node", *arguments],
+        env=os.environ | environment,
         capture_output=True,
         text=True,
         timeout=60.0,
         check=False,
     )
+
+
+def test_without_ros_a_node_says_so_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "rclpy.py").write_text("raise ImportError('librcl.so: cannot open')")
+    path = filter(None, [os.environ.get("PYTHONPATH")])
+    done = ended(PYTHONPATH=os.pathsep.join([str(tmp_path), *path]))
     said = "attitude_node: rclpy cannot be loaded: librcl.so: cannot open; is ROS sourced?\n"
     assert (done.returncode, done.stdout, done.stderr) == (1, "", said)
 
@@ -383,14 +388,7 @@ def test_without_ros_a_node_says_so_in_one_line(tmp_path: Path) -> None:
 def test_where_no_log_can_be_written_the_cure_is_said(tmp_path: Path) -> None:
     """As on a file system that is read only."""
     (tmp_path / "file").touch()
-    done = subprocess.run(
-        [sys.executable, "-m", "horizon_sensor_ros.ros.attitude_node"],
-        env=os.environ | {"ROS_LOG_DIR": str(tmp_path / "file" / "log")},
-        capture_output=True,
-        text=True,
-        timeout=60.0,
-        check=False,
-    )
+    done = ended(ROS_LOG_DIR=str(tmp_path / "file" / "log"))
     assert done.returncode == 1
     last = done.stderr.splitlines()[-1]
     assert str(tmp_path / "file" / "log") in last
@@ -405,8 +403,7 @@ def test_an_argument_that_ros_does_not_know_is_said(start: Callable[..., Program
 
 @pytest.mark.parametrize("arguments", [["--bogus"], ["--params-file", "mine.yaml"]])
 def test_arguments_that_are_not_rosses_are_not_ignored(arguments: list[str]) -> None:
-    command = [sys.executable, "-m", "horizon_sensor_ros.ros.attitude_node", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+    done = ended(*arguments)
     assert done.returncode == 1
     expected = f"unknown argument {arguments[0]}: ROS arguments go after --ros-args"
     assert done.stderr == f"attitude_node: {expected}\n"
