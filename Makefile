@@ -65,7 +65,7 @@ clean: clean-venv ## remove what the other targets made
 clean-venv: ## remove environments, builds and caches; results stay
 	rm -rf $(VENV) $(NOBLE) build install log *.egg-info
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find horizon_sensor_ros test -name __pycache__ -type d -prune -exec rm -rf {} +
+	find horizon_sensor_ros benchmarks test -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # make_venv,DIRECTORY,PYTHON,ARGUMENTS OF PIP
 # The stamp is written last and removed first: a venv without one was interrupted and starts anew.

@@ -12,12 +12,12 @@ import sys
 import time
 
 import rclpy
-from horizon_rig import rig
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, Image
 
 from horizon_sensor_ros.ros.messages.sensors import camera_info_message, encoded_image
 from horizon_sensor_ros.ros.messages.stamps import time_from_ns
+from nodes.rig import rig
 
 VIEWS = 4
 # Both sides of a match learn of it one after the other; so many pairs go ahead, which do not count.

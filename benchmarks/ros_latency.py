@@ -22,15 +22,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import cv2
 import numpy as np
-from horizon_rig import rig
-from start_up import compare, cpu_seconds
-from tables import Table, number, verdict
 
 from horizon_sensor_ros.ros.messages.sensors import camera_info_message, encoded_image
 from horizon_sensor_ros.ros.parameters.horizon_settings import horizon_settings
 from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.tools.package_share import share_directory
 from horizon_sensor_ros.tools.private_domain import isolated_environment, private_domain
+from nodes.rig import rig
+from nodes.start_up import compare, cpu_seconds
+from tables import Table, number, verdict
 
 HERE = Path(__file__).parent
 NODE = "local_vertical_node"

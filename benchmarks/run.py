@@ -1,10 +1,7 @@
 """The benchmark: runs its parts, prints their tables and writes them to a directory.
 
 A missed bar is marked MISSED in its row and does not change the exit code; a part that breaks does.
-Beside it are commands of their own: ros_latency.py, transport.py and two_hosts.py (live nodes),
-soak.py (a million pairs and clouds), demo_flights.py (the demo's flight, and others like it),
-target_claims.py (claims of pairs of random bodies), target_beside.py (clouds of more than the
-target).
+benchmarks/README.md names the commands beside it, and what is in which folder.
 """
 
 from __future__ import annotations
@@ -22,53 +19,36 @@ from pathlib import Path
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_name] = "1"
 
-# Name of a part: module beside this file whose `run(options)` returns tables.
+# Name of a part: module whose `run(options)` returns tables. They import each other as from here,
+# the folder that Python searches first for whatever script of it runs.
 PARTS = {
-    "horizon_methods": "horizon_methods",
-    "paper_b": "paper_b",
-    "paper_c": "paper_c",
-    "horizon_scenes": "horizon_scenes",
-    "horizon_hard": "horizon_hard",
-    "horizon_alone": "horizon_alone",
-    "horizon_figure": "horizon_figure",
-    "horizon_sun": "horizon_sun",
-    "horizon_motion": "horizon_motion",
-    "horizon_readout": "horizon_readout",
-    "horizon_told": "horizon_told",
-    "horizon_timing": "horizon_timing",
-    "self_calibration": "self_calibration",
-    "lens_blur": "lens_blur",
-    "target": "target_bench",
-    "target_swept": "target_swept",
-    "target_latency": "target_latency",
+    "horizon_methods": "horizon.methods",
+    "paper_b": "horizon.paper_b",
+    "paper_c": "horizon.paper_c",
+    "horizon_scenes": "horizon.scenes",
+    "horizon_hard": "horizon.hard",
+    "horizon_alone": "horizon.alone",
+    "horizon_figure": "horizon.figure",
+    "horizon_sun": "horizon.sun",
+    "horizon_motion": "horizon.motion",
+    "horizon_readout": "horizon.readout",
+    "horizon_told": "horizon.told",
+    "horizon_timing": "horizon.timing",
+    "self_calibration": "calibration.self_calibration",
+    "lens_blur": "calibration.lens_blur",
+    "target": "target.bench",
+    "target_claims": "target.claims",
+    "target_beside": "target.beside",
+    "target_swept": "target.swept",
+    "target_latency": "nodes.target_latency",
 }
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the benchmark; return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--only", nargs="+", choices=list(PARTS), metavar="NAME", help=f"of: {', '.join(PARTS)}"
-    )
-    parser.add_argument("--frames", type=int, default=200, help="frames a set (default 200)")
-    parser.add_argument("--hard-scenes", type=int, default=500, help="how many (default 500)")
-    parser.add_argument(
-        "--kinds", nargs="+", metavar="KIND", help="of hard scenes (default all, in turn)"
-    )
-    parser.add_argument("--seed", type=int, default=0, help="of all random draws (default 0)")
-    parser.add_argument("--out", type=Path, default=Path("bench_output"), help="directory")
+    parser = _parser()
     arguments = parser.parse_args(argv)
-    for name in ("frames", "hard_scenes"):
-        if getattr(arguments, name) < 1:
-            flag = name.replace("_", "-")
-            parser.error(f"--{flag} must be at least 1, got {getattr(arguments, name)}")
-
-    kinds = tuple(arguments.kinds) if arguments.kinds else None
-    try:
-        importlib.import_module("horizon_sensor_ros.sim.hard_scenes").hard_scenes(0, kinds=kinds)
-    except ValueError as error:
-        parser.error(f"--kinds: {error}")
-
+    _check(parser, arguments)
     cv2 = importlib.import_module("cv2")
     numpy = importlib.import_module("numpy")
     options = importlib.import_module("tables").Options(
@@ -76,7 +56,7 @@ def main(argv: list[str] | None = None) -> int:
         arguments.seed,
         arguments.hard_scenes,
         arguments.out,
-        kinds,
+        *(tuple(names) if names else None for names in (arguments.kinds, arguments.targets)),
     )
     cv2.setNumThreads(1)
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -99,6 +79,40 @@ def main(argv: list[str] | None = None) -> int:
     if broken:
         print(f"broken: {', '.join(broken)}", file=sys.stderr)
     return 1 if broken else 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "--only", nargs="+", choices=list(PARTS), metavar="NAME", help=f"of: {', '.join(PARTS)}"
+    )
+    parser.add_argument("--frames", type=int, default=200, help="frames a set (default 200)")
+    parser.add_argument("--hard-scenes", type=int, default=500, help="how many (default 500)")
+    parser.add_argument(
+        "--kinds", nargs="+", metavar="KIND", help="of hard scenes (default all, in turn)"
+    )
+    parser.add_argument(
+        "--targets", nargs="+", metavar="TARGET", help="of the part target (default all)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of all random draws (default 0)")
+    parser.add_argument("--out", type=Path, default=Path("bench_output"), help="directory")
+    return parser
+
+
+def _check(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> None:
+    """End with a message if something is not known or too small."""
+    for name in ("frames", "hard_scenes"):
+        if getattr(arguments, name) < 1:
+            flag = name.replace("_", "-")
+            parser.error(f"--{flag} must be at least 1, got {getattr(arguments, name)}")
+    # Not above: what they import is to find the environment set.
+    kinds = importlib.import_module("horizon_sensor_ros.sim.hard_kinds").ALL_KINDS
+    targets = importlib.import_module("horizon_sensor_ros.sim.shapes").TARGETS
+    for name, known in (("kinds", kinds), ("targets", targets)):
+        if unknown := set(getattr(arguments, name) or ()) - set(known):
+            parser.error(
+                f"--{name}: unknown {name} {sorted(unknown)}; known are {', '.join(known)}"
+            )
 
 
 if __name__ == "__main__":

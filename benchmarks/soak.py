@@ -21,7 +21,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import cv2
 import numpy as np
-from horizon_rig import rig
 from sensor_msgs.msg import Imu
 from tqdm import tqdm
 
@@ -42,6 +41,7 @@ from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline
 from horizon_sensor_ros.ros.pipelines.target_pipeline import TargetPipeline
 from horizon_sensor_ros.sim.shapes import sich_n5
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
+from nodes.rig import rig
 
 WIDTH, HEIGHT = 160, 120
 CLOUD_SIZE = 32

@@ -17,7 +17,8 @@ _UNITS_MARGIN = 1e-9
 class Options:
     """frames : of each set. seed : of all that is drawn at random. hard_scenes : how many.
 
-    kinds : of hard scenes, None for all. out : directory for pictures; None for none.
+    kinds : of hard scenes, None for all. targets : of the part of that name, None for all.
+    out : directory for pictures; None for none.
     """
 
     frames: int = 200
@@ -25,6 +26,7 @@ class Options:
     hard_scenes: int = 500
     out: Path | None = None
     kinds: tuple[str, ...] | None = None
+    targets: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)

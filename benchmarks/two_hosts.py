@@ -20,7 +20,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from horizon_rig import rig
+
+from nodes.rig import rig
 
 HERE = Path(__file__).parent
 # Small enough for the default UDP receive buffer, which holds one larger image and no more.

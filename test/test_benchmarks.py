@@ -83,7 +83,9 @@ def test_hard_scenes_of_some_kinds_only(tmp_path: Path) -> None:
     assert set(rows) - {"airglow"} == {"kind", "flat", "all"}
 
 
-@pytest.mark.parametrize(("option", "what"), [("--only", "nothing"), ("--kinds", "fog")])
+@pytest.mark.parametrize(
+    ("option", "what"), [("--only", "nothing"), ("--kinds", "fog"), ("--targets", "moth")]
+)
 def test_what_is_unknown_is_refused(tmp_path: Path, option: str, what: str) -> None:
     done = run_benchmark(tmp_path / "out", option, what)
     assert done.returncode == 2
@@ -92,8 +94,7 @@ def test_what_is_unknown_is_refused(tmp_path: Path, option: str, what: str) -> N
 
 def test_scenes_make_a_bag_that_replays(tmp_path: Path) -> None:
     """Two scenes of our own under the shared ones' names and format: a horizon, and darkness."""
-    import horizon_bags
-    import horizon_scenes
+    from horizon import bags, scenes
 
     from horizon_sensor_ros.sim.earth_camera import render_views
     from horizon_sensor_ros.sim.earth_scene import EarthScene
@@ -117,16 +118,16 @@ def test_scenes_make_a_bag_that_replays(tmp_path: Path) -> None:
     for k, frame in enumerate(frames, 1):
         cv2.imwrite(str(tmp_path / f"flat0_{k}.png"), frame.image)
         cv2.imwrite(str(tmp_path / f"night0_{k}.png"), np.full_like(frame.image, 4))
-    scenes = [{**truth, "name": f"{kind}0", "kind": kind} for kind in ("flat", "night")]
-    (tmp_path / "truth.json").write_text(json.dumps(scenes))
+    drawn = [{**truth, "name": f"{kind}0", "kind": kind} for kind in ("flat", "night")]
+    (tmp_path / "truth.json").write_text(json.dumps(drawn))
 
-    flat, night = horizon_scenes.scenes_table(tmp_path).rows
+    flat, night = scenes.scenes_table(tmp_path).rows
     assert float(flat[1]) < 0.01
     assert abs(float(flat[4])) < 1.0
     assert flat[6] == "met (0.04)"
     assert night[1] == "no fix"
     assert night[6] == night[8] == "met (no fix)"
-    assert horizon_bags.read_scenes(tmp_path) == scenes
+    assert bags.read_scenes(tmp_path) == drawn
 
 
 def test_missed_bars_are_marked() -> None:
@@ -138,7 +139,7 @@ def test_missed_bars_are_marked() -> None:
 
 
 def test_errors_of_a_fit_are_those_made() -> None:
-    from horizon_errors import fit_errors
+    from horizon.errors import fit_errors
 
     truth = np.array([0.3, -0.5, 0.8]) / np.linalg.norm([0.3, -0.5, 0.8])
     basis = tangent_basis(truth)
@@ -155,7 +156,7 @@ def test_errors_of_a_fit_are_those_made() -> None:
 
 def test_edge_sigma_is_what_a_matched_filter_reaches() -> None:
     """Place of a blurred vertical step by least squares on noisy rows, one pixel of edge each."""
-    from horizon_errors import edge_sigma_px
+    from horizon.errors import edge_sigma_px
 
     rng = np.random.default_rng(1)
     step, noise, psf, rows = 180.0, 2.0, 0.7, 20000

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import dataclasses
 import re
+from collections.abc import Iterator
 from functools import cache
 from graphlib import TopologicalSorter
 from importlib import import_module
@@ -14,6 +15,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "horizon_sensor_ros"
 FOLDERS = sorted(path.parent for path in ROOT.rglob("__init__.py"))
+BENCHMARKS = ROOT.parent / "benchmarks"
+PARTS = sorted(path.parent for path in BENCHMARKS.rglob("__init__.py"))
 # What files of a folder may import of the others.
 MAY_IMPORT = {
     "core": {"core"},
@@ -36,23 +39,31 @@ def imports_of(path: Path) -> frozenset[str]:
     )
 
 
+def inside(folder: Path) -> Iterator[Path]:
+    """Its modules, and the folders of modules in it."""
+    for path in folder.iterdir():
+        if (path.suffix == ".py" and path.stem != "__init__") or (path / "__init__.py").is_file():
+            yield path
+
+
 def module_of(path: Path) -> str:
     return ".".join(path.relative_to(ROOT.parent).with_suffix("").parts).removesuffix(".__init__")
 
 
 @pytest.mark.parametrize(
-    "folder", FOLDERS, ids=lambda path: path.relative_to(ROOT.parent).as_posix()
+    "folder", [*FOLDERS, *PARTS], ids=lambda path: path.relative_to(ROOT.parent).as_posix()
 )
 def test_a_folder_names_what_is_in_it(folder: Path) -> None:
     said = ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) or ""
     named = re.findall(r"``(\w+)``", said)
-    there = {
-        path.stem
-        for path in folder.iterdir()
-        if (path.suffix == ".py" and path.stem != "__init__") or (path / "__init__.py").is_file()
-    }
     assert len(named) == len(set(named))
-    assert set(named) == there
+    assert set(named) == {path.stem for path in inside(folder)}
+
+
+def test_the_page_of_the_benchmarks_names_what_is_in_their_folder() -> None:
+    rows = re.findall(r"^\| `([\w.]+)` \|", (BENCHMARKS / "README.md").read_text(), re.M)
+    assert len(rows) == len(set(rows))
+    assert set(rows) == {path.name for path in inside(BENCHMARKS)}
 
 
 @pytest.mark.parametrize("floor", MAY_IMPORT)

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.usefixtures("modules_of_the_benchmark")
 
 def test_random_pairs_against_their_bars() -> None:
     from tables import Options
-    from target_sets import COLD, RandomSet, acceptance_table, honesty_table, pairs_table
+    from target.sets import COLD, RandomSet, acceptance_table, honesty_table, pairs_table
 
     one = RandomSet("n5", "n5", Options(2))
     one.measure()
@@ -31,26 +31,26 @@ def test_random_pairs_against_their_bars() -> None:
 
 
 def test_peers_that_cannot_be_imported_are_named_with_the_reason() -> None:
-    import target_peers
+    from target import peers
 
-    assert {"small_gicp", "open3d"} >= set(target_peers.MISSING)
-    assert all(why for why in target_peers.MISSING.values())
-    assert bool(target_peers.PEERS) == (len(target_peers.MISSING) < 2)
+    assert {"small_gicp", "open3d"} >= set(peers.MISSING)
+    assert all(why for why in peers.MISSING.values())
+    assert bool(peers.PEERS) == (len(peers.MISSING) < 2)
 
 
 def test_profile_names_the_parts_of_the_registration(monkeypatch: pytest.MonkeyPatch) -> None:
-    import target_profile
     from tables import Options
+    from target import profile
 
-    monkeypatch.setattr(target_profile, "PAIRS", 2)
-    rows = target_profile.profile_table(Options(1)).rows
+    monkeypatch.setattr(profile, "PAIRS", 2)
+    rows = profile.profile_table(Options(1)).rows
     for start in ("cold", "prior"):
         names = [row[1] for row in rows if row[0] == start]
         assert {"registration.register", "target_view.target_view"} <= set(names)
 
 
 def test_latency_is_measured_over_the_real_node() -> None:
-    import target_latency
+    from nodes import target_latency
 
     clouds = target_latency._organised()[:4]
     found = target_latency._measure(clouds, 6, "a few")

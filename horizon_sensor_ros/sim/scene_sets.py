@@ -28,8 +28,8 @@ _SIZES_PX = (400, 1024)
 # With this contrast a plain half-height fit and a fit to Canny edges have the errors (0.033 and
 # 0.032 deg RMS) that were published for such a set (0.0345 and 0.027).
 _SET_B_CONTRAST = 0.2
-# With this one a fit of sloped steps (`benchmarks/sloped_step.py`) has the error that was published
-# for the same set (0.0063).
+# With this one a fit of sloped steps (`benchmarks/horizon/sloped_step.py`) has the error that was
+# published for the same set (0.0063).
 _SET_E_CONTRAST = 0.03
 # What set M shows, and by how many pixels motion smears the middle of its frames.
 MOVING_SCENES = ("uniform", "clouds of B", "clouds of C", "uniform, air", "clouds of B, air")

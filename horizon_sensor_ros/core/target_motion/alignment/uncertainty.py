@@ -21,7 +21,7 @@ from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceV
 _BLOCK_PX = 12.0
 
 # Both parts count the noise; this brings the sum to the errors seen on random bodies
-# (`benchmarks/target_claims.py`), or a little above: real clouds are off by more than noise.
+# (`benchmarks/target/claims.py`), or a little above: real clouds are off by more than noise.
 _MEASURED = 0.65
 # Of clouds on no grid of the camera, whose returns were moved to the pixels' middles.
 _MEASURED_OFF_GRID = 1.44

@@ -70,7 +70,7 @@ def test_independent_noise_is_not_taken_for_a_filter(name: str) -> None:
 def test_relief_that_moves_by_two_pixels_is_not_taken_for_a_filter() -> None:
     """Of a tumbling truss, where it is narrow: eleven of these clouds were refused."""
     rng = np.random.default_rng([1, 10])
-    poses = importlib.import_module("target_pairs").tumbling(10.0, 200, 5.0, rng)[:34]
+    poses = importlib.import_module("target.pairs").tumbling(10.0, 200, 5.0, rng)[:34]
     tracker, truss = TargetTracker(), TARGETS["l_truss"]()
     fixes = [
         tracker.process(CAMERA.scan(truss, pose, rng).points, k * 200_000_000)

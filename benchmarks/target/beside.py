@@ -1,17 +1,9 @@
-"""Clouds of more than the target: a wall, a floor or a second body that stays where it is.
-
-Also runs alone: `python benchmarks/target_beside.py --frames 40`.
-"""
+"""Clouds of more than the target: a wall, a floor or a second body that stays where it is."""
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
 from scipy.spatial.transform import Rotation
-from tables import Options, Table
-from target_pairs import MESHES, errors_at, random_poses, random_rotation, unit
-from target_sets import WRONG_CM, WRONG_DEG
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.mathematics.rigid import inverse_pose
@@ -20,6 +12,9 @@ from horizon_sensor_ros.core.target_motion.registration import register
 from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.sim.shapes import TriangleMesh, assembly, beam, box
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
+from tables import Options, Table
+from target.pairs import MESHES, errors_at, random_poses, random_rotation, unit
+from target.sets import WRONG_CM, WRONG_DEG
 
 _TARGETS = ("n5", "n1", "l_truss")
 _BESIDE = ("wall behind", "floor below", "second body", "arm in front")
@@ -38,7 +33,7 @@ def _beside(kind: str, rng: np.random.Generator) -> TriangleMesh:
     return beam((1.8, rng.uniform(-0.5, 0.5), 2.0), tip, 0.12)
 
 
-def beside_table(options: Options) -> Table:
+def run(options: Options) -> list[Table]:
     """Answers and refusals, a fifth of the pairs of the other tables each."""
     count = max(options.frames // 5, 1)
     camera = ToFCamera()
@@ -64,27 +59,16 @@ def beside_table(options: Options) -> Table:
                 else:
                     wrong += 1
             rows.append((kind, name, str(count), str(right), str(wrong), str(refused)))
-    return Table(
-        "More than the target in the cloud",
-        ("what stands still", "target", "pairs", "right", "wrong", "refused"),
-        tuple(rows),
-        (f"right: within {WRONG_DEG:g} deg and {WRONG_CM:g} cm at the target's place",),
-    )
+    return [
+        Table(
+            "More than the target in the cloud",
+            ("what stands still", "target", "pairs", "right", "wrong", "refused"),
+            tuple(rows),
+            (f"right: within {WRONG_DEG:g} deg and {WRONG_CM:g} cm at the target's place",),
+        )
+    ]
 
 
 def _is_right(found: np.ndarray, before: np.ndarray, after: np.ndarray) -> bool:
     deg, cm = errors_at(found, after @ inverse_pose(before), before[:3, 3])
     return deg < WRONG_DEG and cm < WRONG_CM
-
-
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=int, default=200, help="a fifth of them each")
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
-    print(beside_table(Options(arguments.frames, arguments.seed)).markdown())
-
-
-if __name__ == "__main__":
-    main()

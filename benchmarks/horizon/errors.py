@@ -9,7 +9,6 @@ from typing import ClassVar
 
 import cv2
 import numpy as np
-from tables import number, percentile
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.bound import horizon_bound
@@ -19,6 +18,7 @@ from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 from horizon_sensor_ros.sim.earth_camera import SimFrame
 from horizon_sensor_ros.sim.frame_truth import FrameTruth
+from tables import number, percentile
 
 # Squared error of two unknowns in sigmas, as rare as three sigma of one.
 BEYOND_NEES = float(-2.0 * np.log(0.0027))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from tables import Options, Table, root_mean_square, verdict
-from target_pairs import Pair, errors, scan_pair, timed
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.target_motion.registration import register
@@ -24,6 +22,8 @@ from horizon_sensor_ros.sim.paper_d import (
     paper_pose,
 )
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
+from tables import Options, Table, root_mean_square, verdict
+from target.pairs import Pair, errors, scan_pair, timed
 
 # Paper D's tables 1 and 2: errors of theta, phi, psi (deg) and x, y, z (cm).
 PAPER = {

@@ -14,6 +14,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,6 @@ import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
-from tables import Options, Table, number, percentile, verdict
 from tqdm import tqdm
 
 from horizon_sensor_ros.ros.messages.sensors import cloud_message
@@ -31,6 +31,7 @@ from horizon_sensor_ros.sim.tof_camera import ToFCamera
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
 from horizon_sensor_ros.tools.package_share import share_directory
 from horizon_sensor_ros.tools.private_domain import isolated_environment, private_domain
+from tables import Options, Table, number, percentile, verdict
 
 RATE_HZ = 10.0
 POINTS = 204 * 204
@@ -142,7 +143,7 @@ def _elsewhere(domain: int, cores: Sequence[int]) -> Iterator[Any]:
 
 
 def _process(then: str, core: int) -> subprocess.Popen[str]:
-    path = os.pathsep.join([os.path.dirname(__file__), os.environ.get("PYTHONPATH", "")])
+    path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     return subprocess.Popen(
         [sys.executable, "-c", _PINNED.format(core=core, then=then)],
         env={**os.environ, "PYTHONPATH": path},

@@ -1,17 +1,9 @@
-"""Claims held against what errors are: NEES of pairs of random bodies, none of them twice.
-
-Also runs alone: `python benchmarks/target_claims.py --frames 600`.
-"""
+"""Claims held against what errors are: NEES of pairs of random bodies, none of them twice."""
 
 from __future__ import annotations
 
-import argparse
-
-import cv2
 import numpy as np
 from scipy.stats import chi2
-from tables import Options, Table, number
-from target_pairs import BEYOND_NEES, nees, random_poses
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.mathematics.rigid import inverse_pose
@@ -20,6 +12,8 @@ from horizon_sensor_ros.core.target_motion.registration import register
 from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.sim.shapes import TriangleMesh, assembly, beam, box, cylinder
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
+from tables import Options, Table, number
+from target.pairs import BEYOND_NEES, nees, random_poses
 
 _NOISE_M = (0.002, 0.005, 0.010)
 # And of noise that grows as one over the cosine of the slant, where seen squarely.
@@ -45,7 +39,7 @@ def random_body(rng: np.random.Generator) -> TriangleMesh:
     return assembly(parts)
 
 
-def claims_table(options: Options) -> Table:
+def run(options: Options) -> list[Table]:
     """NEES by the noise of the ranges; a third of the pairs for each that is even, and as many for
     each that grows with the slant.
     """
@@ -68,12 +62,14 @@ def claims_table(options: Options) -> Table:
             every += [] if growth else found
     rows.insert(len(_NOISE_M), _row("all even", every, len(_NOISE_M) * count))
     middle, most = chi2.ppf((0.5, 0.9), _UNKNOWNS)
-    return Table(
-        "Claims on random bodies",
-        ("noise", "pairs", "let through", "NEES median", "p90", "beyond 3 sigma"),
-        tuple(rows),
-        (f"where the covariance is true: median {middle:.2f}, p90 {most:.1f}, 0.27 %",),
-    )
+    return [
+        Table(
+            "Claims on random bodies",
+            ("noise", "pairs", "let through", "NEES median", "p90", "beyond 3 sigma"),
+            tuple(rows),
+            (f"where the covariance is true: median {middle:.2f}, p90 {most:.1f}, 0.27 %",),
+        )
+    ]
 
 
 def _nees_of_a_pair(rng: np.random.Generator, camera: ToFCamera) -> list[float]:
@@ -93,17 +89,3 @@ def _row(noise: str, found: list[float], pairs: int) -> tuple[str, ...]:
     beyond = np.mean(np.array(found) > BEYOND_NEES)
     through, share = str(len(found)), f"{100 * beyond:.2f} %"
     return noise, str(pairs), through, number(middle, 2), number(most, 1), share
-
-
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=int, default=600, help="pairs")
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
-    cv2.setNumThreads(1)
-    print(claims_table(Options(arguments.frames, arguments.seed)).markdown(), flush=True)
-
-
-if __name__ == "__main__":
-    main()

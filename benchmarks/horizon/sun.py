@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from tables import Options, Table, number, percentile
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
@@ -13,6 +12,7 @@ from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.sim.poses import camera_from_fov
 from horizon_sensor_ros.sim.sun_alone import sun_alone
+from tables import Options, Table, number, percentile
 
 COLUMNS = ("the Sun with", "frames", "fixed", "nearest, km", "median, km")
 NOTES = (

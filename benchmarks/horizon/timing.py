@@ -8,11 +8,10 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from horizon_errors import canny_seconds
 from scipy.spatial.transform import Rotation
-from tables import Options, Table, number, verdict
 from tqdm import tqdm
 
+from horizon.errors import canny_seconds
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
@@ -30,6 +29,7 @@ from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.flight import Flight
 from horizon_sensor_ros.sim.poses import camera_from_fov, random_direction, rot_from_axis
+from tables import Options, Table, number, verdict
 
 SIZES_PX = ((640, 480), (2048, 1536))
 _FRAMES = 10

@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from horizon_errors import FitErrors, canny_seconds, fit_errors, nadir_bound_deg
-from sloped_step import sloped_step_fit
-from tables import Options, Table, number, percentile, root_mean_square, verdict
 from tqdm import tqdm
 
+from horizon.errors import FitErrors, canny_seconds, fit_errors, nadir_bound_deg
+from horizon.sloped_step import sloped_step_fit
 from horizon_sensor_ros.core.fits import fit_horizon
 from horizon_sensor_ros.core.fits.arc import fit_arc
 from horizon_sensor_ros.core.fits.observation import LimbObservation
@@ -31,6 +30,7 @@ from horizon_sensor_ros.sim.scene_sets import (
     set_e,
     two_camera_set,
 )
+from tables import Options, Table, number, percentile, root_mean_square, verdict
 
 # Percent of errors within one, two, three sigma, for two degrees of freedom.
 NORMAL_SHARES = " ".join(f"{100.0 * (1.0 - np.exp(-0.5 * k * k)):.0f}" for k in (1, 2, 3))

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from horizon_bags import Fix, read_fixes, read_scenes, replay, write_parameters, write_scenes
-from horizon_errors import BEYOND_NEES, FitErrors, angle_deg, fit_errors
-from tables import Options, Table, Text, absent, number, percentile, shared_data, verdict
 from tqdm import tqdm
 
+from horizon.bags import Fix, read_fixes, read_scenes, replay, write_parameters, write_scenes
+from horizon.errors import BEYOND_NEES, FitErrors, angle_deg, fit_errors
 from horizon_sensor_ros.core.aiding import Aiding, CoarsePose
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.horizon.fix import Frame
@@ -22,6 +21,7 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.planet_figure import VERTICALS
 from horizon_sensor_ros.sim.frame_truth import FrameTruth
 from horizon_sensor_ros.sim.scene_sets import two_camera_set
+from tables import Options, Table, Text, absent, number, percentile, shared_data, verdict
 
 WGS84 = Planet.wgs84()
 # One sigma of position and attitude, each axis, and how the row is called; None: no pose.

@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from horizon_errors import FixErrors
-from self_calibration import swinging_flight
-from tables import Options, Table, number
 from tqdm import tqdm
 
+from calibration.self_calibration import swinging_flight
+from horizon.errors import FixErrors
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
@@ -20,6 +19,7 @@ from horizon_sensor_ros.core.self_calibration.measurement import FrameSet, camer
 from horizon_sensor_ros.sim.earth_scene import Imaging
 from horizon_sensor_ros.sim.flight import Flight
 from horizon_sensor_ros.sim.frame_truth import FrameTruth
+from tables import Options, Table, number
 
 COLUMNS = (
     "clouds",

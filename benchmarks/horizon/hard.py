@@ -7,15 +7,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from horizon_errors import BEYOND_NEES, fit_errors, nadir_sigma_deg
-from tables import Options, Table, number, percentile, verdict
 from tqdm import tqdm
 
+from horizon.errors import BEYOND_NEES, fit_errors, nadir_sigma_deg
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.sim.hard_kinds import ALL_KINDS
 from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scenes
+from tables import Options, Table, number, percentile, verdict
 
 WRONG_DEG, WRONG_SIGMAS = 1.0, 3.0
 FIXED_BAR = 0.98  # of the solvable

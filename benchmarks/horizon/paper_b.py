@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from tables import Options, Text, verdict
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.applicability.error_map import fit_error
@@ -31,6 +30,7 @@ from horizon_sensor_ros.core.mathematics.attitude import angle_rad
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.tools.applicability.figure6 import paper_rig
+from tables import Options, Text, verdict
 
 PAPER_RMS_DEG = 0.038
 BAR_DEG = 0.005

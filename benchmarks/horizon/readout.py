@@ -9,15 +9,15 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from horizon_errors import BEYOND_NEES, fit_errors
-from tables import Options, Table, number, percentile, root_mean_square
 from tqdm import tqdm
 
+from horizon.errors import BEYOND_NEES, fit_errors
 from horizon_sensor_ros.core.aiding import Aiding
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.sim.earth_camera import SimFrame
 from horizon_sensor_ros.sim.flight import Flight, swinging_flight
+from tables import Options, Table, number, percentile, root_mean_square
 
 COLUMNS = (
     "frames",

@@ -8,8 +8,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from tables import Options, Table, number
-from target_pairs import BEYOND_NEES, MESHES, nees, random_rotation, unit
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.mathematics.rigid import (
@@ -23,6 +21,8 @@ from horizon_sensor_ros.core.target_motion.config import RegistrationConfig, Tra
 from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 from horizon_sensor_ros.sim.swept_scan import SweptScan, swept_scan
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
+from tables import Options, Table, number
+from target.pairs import BEYOND_NEES, MESHES, nees, random_rotation, unit
 
 _CAMERA = ToFCamera(width=128, height=128, pixel_pitch_m=65e-6)
 _TARGETS = ("n5", "winged_cylinder", "plate_with_dish", "l_truss")

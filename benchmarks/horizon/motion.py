@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from horizon_errors import BEYOND_NEES, fit_errors, nadir_sigma_deg
-from tables import Options, Table, number, percentile, root_mean_square
 from tqdm import tqdm
 
+from horizon.errors import BEYOND_NEES, fit_errors, nadir_sigma_deg
 from horizon_sensor_ros.core.aiding import NOTHING_KNOWN, Aiding
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
@@ -20,6 +19,7 @@ from horizon_sensor_ros.sim.scene_sets import (
     moving_scene,
     set_m,
 )
+from tables import Options, Table, number, percentile, root_mean_square
 
 COLUMNS = (
     "frames",

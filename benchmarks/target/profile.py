@@ -8,12 +8,12 @@ import time
 from pathlib import Path
 
 import numpy as np
-from tables import Options, Table
-from target_pairs import prior_near, random_pair
 
 from horizon_sensor_ros.core.target_motion.registration import register
 from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
+from tables import Options, Table
+from target.pairs import prior_near, random_pair
 
 PAIRS = 30
 _SHOWN_SHARE = 0.03

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin
 from sensor_msgs.msg import CameraInfo, Image
-from tables import Options, Table, number, verdict
 
 from horizon_sensor_ros.core.mathematics.attitude import quaternion_from_rotation
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector
@@ -27,6 +26,7 @@ from horizon_sensor_ros.sim.poses import random_direction
 from horizon_sensor_ros.tools.bags.output_bag import OutputBag
 from horizon_sensor_ros.tools.calibration.recording import read_recording
 from horizon_sensor_ros.tools.calibration.self_calibration import parsed
+from tables import Options, Table, number, verdict
 
 _MISALIGNMENT_DEG = 0.3
 _BAR_DEG = 0.005

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from tables import Options, Table, number
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.fits.gauss_newton import solve_roll_pitch_rho
@@ -19,6 +18,7 @@ from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.sim.earth_camera import render_views
 from horizon_sensor_ros.sim.earth_scene import EarthScene, Imaging
 from horizon_sensor_ros.sim.poses import camera_from_fov, pose_from_attitude
+from tables import Options, Table, number
 
 ROLL_DEG, PITCH_DEG, YAW_DEG = 20.0, 30.0, 0.0
 STEPS_BAR = 5

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from tables import Options, Table, number, verdict
-from target_pairs import MESHES, nees, timed, tumbling
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.mathematics.rigid import inverse_pose
@@ -16,6 +14,8 @@ from horizon_sensor_ros.core.target_motion.registration import register
 from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.core.target_motion.tracker import TargetTracker
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
+from tables import Options, Table, number, verdict
+from target.pairs import MESHES, nees, timed, tumbling
 
 COUNT, RATE_HZ = 200, 5.0
 

@@ -7,9 +7,6 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from tables import Options, Table, number, percentile, verdict
-from target_pairs import Pair, errors, nees, prior_near, random_pair, timed
-from target_peers import PEERS, centroid_start
 from tqdm import tqdm
 
 from horizon_sensor_ros.core.status import Status
@@ -17,6 +14,9 @@ from horizon_sensor_ros.core.target_motion.config import RegistrationConfig
 from horizon_sensor_ros.core.target_motion.registration import Registration, register
 from horizon_sensor_ros.core.target_motion.target_view import target_view
 from horizon_sensor_ros.sim.tof_camera import ToFCamera, ToFDisturbances
+from tables import Options, Table, number, percentile, verdict
+from target.pairs import Pair, errors, nees, prior_near, random_pair, timed
+from target.peers import PEERS, centroid_start
 
 WRONG_DEG, WRONG_CM = 1.0, 2.0
 COLD, TRACKED = "default, cold", "default, prior"

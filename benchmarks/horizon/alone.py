@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from horizon_errors import BEYOND_NEES, FitErrors, fit_errors, nadir_sigma_deg
-from tables import Options, Table, number, percentile
 from tqdm import tqdm
 
+from horizon.errors import BEYOND_NEES, FitErrors, fit_errors, nadir_sigma_deg
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.sim.hard_kinds import ALL_KINDS
 from horizon_sensor_ros.sim.hard_scenes import hard_scenes
+from tables import Options, Table, number, percentile
 
 _COLUMNS = (
     "kind",

@@ -9,7 +9,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from horizon_bags import (
+
+from horizon.bags import (
     CAMERAS,
     Fix,
     read_fixes,
@@ -18,13 +19,12 @@ from horizon_bags import (
     write_parameters,
     write_scenes,
 )
-from horizon_errors import angle_deg, nadir_sigma_deg
-from tables import Options, Table, Text, absent, number, percentile, shared_data, verdict
-
+from horizon.errors import angle_deg, nadir_sigma_deg
 from horizon_sensor_ros.core.cameras.camera import Camera
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
+from tables import Options, Table, Text, absent, number, percentile, shared_data, verdict
 
 # Nadir's largest error by kind, deg. Those of the second line may also go without a fix.
 BARS_DEG = {

@@ -6,15 +6,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from horizon_errors import FixErrors
-from tables import Options, Table
 from tqdm import tqdm
 
+from horizon.errors import FixErrors
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.horizon.fix import Frame
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.sim.frame_truth import FrameTruth
 from horizon_sensor_ros.sim.hard_scenes import HardScene, hard_scene
+from tables import Options, Table
 
 COLUMNS = (
     "scenes",
