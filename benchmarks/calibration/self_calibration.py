@@ -17,6 +17,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from horizon_sensor_ros.core.mathematics.attitude import quaternion_from_rotation
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector
+from horizon_sensor_ros.core.seconds import ns_from_s
 from horizon_sensor_ros.core.self_calibration.adjustment import calibrate
 from horizon_sensor_ros.core.self_calibration.result import Calibration, CalibrationConfig
 from horizon_sensor_ros.ros.messages.sensors import camera_info_message, encoded_image
@@ -156,7 +157,7 @@ def _write_bag(path: Path, case: _Case) -> None:
     times = [_SPACING_S * i for i in range(len(case.flights))]
     with ProcessPoolExecutor(_WORKERS, mp_context=spawn) as pool:
         for time_s, images in zip(times, pool.map(_images, case.flights, times), strict=True):
-            stamp = _START_NS + round(time_s * 1e9)
+            stamp = _START_NS + ns_from_s(time_s)
             for view, image in zip(views, images, strict=True):
                 frame = f"{view.name}_optical"
                 info = camera_info_message(view.camera, stamp, frame)

@@ -24,8 +24,9 @@ from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 from tqdm import tqdm
 
+from horizon_sensor_ros.core.seconds import s_from_ns
 from horizon_sensor_ros.ros.messages.sensors import cloud_message
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, time_from_ns
+from horizon_sensor_ros.ros.messages.stamps import ns_from_time, time_from_ns
 from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.sim.tof_camera import ToFCamera
 from horizon_sensor_ros.sim.tumbling import TumblingTarget
@@ -178,7 +179,7 @@ def _flight(
     heard_s: dict[int, float] = {}
 
     def hear(message: PoseWithCovarianceStamped) -> None:
-        heard_s[_ns(message)] = (time.time_ns() - _ns(message)) * 1e-9
+        heard_s[_ns(message)] = s_from_ns(time.time_ns() - _ns(message))
 
     publisher = node.create_publisher(PointCloud2, CLOUD_TOPIC, qos_profile_sensor_data)
     node.create_subscription(PoseWithCovarianceStamped, "target/pose", hear, QoSProfile(depth=50))
@@ -217,7 +218,7 @@ def _flight(
     bare.send_signal(signal.SIGINT)
     assert bare.stdout is not None
     lines = [line.split() for line in bare.stdout.read().splitlines()]
-    clouds_s = {int(stamp): int(late) * 1e-9 for stamp, late in lines}
+    clouds_s = {int(stamp): s_from_ns(int(late)) for stamp, late in lines}
     return _Heard(
         count, *([d[s] for s in sent if s in d] for d in (heard_s, clouds_s)), node_cpu_s=cpu_s
     )
@@ -231,5 +232,4 @@ def _cpu_s(pid: int) -> float:
 
 
 def _ns(message: Any) -> int:
-    stamp = message.header.stamp
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+    return ns_from_time(message.header.stamp)

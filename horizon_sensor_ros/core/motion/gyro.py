@@ -10,9 +10,9 @@ import numpy as np
 
 from horizon_sensor_ros.core.mathematics.attitude import require_vector
 from horizon_sensor_ros.core.mathematics.rigid import rotation_from_vector
+from horizon_sensor_ros.core.seconds import s_from_ns
 
 _MOST_SAMPLES = 5000
-_NANOSECOND = 1e-9
 _FOR_A_RATE = 3  # samples
 
 
@@ -71,7 +71,7 @@ class RateHistory:
         known = (stamps - start).astype(float)
         rates = np.array(list(islice(self._rates, known_yet)))
         at = np.stack([np.interp(times, known, rates[:, axis]) for axis in range(3)], axis=1)
-        turn = 0.5 * (at[1:] + at[:-1]) * (np.diff(times) * _NANOSECOND)[:, None]
+        turn = 0.5 * (at[1:] + at[:-1]) * s_from_ns(np.diff(times))[:, None]
         rotation = np.eye(3)
         for step in rotation_from_vector(-turn):
             rotation = step @ rotation

@@ -13,6 +13,7 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     rotation_from_vector,
     vector_from_rotation,
 )
+from horizon_sensor_ros.core.seconds import s_from_ns
 from horizon_sensor_ros.core.target_motion.known_view import KnownView, delta_covariance
 from horizon_sensor_ros.core.target_motion.registration import Registration
 from horizon_sensor_ros.core.target_motion.sweeps.velocity import Velocity
@@ -71,13 +72,13 @@ def velocity_of(
     last, path : as of `predict`.
     """
     covariance = rotated_covariance(delta_covariance(last, now), last.pose[:3, :3])
-    step_s = (now.stamp_ns - last.stamp_ns) * 1e-9
+    step_s = s_from_ns(now.stamp_ns - last.stamp_ns)
     found = Velocity.between(last.pose, now.pose, step_s, covariance)
     if not path:
         return found.less_sure(_TUMBLES * turn_between(last.pose, now.pose), now.size_m)
     passed = [(step_s, last.pose)]
     for stamp_ns, pose in path:
-        over_s = (now.stamp_ns - stamp_ns) * 1e-9
+        over_s = s_from_ns(now.stamp_ns - stamp_ns)
         longer = Velocity.between(pose, now.pose, over_s, _UNSEEN**2 * covariance)
         off = _off(longer, now, passed)
         if off > _AGREE and len(passed) == 1:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from horizon_sensor_ros.core.mathematics.rigid import inverse_pose, pose_matrix, rotated_covariance
+from horizon_sensor_ros.core.seconds import s_from_ns
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.config import RegistrationConfig, TrackerConfig
 from horizon_sensor_ros.core.target_motion.constant_velocity import (
@@ -94,7 +95,7 @@ class Track:
 
     def velocity_at(self, stamp_ns: int, max_gap_s: float) -> Velocity | None:
         """How the target moves, where that is known."""
-        gap_s = (stamp_ns - self.last.stamp_ns) * 1e-9
+        gap_s = s_from_ns(stamp_ns - self.last.stamp_ns)
         return self._velocity if gap_s <= max_gap_s else None
 
     def is_last(self, view: TargetView, sweep: Sweep | None) -> bool:
@@ -174,7 +175,7 @@ class Track:
             covariance=now.covariance + np.outer(now.by_bias, now.by_bias) + of_sweeps,
             delta_previous_from_now=delta,
             delta_covariance=of_delta,
-            delta_s=(stamp_ns - last.stamp_ns) * 1e-9,
+            delta_s=s_from_ns(stamp_ns - last.stamp_ns),
             registration=found,
             num_keyframes=len(self.keyframes),
             num_points=step.view.image.num_points,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from horizon_sensor_ros.core.seconds import s_from_ns
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.config import TrackerConfig
 from horizon_sensor_ros.core.target_motion.noise.temporal_filter import TemporalFilter
@@ -94,7 +95,7 @@ class TargetTracker:
         elif self._stamp_ns is not None and stamp_ns < self._stamp_ns:
             self.reset("time jumped back")
         track, config = self._track, self.config
-        gap_s = 0.0 if track is None else (stamp_ns - track.last.stamp_ns) * 1e-9
+        gap_s = 0.0 if track is None else s_from_ns(stamp_ns - track.last.stamp_ns)
         if self._frozen(view, sweep) and gap_s <= config.max_gap_s:
             reason = "the very same cloud again: has the sensor, or its driver, stopped?"
             return self._refuse(Status.REPEATED_CLOUD, reason, stamp_ns, view, None)

@@ -10,7 +10,8 @@ from typing import Generic, TypeVar
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, time_from_ns
+from horizon_sensor_ros.core.seconds import NANOSECONDS
+from horizon_sensor_ros.ros.messages.stamps import time_from_ns
 
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK,

@@ -11,6 +11,7 @@ import numpy as np
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.horizon.fix import HorizonFix
 from horizon_sensor_ros.core.limb_points import LimbPoints
+from horizon_sensor_ros.core.seconds import nearest_s_from_ns
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.diagnostics.diagnostics import (
     ERROR,
@@ -23,7 +24,6 @@ from horizon_sensor_ros.ros.diagnostics.diagnostics import (
 )
 from horizon_sensor_ros.ros.diagnostics.own_counts import OwnCounts
 from horizon_sensor_ros.ros.messages.refusal import Refusal
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
 from horizon_sensor_ros.ros.pipelines.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC
 from horizon_sensor_ros.ros.pipelines.horizon_pipeline import HorizonPipeline, Step
 
@@ -110,7 +110,7 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
             camera.last_ns = min(camera.last_ns, now)
             age = now - camera.last_ns
             if age > self.stale_after_ns:
-                silent.append(f"no frames from {name} for {age / NANOSECONDS:.1f} s")
+                silent.append(f"no frames from {name} for {nearest_s_from_ns(age):.1f} s")
             elif camera.refusal is not None:
                 refused.append(f"{name}: {camera.refusal.reason}")
         absent = [f"no frames from {name} yet" for name in missing]
@@ -232,8 +232,8 @@ class HorizonMonitor(Monitor[HorizonPipeline]):
                 state, reason = "left_out", self._fix.why_left_out(limb)
         if camera.last_ns is None:
             state, reason = "waiting", "no frames yet"
-        elif now - camera.last_ns > self.stale_after_ns:
-            state, reason = "silent", f"no frames for {(now - camera.last_ns) / NANOSECONDS:.1f} s"
+        elif (age := now - camera.last_ns) > self.stale_after_ns:
+            state, reason = "silent", f"no frames for {nearest_s_from_ns(age):.1f} s"
         elif camera.refusal is not None:
             state, reason = "refused", camera.refusal.reason
         values = {

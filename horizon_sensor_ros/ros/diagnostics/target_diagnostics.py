@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from horizon_sensor_ros.core.seconds import nearest_s_from_ns
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
 from horizon_sensor_ros.ros.diagnostics.diagnostics import (
@@ -16,7 +17,6 @@ from horizon_sensor_ros.ros.diagnostics.diagnostics import (
     rejected_values,
 )
 from horizon_sensor_ros.ros.messages.refusal import Refusal
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
 from horizon_sensor_ros.ros.pipelines.target_pipeline import TargetPipeline, TargetStep
 
 
@@ -44,7 +44,7 @@ class TargetMonitor(Monitor[TargetPipeline]):
         self._last_ns = min(self._last_ns, now)
         age = now - self._last_ns
         if age > self.stale_after_ns:
-            return Health(STALE, "stale", f"no clouds for {age / NANOSECONDS:.1f} s")
+            return Health(STALE, "stale", f"no clouds for {nearest_s_from_ns(age):.1f} s")
         if self._refusal is not None:
             return Health(ERROR, "refused", self._refusal.reason)
         fix = self._fix

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from horizon_sensor_ros.core.seconds import nearest_s_from_ns
 from horizon_sensor_ros.ros.messages.data_bytes import bytes_of
 from horizon_sensor_ros.ros.messages.refusal import Refusal
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
 
 # What drivers call it: Ouster, Velodyne and others, Livox, Hesai and RoboSense.
 NAMES = ("t", "time", "offset_time", "time_offset", "timestamp")
@@ -76,6 +76,6 @@ def _readings(values: np.ndarray, stamp: int) -> list[np.ndarray]:
     """What values may mean, seconds from the stamp, the likeliest first."""
     with np.errstate(invalid="ignore", over="ignore"):
         if values.dtype.kind in "iu":
-            return [values / NANOSECONDS]
+            return [nearest_s_from_ns(values)]
         told = values.astype(np.float64)
-        return [told, told - stamp / NANOSECONDS, (told - stamp) / NANOSECONDS]
+        return [told, told - nearest_s_from_ns(stamp), nearest_s_from_ns(told - stamp)]

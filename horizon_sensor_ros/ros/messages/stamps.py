@@ -1,33 +1,13 @@
-"""Stamps of messages as nanoseconds, and back; and of these and seconds the one as the other."""
+"""Stamps of messages as nanoseconds, and back."""
 
 from __future__ import annotations
 
-from typing import Any, overload
+from typing import Any
 
-import numpy as np
 from builtin_interfaces.msg import Time
 
+from horizon_sensor_ros.core.seconds import NANOSECONDS
 from horizon_sensor_ros.ros.messages.refusal import Refusal
-
-NANOSECONDS = 1_000_000_000  # in a second
-
-
-def ns_from_s(seconds: float) -> int:
-    """Return seconds in nanoseconds, to the nearest."""
-    return round(seconds * NANOSECONDS)
-
-
-@overload
-def s_from_ns(nanoseconds: int) -> float: ...
-
-
-@overload
-def s_from_ns(nanoseconds: np.ndarray) -> np.ndarray: ...
-
-
-def s_from_ns(nanoseconds: int | np.ndarray) -> float | np.ndarray:
-    """Return nanoseconds, of any shape, in seconds."""
-    return nanoseconds * 1e-9
 
 
 def ns_from_time(time: Any) -> int:

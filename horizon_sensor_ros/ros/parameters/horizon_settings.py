@@ -14,9 +14,9 @@ import numpy as np
 from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.seconds import ns_from_s
 from horizon_sensor_ros.ros.files.resources import read_mask, resource_path
 from horizon_sensor_ros.ros.files.yaml_file import shown
-from horizon_sensor_ros.ros.messages.stamps import ns_from_s
 from horizon_sensor_ros.ros.parameters.camera import (
     corner_blur_parameter,
     exposure_parameter,

@@ -12,9 +12,10 @@ from typing import Any
 from horizon_sensor_ros.core.aiding import Aiding, AltitudeMeasurement, CoarsePose
 from horizon_sensor_ros.core.motion.gyro import RateHistory
 from horizon_sensor_ros.core.planet import Planet
+from horizon_sensor_ros.core.seconds import NANOSECONDS, nearest_s_from_ns
 from horizon_sensor_ros.ros.messages.aiding import coarse_pose_from_message, rate_from_imu
 from horizon_sensor_ros.ros.messages.refusal import Refusal
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, repeated_stamp, stamp_ns
+from horizon_sensor_ros.ros.messages.stamps import repeated_stamp, stamp_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import AidingSettings
 from horizon_sensor_ros.ros.pipelines.coarse_poses import CoarsePoses
 
@@ -108,7 +109,7 @@ class AidingSources:
         rotation, since_last = None, None
         rate, spread = None, 0.0
         if self._last_set is not None and stamp > self._last_set:
-            since_last = (stamp - self._last_set) / NANOSECONDS
+            since_last = nearest_s_from_ns(stamp - self._last_set)
         if len(self._rates):
             told = self._rates.rate(stamp)
             if told is not None:
@@ -139,7 +140,7 @@ class AidingSources:
         if abs(off_ns) <= _LONGEST_GAP_NS:
             return "a gap since the last set"
         way = "after" if off_ns > 0 else "before"
-        seconds = abs(off_ns) / NANOSECONDS
+        seconds = nearest_s_from_ns(abs(off_ns))
         return f"of another time: its nearest stamp is {seconds:.1f} s {way} the frames'"
 
     def _pose_at(self, stamp: int) -> CoarsePose | None:
@@ -152,10 +153,10 @@ class AidingSources:
         age = chosen.age_ns
         if abs(age) > self._settings.max_age_ns:
             off = "too old" if age > 0 else "of the future"
-            self._say(COARSE_POSE_TOPIC, f"{off}: {abs(age) / NANOSECONDS:.1f} s")
+            self._say(COARSE_POSE_TOPIC, f"{off}: {nearest_s_from_ns(abs(age)):.1f} s")
             return None
         of_use = self._planet.flattening > 0.0 or self._settings.pose_altitude_sigma_m > 0.0
-        age_s = abs(age) / NANOSECONDS
+        age_s = nearest_s_from_ns(abs(age))
         if not of_use:
             self.words[COARSE_POSE_TOPIC] = _OF_NO_USE
         elif self._in_a_row[COARSE_POSE_TOPIC] < _MANY_REFUSED:

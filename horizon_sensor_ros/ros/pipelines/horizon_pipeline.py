@@ -24,12 +24,13 @@ from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.horizon.fix import Frame, HorizonFix
 from horizon_sensor_ros.core.horizon.sensor import HorizonSensor
 from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
+from horizon_sensor_ros.core.seconds import nearest_s_from_ns
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.files.resources import read_mask
 from horizon_sensor_ros.ros.messages.camera_info import camera_from_info, camera_info_key
 from horizon_sensor_ros.ros.messages.images import gray_from_image
 from horizon_sensor_ros.ros.messages.refusal import Refusal, internal_error
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, repeated_stamp, stamp_ns
+from horizon_sensor_ros.ros.messages.stamps import repeated_stamp, stamp_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import CameraSettings, PipelineSettings
 from horizon_sensor_ros.ros.pipelines.aiding_sources import AidingSources
 from horizon_sensor_ros.ros.pipelines.pairing import Pairing
@@ -261,7 +262,7 @@ class HorizonPipeline:
         self.counts["sets"] += 1
         first = members[0][0]
         frames = tuple(
-            frame if stamp == first else replace(frame, after_s=(stamp - first) / NANOSECONDS)
+            frame if stamp == first else replace(frame, after_s=nearest_s_from_ns(stamp - first))
             for stamp, frame in members
         )
         fix = self._sensor.process(frames, self.aiding.of_set(first))

@@ -17,6 +17,7 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     inverse_left_jacobian,
     vector_from_rotation,
 )
+from horizon_sensor_ros.core.seconds import NANOSECONDS
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.core.target_motion.config import TrackerConfig
 from horizon_sensor_ros.core.target_motion.target_fix import TargetFix
@@ -25,7 +26,7 @@ from horizon_sensor_ros.ros.messages.estimates import pose_message, twist_messag
 from horizon_sensor_ros.ros.messages.point_cloud import points_from_cloud
 from horizon_sensor_ros.ros.messages.point_times import point_times
 from horizon_sensor_ros.ros.messages.refusal import Refusal, internal_error, quoted
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, repeated_stamp, stamp_ns
+from horizon_sensor_ros.ros.messages.stamps import repeated_stamp, stamp_ns
 from horizon_sensor_ros.ros.parameters.target_settings import TargetPipelineSettings
 
 CLOUD_TOPIC = "target/points"

@@ -9,11 +9,12 @@ from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
 
+from horizon_sensor_ros.core.seconds import NANOSECONDS
 from horizon_sensor_ros.tools.command_errors import CommandError
 
-UNITS_NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+UNITS_NS = {"s": NANOSECONDS, "ms": 10**6, "us": 10**3, "ns": 1}
 # The seconds of a ROS stamp have 31 bits.
-_LAST_NS = 2**31 * 10**9
+_LAST_NS = 2**31 * NANOSECONDS
 _MOST_STAMP_BYTES = 50_000_000
 
 
@@ -57,7 +58,7 @@ def frame_files(folder: Path, suffixes: Collection[str], rule: StampRule) -> lis
     elif rule.in_names:
         frames = [FrameFile(path, _stamp_in_name(path, rule.unit)) for path in paths]
     else:
-        period = 1e9 / rule.rate_hz
+        period = NANOSECONDS / rule.rate_hz
         frames = [
             FrameFile(path, rule.start_ns + round(i * period)) for i, path in enumerate(paths)
         ]
@@ -78,7 +79,7 @@ def frame_files(folder: Path, suffixes: Collection[str], rule: StampRule) -> lis
 
 def stamp_text(stamp: int) -> str:
     """Seconds with nine decimals, exactly."""
-    seconds, nanoseconds = divmod(abs(stamp), 10**9)
+    seconds, nanoseconds = divmod(abs(stamp), NANOSECONDS)
     return f"{'-' if stamp < 0 else ''}{seconds}.{nanoseconds:09d}"
 
 

@@ -16,12 +16,12 @@ from tqdm import tqdm
 
 from horizon_sensor_ros.core.cameras.camera_view import CameraView
 from horizon_sensor_ros.core.mathematics.attitude import quaternion_from_rotation
+from horizon_sensor_ros.core.seconds import ns_from_s
 from horizon_sensor_ros.ros.messages.sensors import (
     camera_info_message,
     cloud_message,
     encoded_image,
 )
-from horizon_sensor_ros.ros.messages.stamps import ns_from_s
 from horizon_sensor_ros.ros.parameters.horizon_settings import cameras_of
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC

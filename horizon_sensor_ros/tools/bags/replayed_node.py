@@ -8,10 +8,10 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
+from horizon_sensor_ros.core.seconds import ns_from_s
 from horizon_sensor_ros.core.status import Status
 from horizon_sensor_ros.ros.diagnostics.horizon_diagnostics import HorizonMonitor
 from horizon_sensor_ros.ros.diagnostics.target_diagnostics import TargetMonitor
-from horizon_sensor_ros.ros.messages.stamps import ns_from_s
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
 from horizon_sensor_ros.ros.parameters.target_settings import TargetSettings
 from horizon_sensor_ros.ros.pipelines.horizon_outputs import HORIZON_OUTPUTS

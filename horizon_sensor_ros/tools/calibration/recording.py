@@ -21,6 +21,7 @@ from horizon_sensor_ros.core.horizon.config import HorizonConfig
 from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
 from horizon_sensor_ros.core.planet import Planet
 from horizon_sensor_ros.core.planet_figure import mean_sphere
+from horizon_sensor_ros.core.seconds import ns_from_s, s_from_ns
 from horizon_sensor_ros.core.self_calibration.measurement import (
     CameraHorizon,
     FrameSet,
@@ -29,7 +30,7 @@ from horizon_sensor_ros.core.self_calibration.measurement import (
 )
 from horizon_sensor_ros.ros.messages.message_types import CAMERA_INFO, IMAGE, IMU
 from horizon_sensor_ros.ros.messages.refusal import Refusal
-from horizon_sensor_ros.ros.messages.stamps import ns_from_s, s_from_ns, stamp_ns
+from horizon_sensor_ros.ros.messages.stamps import stamp_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings, PipelineSettings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.ros.pipelines.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, ns_from_s, s_from_ns
+from horizon_sensor_ros.core.seconds import nearest_s_from_ns, ns_from_s, s_from_ns
 from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC
 from horizon_sensor_ros.ros.process.node_names import HORIZON_NODES, NODES
 from horizon_sensor_ros.sim.flight import Flight
@@ -77,7 +77,7 @@ class _Flown:
     def took_s(self) -> float:
         """Time from the first moment's publishing to the last one's."""
         times = self.sent_ns.values()
-        return (next(reversed(times)) - next(iter(times))) / NANOSECONDS
+        return nearest_s_from_ns(next(reversed(times)) - next(iter(times)))
 
     def errors(self, answers: Answers) -> tuple[FlightErrors, TargetErrors]:
         """Errors so far of horizon and target."""

@@ -10,12 +10,12 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.mathematics.attitude import rotation_from_quaternion
+from horizon_sensor_ros.core.seconds import s_from_ns
 from horizon_sensor_ros.core.self_calibration.differences import (
     NadirDifference,
     nadir_differences,
 )
 from horizon_sensor_ros.core.self_calibration.measurement import CameraHorizon, FrameSet
-from horizon_sensor_ros.ros.messages.stamps import s_from_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import PipelineSettings
 from horizon_sensor_ros.tools.colours import COLOURS
 from horizon_sensor_ros.tools.report.blocks import (

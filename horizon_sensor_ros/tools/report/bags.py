@@ -11,6 +11,7 @@ from typing import Any
 from rosbags.interfaces import Connection
 from rosbags.serde import SerdeError
 
+from horizon_sensor_ros.core.seconds import NANOSECONDS
 from horizon_sensor_ros.ros.messages.message_types import (
     DIAGNOSTICS,
     IMAGE,
@@ -19,7 +20,7 @@ from horizon_sensor_ros.ros.messages.message_types import (
     type_name,
 )
 from horizon_sensor_ros.ros.messages.refusal import Refusal
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, stamp_ns
+from horizon_sensor_ros.ros.messages.stamps import stamp_ns
 from horizon_sensor_ros.ros.pipelines.aiding_sources import IMU_TOPIC
 from horizon_sensor_ros.ros.pipelines.horizon_outputs import HORIZON_OUTPUTS
 from horizon_sensor_ros.ros.pipelines.target_pipeline import CLOUD_TOPIC, TARGET_TOPICS

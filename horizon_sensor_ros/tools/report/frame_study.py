@@ -10,9 +10,10 @@ from functools import partial
 from typing import Any
 
 from horizon_sensor_ros.core.fits.result import HorizonFit
+from horizon_sensor_ros.core.seconds import ns_from_s
 from horizon_sensor_ros.ros.messages.message_types import CAMERA_INFO, IMAGE, IMU, POSE
 from horizon_sensor_ros.ros.messages.refusal import Refusal
-from horizon_sensor_ros.ros.messages.stamps import ns_from_s, stamp_ns
+from horizon_sensor_ros.ros.messages.stamps import stamp_ns
 from horizon_sensor_ros.ros.parameters.horizon import CAMERA_TIMEOUT, SLOP
 from horizon_sensor_ros.ros.parameters.horizon_settings import PipelineSettings
 from horizon_sensor_ros.ros.pipelines.aiding_sources import COARSE_POSE_TOPIC, IMU_TOPIC

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS, s_from_ns
+from horizon_sensor_ros.core.seconds import nearest_s_from_ns, s_from_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
 from horizon_sensor_ros.tools.bags.bag_listening import listen
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames
@@ -107,7 +107,7 @@ def _silent_cameras(recorded: Recorded, settings: HorizonSettings) -> list[Block
     missing = [name for name in settings.pipeline.cameras if name not in recorded.frames]
     if not missing:
         return []
-    timeout_s = settings.pipeline.camera_timeout_ns / NANOSECONDS
+    timeout_s = nearest_s_from_ns(settings.pipeline.camera_timeout_ns)
     how_long = f"{timeout_s:g} s" if timeout_s > 0.0 else "for ever"
     return [
         Text(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from horizon_sensor_ros.ros.messages.stamps import s_from_ns
+from horizon_sensor_ros.core.seconds import s_from_ns
 from horizon_sensor_ros.tools.colours import BLUE, COLOURS, GREEN
 from horizon_sensor_ros.tools.report.bags import ANSWER_TOPICS
 from horizon_sensor_ros.tools.report.blocks import (

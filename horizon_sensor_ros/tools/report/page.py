@@ -10,7 +10,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from horizon_sensor_ros.ros.messages.stamps import s_from_ns
+from horizon_sensor_ros.core.seconds import s_from_ns
 from horizon_sensor_ros.ros.parameters.horizon_settings import HorizonSettings
 from horizon_sensor_ros.ros.parameters.parameter import ParameterError
 from horizon_sensor_ros.tools.bags.replayed_node import TopicNames

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from horizon_sensor_ros.ros.messages.stamps import s_from_ns
+from horizon_sensor_ros.core.seconds import s_from_ns
 from horizon_sensor_ros.ros.pipelines.horizon_outputs import HORIZON_OUTPUTS
 
 # On /diagnostics, where every node of a craft writes, these end the names of the nodes' statuses.

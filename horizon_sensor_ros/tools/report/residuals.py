@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from horizon_sensor_ros.core.fits.result import HorizonFit
-from horizon_sensor_ros.ros.messages.stamps import s_from_ns
+from horizon_sensor_ros.core.seconds import s_from_ns
 from horizon_sensor_ros.tools.colours import COLOURS
 from horizon_sensor_ros.tools.reasons import general
 from horizon_sensor_ros.tools.report.blocks import (

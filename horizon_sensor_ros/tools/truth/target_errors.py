@@ -12,8 +12,8 @@ from horizon_sensor_ros.core.mathematics.rigid import (
     inverse_pose,
     vector_from_rotation,
 )
+from horizon_sensor_ros.core.seconds import nearest_s_from_ns
 from horizon_sensor_ros.ros.messages.geometry import pose_of, xyz_of
-from horizon_sensor_ros.ros.messages.stamps import NANOSECONDS
 from horizon_sensor_ros.ros.pipelines.target_pipeline import TARGET_TOPICS
 from horizon_sensor_ros.tools.truth.columns import columns_of
 from horizon_sensor_ros.tools.truth.horizon_errors import error_lines, latency_line
@@ -85,7 +85,7 @@ def target_errors(
             step = inverse_pose(before[1]) @ truth
             rows[DELTA_TOPIC][k] = _pose_error(delta, step)
             if twist is not None:
-                duration_s = (stamp - before[0]) / NANOSECONDS
+                duration_s = nearest_s_from_ns(stamp - before[0])
                 rows[TWIST_TOPIC][k] = _twist_error(twist, step, duration_s)
         before = stamp, truth
     pose_errors, delta_errors, twist_errors = (

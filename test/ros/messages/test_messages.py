@@ -39,10 +39,8 @@ from horizon_sensor_ros.ros.messages.images import ENCODINGS, gray_from_image
 from horizon_sensor_ros.ros.messages.refusal import Refusal
 from horizon_sensor_ros.ros.messages.sensors import camera_info_message, encoded_image
 from horizon_sensor_ros.ros.messages.stamps import (
-    ns_from_s,
     ns_from_time,
     repeated_stamp,
-    s_from_ns,
     stamp_ns,
     time_from_ns,
 )
@@ -419,9 +417,3 @@ def test_poses_and_twists_have_position_before_rotation() -> None:
 @given(st.integers(0, 2**31 * 10**9 - 1))
 def test_a_time_is_its_nanoseconds(stamp: int) -> None:
     assert ns_from_time(time_from_ns(stamp)) == stamp
-
-
-@given(st.integers(-(10**15), 10**15))
-def test_seconds_are_nanoseconds_again(span_ns: int) -> None:
-    assert ns_from_s(s_from_ns(span_ns)) == span_ns
-    assert s_from_ns(np.array([span_ns]))[0] == s_from_ns(span_ns)
