@@ -141,7 +141,8 @@ def _light(world: SceneLight, camera: Camera, rot: np.ndarray) -> np.ndarray:
         if world.has_air:
             pixels[off_planet] = world.sky(sight.take(off_planet))
     draw_limb(light, world, camera, rot, excess)
-    _draw_sky_objects(light, world, camera, rot)
+    add_stars(light, camera, rot, world)
+    add_moon(light, camera, rot, world)
     return light
 
 
@@ -152,25 +153,6 @@ def _frame_rays(camera: Camera) -> np.ndarray:
     rays = np.asfortranarray(camera.rays(np.stack([x.ravel(), y.ravel()], axis=1)))
     rays.setflags(write=False)
     return rays
-
-
-def _draw_sky_objects(
-    light: np.ndarray, world: SceneLight, camera: Camera, rot: np.ndarray
-) -> None:
-    scene = world.scene
-    if scene.star_count > 0:
-        add_stars(light, camera, rot, world.hits, count=scene.star_count, seed=scene.star_seed)
-    if scene.moon_direction is not None:
-        add_moon(
-            light,
-            camera,
-            rot,
-            world.hits,
-            direction=np.array(scene.moon_direction),
-            radius_rad=scene.moon_radius_rad,
-            brightness_dn=scene.moon_dn,
-            sun_direction=world.sun,
-        )
 
 
 def _sun_px(world: SceneLight, camera: Camera, rot: np.ndarray) -> np.ndarray | None:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from horizon_sensor_ros.core.cameras.camera import Camera
-
-HitsPlanet = Callable[[np.ndarray], np.ndarray]
+from horizon_sensor_ros.sim.scene_light import SceneLight
 
 _SUN_CORE_PX = 12.0
 _GHOSTS = (  # place along the line Sun - image centre, radius over the image width, brightness
@@ -20,25 +17,22 @@ _GHOSTS = (  # place along the line Sun - image centre, radius over the image wi
 
 
 def add_stars(
-    image: np.ndarray,
-    camera: Camera,
-    rot_world_from_cam: np.ndarray,
-    hits_planet: HitsPlanet,
-    *,
-    count: int,
-    seed: int,
+    image: np.ndarray, camera: Camera, rot_world_from_cam: np.ndarray, world: SceneLight
 ) -> None:
-    """Add point stars, fixed in the world, to an image (H, W), float32: `count` over the whole sky,
-    as spots of one pixel.
+    """Add the scene's point stars, fixed in the world, to an image (H, W), float32, as spots of one
+    pixel.
     """
-    rng = np.random.default_rng([seed, 0x57A8])
+    count = world.scene.star_count
+    if count <= 0:
+        return
+    rng = np.random.default_rng([world.scene.star_seed, 0x57A8])
     directions = rng.standard_normal((count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     # star counts rise by about 3 for each factor 2.5 in faintness
     flux = 40.0 * rng.uniform(0.01, 1.0, count) ** (-1.0 / 1.2)
     rays = directions @ rot_world_from_cam
     px = camera.pixels(rays)
-    seen = camera.in_frame(px) & ~hits_planet(directions)
+    seen = camera.in_frame(px) & ~world.hits(directions)
     corner = np.floor(px[seen]).astype(int)
     part = px[seen] - corner
     for dx in (0, 1):
@@ -50,18 +44,15 @@ def add_stars(
 
 
 def add_moon(
-    image: np.ndarray,
-    camera: Camera,
-    rot_world_from_cam: np.ndarray,
-    hits_planet: HitsPlanet,
-    *,
-    direction: np.ndarray,
-    radius_rad: float,
-    brightness_dn: float,
-    sun_direction: np.ndarray | None,
+    image: np.ndarray, camera: Camera, rot_world_from_cam: np.ndarray, world: SceneLight
 ) -> None:
-    """Add the Moon's disc, lit from the Sun's side (full without a Sun), 4 x 4 supersampled."""
-    centre_cam = direction @ rot_world_from_cam
+    """Add the disc of the scene's Moon, if it has one, lit from the Sun's side (full without a
+    Sun), 4 x 4 supersampled.
+    """
+    if world.scene.moon_direction is None:
+        return
+    radius_rad = world.scene.moon_radius_rad
+    centre_cam = np.array(world.scene.moon_direction) @ rot_world_from_cam
     centre = camera.pixels(centre_cam[None])[0]
     if not np.isfinite(centre).all():
         return
@@ -80,12 +71,12 @@ def add_moon(
         across = (rays - centre_cam) / radius_rad
         r2 = np.sum(across**2, axis=1)
         lit = r2 < 1.0
-        if sun_direction is not None:
+        if world.sun is not None:
             normal = across - np.sqrt(np.maximum(1.0 - r2, 0.0))[:, None] * centre_cam
-            lit &= normal @ (sun_direction @ rot_world_from_cam) > 0.0
-        lit[lit] &= ~hits_planet(rays[lit] @ rot_world_from_cam.T)
+            lit &= normal @ (world.sun @ rot_world_from_cam) > 0.0
+        lit[lit] &= ~world.hits(rays[lit] @ rot_world_from_cam.T)
     patch = lit.reshape(y1 - y0, 4, x1 - x0, 4).mean(axis=(1, 3))
-    image[y0:y1, x0:x1] += np.float32(brightness_dn) * patch.astype(np.float32)
+    image[y0:y1, x0:x1] += np.float32(world.scene.moon_dn) * patch.astype(np.float32)
 
 
 def add_sun(image: np.ndarray, sun_px: np.ndarray, brightness_dn: float) -> None:
