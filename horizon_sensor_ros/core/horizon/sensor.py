@@ -103,6 +103,17 @@ class HorizonSensor:
             fix = self._brought_together(frames, aiding)
         else:
             fix = self._processed(frames, frames, aiding)
+        fix = self._believed(fix, aiding)
+        since_last_s = aiding.since_last_s
+        if since_last_s is not None:
+            # From fix to fix, each at the time of its own first camera.
+            since_last_s += self._time_s - before_s
+        known = since_last_s is not None and since_last_s > 0.0
+        self._nadir_rate.add(fix.fit, since_last_s if known else None)
+        return fix
+
+    def _believed(self, fix: HorizonFix, aiding: Aiding) -> HorizonFix:
+        """Fix, or none where frames before, or how the craft moves, speak against it."""
         doubt = self._doubts.against(fix, followed=fix.predicted is not None)
         if doubt:
             fix = self._not_believed(fix, Status.CAMERAS_DISAGREE, doubt)
@@ -114,20 +125,10 @@ class HorizonSensor:
             fix = self._not_believed(fix, Status.POOR_FIT, still)
             self._leaps.reset()
         leap = self._leaps.against(fix, aiding)
-        if leap:
-            fix = self._not_believed(fix, Status.POOR_FIT, leap)
-        since_last_s = aiding.since_last_s
-        if since_last_s is not None:
-            # From fix to fix, each at the time of its own first camera.
-            since_last_s += self._time_s - before_s
-        known = since_last_s is not None and since_last_s > 0.0
-        self._nadir_rate.add(fix.fit, since_last_s if known else None)
-        return fix
+        return self._not_believed(fix, Status.POOR_FIT, leap) if leap else fix
 
     def _not_believed(self, fix: HorizonFix, status: Status, reason: str) -> HorizonFix:
-        """No fix, where there is one that frames before speak against; what it is of is not
-        followed.
-        """
+        """No fix, where there is one that is not believed; what it is of is not followed."""
         self._track = None
         refused = self._estimator.refused(status, reason, fix.fit, fix.limbs)
         return replace(refused, views=fix.views)
