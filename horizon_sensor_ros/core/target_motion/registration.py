@@ -222,7 +222,7 @@ def _judge(
     off_m = part_off_m(a.surface, b.surface, refined.rotation, refined.translation_m)
     if off_m is not None:
         return replace(known, status=Status.POOR_FIT, reason=_tell_part(off_m), part_off_m=off_m)
-    layer = layer_off(refined.pairs, refined.robust, b.surface)
+    layer = layer_off(refined.pairs, refined.robust, a.surface, b.surface)
     if layer is not None:
         reason = _tell_layer(layer)
         return replace(known, status=Status.POOR_FIT, reason=reason, part_off_m=layer.off_m)

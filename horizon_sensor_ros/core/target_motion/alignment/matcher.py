@@ -132,8 +132,8 @@ class Matcher:
         of_a, of_b = of_a[keep], of_b[keep]
         point, other = point.take(keep, axis=0), other.take(keep, axis=0)
         side, n = side.take(keep, axis=0), n.take(keep, axis=0)
-        sigma_a, sigma_b = a.sigma_m[of_a], b.sigma_m[of_b]
-        sigma = np.sqrt(sigma_a * sigma_a + sigma_b * sigma_b)
+        by_range2 = self._by_range2(rotation, of_a, of_b, side, n)
+        sigma = np.sqrt(a.sigma_m[of_a] ** 2 + b.sigma_m[of_b] ** 2 + by_range2)
         sides = (point, other, side, n, sigma, *_alike(len(of_a), EDGE, step))
         of_edges = of_a, of_b
         keep = np.flatnonzero(thin[keep])
@@ -150,6 +150,22 @@ class Matcher:
                   *_alike(len(keep), THIN, step, a.tilt_rad[of_a] * b.tilt_rad[of_b]))  # fmt: skip
         fronts[-1][:] += self._direction[of_b]
         return [sides, fronts], of_edges
+
+    def _by_range2(
+        self,
+        rotation: np.ndarray,
+        of_a: np.ndarray,
+        of_b: np.ndarray,
+        side: np.ndarray,
+        n: np.ndarray,
+    ) -> np.ndarray:
+        """(N,) variance of edges' distances that comes of noise of their ranges: none where both
+        views look along one ray. side, n : (N, 3) their normals, in b's frame.
+        """
+        aside_a = _dots(self.a.edges.range_noise_m.take(of_a, axis=0) @ rotation.T, n)
+        aside_b = _dots(self.b.edges.range_noise_m.take(of_b, axis=0), side)
+        both = side + n
+        return (aside_a * aside_a + aside_b * aside_b) / _dots(both, both)
 
     def _parts(self, rotation: np.ndarray, translation: np.ndarray, gate_m: float) -> _Set:
         """a's parts, moved into b's frame, against those that b sees in the same direction."""

@@ -17,8 +17,8 @@ from horizon_sensor_ros.core.target_motion.noise.common_noise import common_vari
 from horizon_sensor_ros.core.target_motion.surfaces.edges.edges import Edges
 from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 
-# Surfaces err alike over some such distance (windows overlap, edges are made of pixels).
-_BLOCK_PX = 12.0
+# Surfaces err alike over so many windows' widths: these overlap, and edges are made of pixels.
+_BLOCK_WINDOWS = 2.4
 
 # Both parts count the noise; this brings the sum to the errors seen on random bodies
 # (`benchmarks/target/claims.py`), or a little above: real clouds are off by more than noise.
@@ -77,13 +77,12 @@ def uncertainty(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView
     residual = pairs.residual
     rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else np.nan
     place = _across_bars(pairs, b.edges)
-    coarser_m = max(a.footprint_m, b.footprint_m)
     scale = comparable(b.size_m)
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     apart = (scale[:, None] * vectors).T @ (j_a - j_b)
     scatter = weight * apart**2 / 2
     rows = np.concatenate([j * (weight * residual), scatter])
-    sums, scatter = np.split(block_sums(rows, place, pairs.kind, coarser_m), 2)
+    sums, scatter = np.split(block_sums(rows, place, pairs.kind, block_m(a, b)), 2)
     # The mean fourth power of what is normal is three times its variance squared.
     doubtful = _SURE**2 * (scatter**2).sum(axis=1) / 3
     values = np.sqrt(np.maximum(values * np.abs(values) - doubtful, 0.0))
@@ -127,13 +126,18 @@ def _across_bars(pairs: Pairs, edges: Edges) -> np.ndarray:
     return place
 
 
+def block_m(a: SurfaceView, b: SurfaceView) -> float:
+    """Distance over which surfaces of two views err alike."""
+    return _BLOCK_WINDOWS * max((2 * each.radius_px + 1) * each.footprint_m for each in (a, b))
+
+
 def block_sums(
-    score: np.ndarray, place: np.ndarray, kind: np.ndarray, footprint_m: float
+    score: np.ndarray, place: np.ndarray, kind: np.ndarray, block_m: float
 ) -> np.ndarray:
     """(6, K) sums of the gradients (6, N) of pairs of a kind at places (3, N) that lie so near each
-    other that they err alike; ``footprint_m`` : a pixel's width.
+    other that they err alike: within blocks ``block_m`` wide.
     """
-    block = np.floor(place / (_BLOCK_PX * footprint_m)).astype(np.int64)
+    block = np.floor(place / block_m).astype(np.int64)
     key = ((block[0] * 4099 + block[1]) * 4099 + block[2]) * 32 + kind
     order = np.argsort(key)
     first = np.flatnonzero(np.diff(key[order], prepend=-1))

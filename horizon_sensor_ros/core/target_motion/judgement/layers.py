@@ -12,7 +12,7 @@ import numpy as np
 from horizon_sensor_ros.core.mathematics.rigid import vector_from_rotation
 from horizon_sensor_ros.core.target_motion.alignment.pairs import FACE, Pairs
 from horizon_sensor_ros.core.target_motion.alignment.refinement import comparable, jacobian
-from horizon_sensor_ros.core.target_motion.alignment.uncertainty import block_sums
+from horizon_sensor_ros.core.target_motion.alignment.uncertainty import block_m, block_sums
 from horizon_sensor_ros.core.target_motion.surfaces.surface_view import SurfaceView
 
 # The cloud is cut at so many depths less one, into what is nearer and what is farther.
@@ -23,6 +23,9 @@ _LAYERS = 8
 # (turns up to 30 deg, 2 to 10 mm of noise) was beyond both, and 80 % of 96 wrong motions that an
 # arm in front led to.
 _MOST_CHI2, _ALIKE_PX, _TURNED_PX = 22.0, 0.02, 0.2
+# And over the noise, where pixels are narrower than that: none of 26 wrong motions was off by less
+# (640 x 480 pixels, 5 and 10 mm), and half of what that many pixels take for layers of one body is.
+_ALIKE_NOISE = 0.05
 # A layer may move by some pixels' widths, in which pairs are found, one sigma.
 _MOVES_PX = 3.0
 
@@ -40,9 +43,9 @@ class Layer:
     off_m: float
 
 
-def layer_off(pairs: Pairs, robust: np.ndarray, b: SurfaceView) -> Layer | None:
-    """Return the layer of view b that moved most clearly otherwise than the pairs of a refined
-    motion do together, or None where all move alike.
+def layer_off(pairs: Pairs, robust: np.ndarray, a: SurfaceView, b: SurfaceView) -> Layer | None:
+    """Return the layer of view b that moved, since view a, most clearly otherwise than the pairs of
+    a refined motion do together, or None where all move alike.
 
     robust : (N,) weights of the pairs. Either side of each cut gets a small motion of its own, by
     linear least squares over its faces. Where the rest varies from place to place by more than the
@@ -72,7 +75,7 @@ def layer_off(pairs: Pairs, robust: np.ndarray, b: SurfaceView) -> Layer | None:
     near = best % (_LAYERS - 1)
     far, nearer, cut = near + _LAYERS - 1, best < _LAYERS - 1, first[1 + near]
     rest = residual - np.concatenate([step[near] @ rows[:, :cut], step[far] @ rows[:, cut:]])
-    sums = block_sums(weighted * rest, pairs.point_b[:, order], pairs.kind[order], b.footprint_m)
+    sums = block_sums(weighted * rest, pairs.point_b[:, order], pairs.kind[order], block_m(a, b))
     varies = np.trace(np.linalg.solve(information[near] + information[far] + prior, sums @ sums.T))
     if not chi2[best] > _MOST_CHI2 * varies / 6:
         return None
@@ -80,7 +83,8 @@ def layer_off(pairs: Pairs, robust: np.ndarray, b: SurfaceView) -> Layer | None:
     off = step[best] @ rows[:, side]
     off_m = float(np.sqrt(np.average(np.square(off), weights=weight[side])))
     turn_rad = float(np.linalg.norm(vector_from_rotation(pairs.rotation)))
-    if off_m < (_ALIKE_PX + _TURNED_PX * turn_rad) * b.footprint_m:
+    alike_m = (_ALIKE_PX + _TURNED_PX * turn_rad) * b.footprint_m
+    if off_m < max(alike_m, _ALIKE_NOISE * max(a.sigma_m, b.sigma_m)):
         return None
     return Layer(nearer, float(pairs.point_b[2, order[cut]]), off_m)
 

@@ -235,7 +235,7 @@ def test_the_layer_that_moved_otherwise_is_told_and_by_how_much(moved: int) -> N
     assert first is not None
     assert second is not None
     pairs = Matcher(first, second).pairs(np.eye(3), np.zeros(3), 0.02)
-    layer = layer_off(pairs, robust_weights(pairs), second)
+    layer = layer_off(pairs, robust_weights(pairs), first, second)
     assert layer is not None
     assert layer.nearer == (moved == 0)
     assert 4.3 < layer.depth_m < 5.4

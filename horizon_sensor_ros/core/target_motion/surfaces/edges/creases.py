@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
-from horizon_sensor_ros.core.target_motion.surfaces.edges.edges import Edges, in_space
+from horizon_sensor_ros.core.target_motion.surfaces.edges.edges import (
+    Edges,
+    in_space,
+    range_noise,
+)
 from horizon_sensor_ros.core.target_motion.surfaces.planes import Planes
 
 _CREASE_PX = 0.35  # standard deviation of its place
@@ -28,7 +32,7 @@ def find_creases(image: RangeImage, planes: Planes) -> Edges:
     width = planes.found.shape[1]
     found, cosine = planes.found.ravel(), planes.cosine.ravel()
     level, slope_u, slope_v = (m.ravel() for m in (planes.level, planes.slope_u, planes.slope_v))
-    crossings = []
+    crossings, pixels = [], []
     for du, dv in ((1, 0), (0, 1)):
         step = dv * width + du
         slope = slope_u if du else slope_v
@@ -55,16 +59,21 @@ def find_creases(image: RangeImage, planes: Planes) -> Edges:
         w = w[keep] + off[0] * slope_u[k] + off[1] * slope_v[k]
         fall = across[0] * slope_v[k] - across[1] * slope_u[k]
         crossings.append(np.array([off[0] + column, off[1] + row, w, fall, *across]))
+        pixels.append(k)
     place_u, place_v, w, fall, across_u, across_v = np.concatenate(crossings, axis=1)
+    pixel = np.concatenate(pixels)
     along, out = np.array([-across_v, across_u]), -np.array([across_u, across_v])
     # From the first face to the second inverse depth falls the faster.
-    _, points, side, direction = in_space(image, np.array([place_u, place_v]), w, fall, along, out)
+    ray, points, side, direction = in_space(
+        image, np.array([place_u, place_v]), w, fall, along, out
+    )
     none = np.zeros(2 * len(w))
     return Edges(
         np.concatenate([points, points], axis=1).T,
         np.concatenate([side, -side], axis=1).T,
         np.concatenate([direction, direction], axis=1).T,
         np.tile(_CREASE_PX / (w * image.focal_px), 2),
+        np.tile(range_noise(planes, pixel, ray), 2).T,
         np.full((2 * len(w), 3), np.nan),
         none,
         none,

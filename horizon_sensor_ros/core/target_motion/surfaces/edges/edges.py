@@ -8,6 +8,7 @@ import numpy as np
 
 from horizon_sensor_ros.core.mathematics.columns import column_dots
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
+from horizon_sensor_ros.core.target_motion.surfaces.planes import Planes
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,7 +17,8 @@ class Edges:
 
     points : (E, 3).  sides : (E, 3) unit normals of the plane through the sensor and the edge,
         away from the surface.  directions : (E, 3) unit vectors along the edge.
-    sigma_m : (E,) across the edge.
+    sigma_m : (E,) across the edge.  range_noise_m : (E, 3) one sigma along the ray, as if each
+        point had its own; seen from elsewhere, that is across the edge as well.
     fronts : (E, 3) unit normals towards the sensor, across the part, where it is thin (a line);
         NaN elsewhere.
     rough_m : (E,) scatter of the returns about that line, along its front, beyond the noise; 0
@@ -33,6 +35,7 @@ class Edges:
     sides: np.ndarray
     directions: np.ndarray
     sigma_m: np.ndarray
+    range_noise_m: np.ndarray
     fronts: np.ndarray
     rough_m: np.ndarray
     tilt_rad: np.ndarray
@@ -52,7 +55,8 @@ def no_edges() -> Edges:
     none = np.empty(0)
     one = np.empty(0, np.int32)
     return Edges(
-        empty, empty, empty, none, empty, none, none, none, np.empty(0, bool), one, none, none
+        empty, empty, empty, none, empty, empty, none, none, none, np.empty(0, bool), one, none,
+        none,
     )  # fmt: skip
 
 
@@ -77,3 +81,19 @@ def in_space(
     direction[:2] += along / image.focal_px
     direction /= np.sqrt(column_dots(direction, direction))
     return ray, ray / inverse_depth, side, direction
+
+
+def range_noise(planes: Planes, pixel: np.ndarray, ray: np.ndarray) -> np.ndarray:
+    """(3, N) `Edges.range_noise_m` where planes end, half a pixel beyond flat indices (N,), along
+    rays (3, N) of depth 1.
+
+    A plane is told there by the rows of pixels that half a window reaches back: a straight line
+    through n of them is known to 4 / n of one's variance beyond its end.
+    """
+    noise, level = planes.noise.ravel()[pixel], planes.level.ravel()[pixel]
+    return along_ray(ray, noise / (level * level) * np.sqrt(4.0 / (planes.radius_px + 1)))
+
+
+def along_ray(ray: np.ndarray, range_m: float | np.ndarray) -> np.ndarray:
+    """(3, N) ranges, (N,) or one, along rays (3, N)."""
+    return np.asarray(ray * (range_m / np.sqrt(column_dots(ray, ray))))

@@ -7,7 +7,13 @@ import numpy as np
 from horizon_sensor_ros.core.mathematics.columns import column_crosses, column_dots
 from horizon_sensor_ros.core.target_motion.ranges.range_image import RangeImage
 from horizon_sensor_ros.core.target_motion.surfaces.body_limb import LIMB_BEND, limb_reach_px
-from horizon_sensor_ros.core.target_motion.surfaces.edges.edges import Edges, in_space, no_edges
+from horizon_sensor_ros.core.target_motion.surfaces.edges.edges import (
+    Edges,
+    along_ray,
+    in_space,
+    no_edges,
+    range_noise,
+)
 from horizon_sensor_ros.core.target_motion.surfaces.edges.hidden_ends import may_be_hidden
 from horizon_sensor_ros.core.target_motion.surfaces.edges.lines import (
     WIDEST_LINE,
@@ -17,6 +23,7 @@ from horizon_sensor_ros.core.target_motion.surfaces.edges.lines import (
 )
 from horizon_sensor_ros.core.target_motion.surfaces.edges.places import (
     EDGE_PX,
+    OFF_PLANE,
     THIN_EDGE_PX,
     WAYS,
     WITHIN_PIXEL,
@@ -79,16 +86,26 @@ def find_ends(image: RangeImage, planes: Planes) -> Edges:
     rough = np.where(sharp, 0, depth * -column_dots(front, ray))
     front[:, sharp] = np.nan
     tilt = rough * smooth * image.focal_px / np.sqrt(sums.n * long)
-    end_px = np.hypot(EDGE_PX, _RIM_PX * np.maximum(_rim_cosine(normal, ray, side, direction), 0))
+    shown = _rim_cosine(normal, ray, side, direction)
+    # Normals are noisy, and a rim shows all along an edge or not at all.
+    of_run = np.bincount(run[k], shown) / np.maximum(np.bincount(run[k]), 1)
+    shown = np.maximum(np.maximum(shown, of_run[run[k]]), 0)
+    end_px = np.hypot(EDGE_PX, _RIM_PX * shown)
     edge_px = np.where(sharp, end_px, THIN_EDGE_PX)
     edge_px = np.where(oblique[k], np.maximum(edge_px, _OBLIQUE_EDGE_PX), edge_px)
     sigma = edge_px / (smooth * image.focal_px)
+    noise = range_noise(planes, places.pixel[k], ray)
+    # Returns of what is thin stand for themselves.
+    alone = np.flatnonzero(places.thin[k] | ~sharp)
+    noise[:, alone] = along_ray(ray[:, alone], planes.sigma_m)
     alike, leaning = (each[k] / (smooth * image.focal_px) for each in off_px)
+    # Of a rim as thick as passes for the face's own noise.
+    alike = np.hypot(alike, shown * OFF_PLANE * planes.sigma_m)
     half_width = _half_widths_px(image, planes, places, angle, run)[k] / (smooth * image.focal_px)
     creases = np.zeros(len(k), bool)
     return Edges(
-        points.T, side.T, direction.T, sigma, front.T, rough, tilt, half_width, creases, run[k],
-        alike, leaning,
+        points.T, side.T, direction.T, sigma, noise.T, front.T, rough, tilt, half_width, creases,
+        run[k], alike, leaning,
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ EDGE_PX, THIN_EDGE_PX = 0.25, 0.5
 WITHIN_PIXEL = 12**-0.5
 # A return lies behind a face by more than this many of its noise; and by so many pixels' widths
 # beyond where there is a plane as well.
-_OFF_PLANE, _BEHIND = 2.5, 4.0
+OFF_PLANE, _BEHIND = 2.5, 4.0
 _BEHIND_PX = 1.5
 _MIN_SHARP_COSINE = 0.25
 # A part up to so many pixels wide is thin; and so many without a return are a hole in a surface.
@@ -110,7 +110,7 @@ def _falling_back(image: RangeImage, planes: Planes) -> tuple[np.ndarray, np.nda
     width = image.inverse_depth.shape[1]
     slopes = planes.slope_u.ravel(), planes.slope_v.ravel()
     # A return that is on no plane may belong to a narrow face seen at a slant.
-    off_plane = planes.level.ravel() - _OFF_PLANE * noise
+    off_plane = planes.level.ravel() - OFF_PLANE * noise
     # The image has an empty margin, so that every return has neighbours.
     margin = 2 * width + 2
     inner = slice(margin, -margin)
@@ -150,4 +150,4 @@ def _goes_on(image: RangeImage, planes: Planes, k: np.ndarray, way: np.ndarray) 
         noise = np.hypot(
             noise, ahead * level * np.float32(planes.normal_noise_rad / image.focal_px)
         )
-    return (inside & (np.abs(off) < _OFF_PLANE * noise)).any(axis=0)
+    return (inside & (np.abs(off) < OFF_PLANE * noise)).any(axis=0)

@@ -1,4 +1,4 @@
-"""Edges of thin parts that run obliquely, drawn in closed form."""
+"""Edges of thin parts that run obliquely, and of faces, drawn in closed form."""
 
 from dataclasses import fields
 
@@ -153,3 +153,31 @@ def test_a_few_places_beside_the_rest_tell_nothing_of_an_edge(angle_deg: float) 
                 squares.append(np.square(np.mean(outwards_px[of] - 1.5) / claim_px))
     assert len(squares) == 60
     assert np.mean(squares) < 1.25
+
+
+@pytest.mark.parametrize(("noise_m", "slope"), [(0.004, 0.0), (0.02, 0.0), (0.02, -0.6)])
+def test_how_far_away_the_end_of_a_face_is_comes_with_its_noise(
+    noise_m: float, slope: float
+) -> None:
+    """Of all places on a side of a face the mean is off by what each claims, as if they had noise
+    of their own. slope : by which the face falls back towards that side.
+    """
+    off = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        u, v = np.meshgrid(*2 * [(np.arange(float(SIDE_PX)) - 80) / FOCAL_PX])
+        face = (np.abs(u) < 0.12) & (np.abs(v) < 0.15)
+        depth = np.where(face, DEPTH_M / (1.0 - slope * u), np.nan)
+        rays = np.stack([u, v, np.ones_like(u)], axis=-1)
+        length = np.linalg.norm(rays, axis=-1)
+        depth += rng.normal(0, noise_m, depth.shape) / length
+        image = range_image(rays * depth[..., None], FOCAL_PX)
+        edges = find_edges(image, local_planes(image))
+        right = (edges.sides[:, 0] > 0.9) & (np.abs(edges.points[:, 1]) < 0.12 * DEPTH_M)
+        point, noise = edges.points[right], edges.range_noise_m[right]
+        claimed = np.linalg.norm(noise, axis=1)
+        np.testing.assert_allclose(np.cross(noise, point), 0.0, atol=1e-6)
+        true = DEPTH_M / (1.0 - slope * point[:, 0] / point[:, 2])
+        far = (point[:, 2] - true) * np.linalg.norm(point, axis=1) / point[:, 2]
+        off.append(np.sqrt(len(far)) * far.mean() / claimed.mean())
+    assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.2
