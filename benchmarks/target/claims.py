@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.stats import chi2
 from tqdm import tqdm
@@ -18,6 +20,8 @@ from target.pairs import BEYOND_NEES, nees, random_poses
 _NOISE_M = (0.002, 0.005, 0.010)
 # And of noise that grows as one over the cosine of the slant, where seen squarely.
 _SLANT_NOISE_M = (0.005, 0.010)
+# And of noise three times as large as pixels are wide at the target.
+_FINE_NOISE_M, _FINE = 0.010, (640, 480)
 _UNKNOWNS = 6
 
 
@@ -41,25 +45,21 @@ def random_body(rng: np.random.Generator) -> TriangleMesh:
 
 def run(options: Options) -> list[Table]:
     """NEES by the noise of the ranges; a third of the pairs for each that is even, and as many for
-    each that grows with the slant.
+    each that grows with the slant, and of narrower pixels.
     """
     count = max(options.frames // len(_NOISE_M), 1)
     rows = []
     every: list[float] = []
-    kinds = [(noise_m, 0.0) for noise_m in _NOISE_M] + [
-        (noise_m, 1.0) for noise_m in _SLANT_NOISE_M
-    ]
-    with tqdm(total=len(kinds) * count, desc="claims", unit="pair") as bar:
-        for noise_m, growth in kinds:
-            camera = ToFCamera(range_noise_m=noise_m, slant_growth=growth)
+    cameras = _cameras()
+    with tqdm(total=len(cameras) * count, desc="claims", unit="pair") as bar:
+        for which, (name, camera) in enumerate(cameras.items()):
             found: list[float] = []
             for k in range(count):
-                rng = np.random.default_rng([options.seed, k, round(1e6 * noise_m)])
-                found += _nees_of_a_pair(rng, camera)
+                seed = [options.seed, k, round(1e6 * camera.range_noise_m)]
+                found += _nees_of_a_pair(np.random.default_rng(seed), camera)
                 bar.update()
-            name = f"{1e3 * noise_m:.0f} mm" + (" over cosine" if growth else "")
             rows.append(_row(name, found, count))
-            every += [] if growth else found
+            every += found if which < len(_NOISE_M) else []
     rows.insert(len(_NOISE_M), _row("all even", every, len(_NOISE_M) * count))
     middle, most = chi2.ppf((0.5, 0.9), _UNKNOWNS)
     return [
@@ -70,6 +70,24 @@ def run(options: Options) -> list[Table]:
             (f"where the covariance is true: median {middle:.2f}, p90 {most:.1f}, 0.27 %",),
         )
     ]
+
+
+def _cameras() -> dict[str, ToFCamera]:
+    """Cameras by what is said of their noise, those of even noise first."""
+    even = {f"{1e3 * each:.0f} mm": ToFCamera(range_noise_m=each) for each in _NOISE_M}
+    slanted = {
+        f"{1e3 * each:.0f} mm over cosine": ToFCamera(range_noise_m=each, slant_growth=1.0)
+        for each in _SLANT_NOISE_M
+    }
+    usual, (width, height) = ToFCamera(), _FINE
+    fine = replace(
+        usual,
+        width=width,
+        height=height,
+        pixel_pitch_m=usual.pixel_pitch_m * usual.width / width,
+        range_noise_m=_FINE_NOISE_M,
+    )
+    return even | slanted | {f"{1e3 * _FINE_NOISE_M:.0f} mm, {width} x {height}": fine}
 
 
 def _nees_of_a_pair(rng: np.random.Generator, camera: ToFCamera) -> list[float]:
