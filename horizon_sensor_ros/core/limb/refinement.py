@@ -176,7 +176,7 @@ class _JointFit:
         cone: tuple[np.ndarray, float],
     ) -> None:
         self._gray, self._step, self._view, self._cone = gray, step, view, cone
-        self.uneven = False
+        self.uneven = self._taken = False
 
     def of(self, look: EdgeLook, jumps_px: float = np.inf) -> _Refined | None:
         """Points of the limb, and the look with its air; None where the fit does not hold.
@@ -193,6 +193,10 @@ class _JointFit:
         )
         if not isinstance(limb, GlowLimb):
             self.uneven |= limb is not None
+            self._taken |= limb is not None and limb.taken
+            return None
+        if self._taken and not limb.air.twilit:
+            # Nor is glow even to a fit that began with another look of the edge.
             return None
         return replace(limb, smeared=True) if step.blur_open_px > 0.0 else limb
 

@@ -19,7 +19,8 @@ texture's strength by restricted likelihood (Rasmussen & Williams 2006, 2.7 and 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,7 +42,7 @@ from horizon_sensor_ros.core.limb.glow.limb import GlowLimb, limb_of
 from horizon_sensor_ros.core.limb.glow.model import GlowStep, ends_unseen, step_towards
 from horizon_sensor_ros.core.limb.glow.sight import LEAST_STRETCHES, GlowSight
 from horizon_sensor_ros.core.limb.glow.stride import stride_of
-from horizon_sensor_ros.core.limb.glow.twilight import lit_part
+from horizon_sensor_ros.core.limb.glow.twilight import lacks_air, lit_part, taken_for_limb
 from horizon_sensor_ros.core.mathematics.attitude import tangent_basis
 from horizon_sensor_ros.core.mathematics.robust import median
 from horizon_sensor_ros.core.mathematics.symmetric3 import is_positive
@@ -74,8 +75,23 @@ _OVEREXPOSED = 0.5  # share of the stretches: more, and how sharp the edge is is
 _MISFIT = 1.4  # of the median stretch, from which the model does not hold
 
 
+@dataclass(frozen=True)
 class UnevenGlow:
-    """In place of a limb: glow changes too fast along it, and no fit of its lit part holds."""
+    """In place of a limb: glow changes too fast along it, and no fit of its lit part holds.
+
+    taken : a fit by daylight took that for the limb's own turn or bend.
+    """
+
+    taken: bool = False
+
+
+class _Fading(NamedTuple):
+    """In place of a limb by daylight: the part of it that is lit, from 0 to 1 along it. taken : its
+    fading was taken for the limb's own turn or bend.
+    """
+
+    part: tuple[float, float]
+    taken: bool
 
 
 def fit_glow(
@@ -100,13 +116,14 @@ def fit_glow(
         found = _fitted(gray, view, nadir_base, rho, look, factor, part)
         if found is not None:
             break
-    uneven = part is not None or isinstance(found, tuple)
-    if isinstance(found, tuple) and in_part:
+    uneven = part is not None or isinstance(found, _Fading)
+    taken = isinstance(found, _Fading) and found.taken
+    if isinstance(found, _Fading) and in_part:
         fresh = replace(look, air=None)
-        found = _fitted(gray, view, nadir_base, rho_rad, fresh, factor, found)
-    if isinstance(found, GlowLimb):
+        found = _fitted(gray, view, nadir_base, rho_rad, fresh, factor, found.part)
+    if isinstance(found, GlowLimb) and not (taken and lacks_air(found.air.share)):
         return found
-    return UnevenGlow() if uneven else None
+    return UnevenGlow(taken) if uneven else None
 
 
 def _starts(view: CameraView, rho_rad: float, factor: int) -> list[float]:
@@ -128,17 +145,16 @@ def _fitted(
     look: EdgeLook,
     factor: int,
     part: tuple[float, float] | None,
-) -> GlowLimb | tuple[float, float] | None:
+) -> GlowLimb | _Fading | None:
     """`fit_glow` by daylight, or towards the terminator of a part of what is seen of the limb, from
     0 to 1 along it. Where glow is too uneven for daylight: the part that is lit.
     """
     length_px = usual_length_px(view, rho_rad, factor)
     outer_px = _outer_px(look, length_px)
-    air = look.air
+    air = first = look.air
     keep = np.empty(0, dtype=bool)
     sight: GlowSight | None = None
-    moved = since = 0.0
-    pinned = 0
+    moved, since, pinned = 0.0, 0.0, 0
     last: np.ndarray | None = None
     most_px = max(_FAR_PX, _FAR_LENGTHS * length_px)
     for _ in range(round(_STEPS * max(1.0, length_px / _LONG_PX))):
@@ -152,8 +168,9 @@ def _fitted(
         if air is None or len(keep) != len(sight):
             guess = first_guess(sight, look, air)
             air, keep = guess.air.lit_in(part), guess.keep
+            first = first or air
             if part is None and (_too_few(keep) or np.abs(air.log_glow[1:]).max() > _TWILIGHT):
-                return lit_part(guess.glow)
+                return _fading(guess.glow)
         if _too_few(keep) or not air.imaginable:
             return None
         found = step_towards(sight, air, keep)
@@ -164,10 +181,8 @@ def _fitted(
         outlying = keep & (found.cost > _OUTLIER * max(1.0, median(found.cost[keep])))
         settled = stride.far_px <= _NEAR_PX and not outlying.any()
         if settled and air.near(stride.change):
-            if part is None and (_uneven(air) or ends_unseen(sight, air)):
-                return lit_part(guess.glow)
-            holds = median(found.cost[keep]) < _MISFIT and _plausible(air, sight)
-            return limb_of(sight, found, keep, air, nadir_base) if holds else None
+            limb = limb_of(sight, found, keep, air, nadir_base)
+            return _judged(limb, sight, air, first or air, guess.glow, median(found.cost[keep]))
         keep = keep & ~outlying
         air = air.changed(stride.change)
         pinned = pinned + 1 if settled and air.psf_px in BLURS_PX else 0
@@ -204,6 +219,28 @@ def _uneven(air: Air) -> bool:
     slope, bend = air.log_glow[1:].tolist()
     bend -= usual_bend(air.log_glow)
     return not (abs(slope) < _MOST_SLOPE and abs(bend) < _MOST_BEND)
+
+
+def _fading(glow: np.ndarray, *, taken: bool = False) -> _Fading | None:
+    """Of glow of stretches (M,); None if nothing glows."""
+    part = lit_part(glow)
+    return None if part is None else _Fading(part, taken)
+
+
+def _judged(
+    limb: GlowLimb, sight: GlowSight, air: Air, first: Air, glow: np.ndarray, misfit: float
+) -> GlowLimb | _Fading | None:
+    """What a fit that has settled comes to. first : air that it began with, above stretches with
+    glow (M,). misfit : cost of the median one.
+    """
+    if not air.twilit and (_uneven(air) or ends_unseen(sight, air)):
+        return _fading(glow)
+    if not (misfit < _MISFIT and _plausible(air, sight)):
+        return None
+    evened = float(np.linalg.norm((first.log_glow - air.log_glow)[1:]))
+    if not air.twilit and taken_for_limb(evened, air.share, misfit):
+        return _fading(glow, taken=True)
+    return limb
 
 
 def _plausible(air: Air, sight: GlowSight) -> bool:

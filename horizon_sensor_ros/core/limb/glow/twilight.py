@@ -20,6 +20,11 @@ _AROUND = 2  # stretches to either side, of which the median counts
 _DARKEST = 0.05  # ground, over the brightest
 _BRIGHT = 0.95  # share of the stretches that are darker than what counts as the brightest
 _ENDS = 6  # an end is so many-th of a limb
+# A limb that was fitted to how its glow fades: slope and bend of the logarithm of that at first
+# sight that the fit has evened out, from where on it has moved the limb by some three times what it
+# claims; less air in front of the ground than the half of it that lies on this side; and a cost
+# over the degrees of freedom that one of four limbs exceeds.
+_EVENED, _LEAST_SHARE, _POOR = 0.2, 0.48, 0.7
 
 
 def lit_part(glow: np.ndarray) -> tuple[float, float] | None:
@@ -44,6 +49,23 @@ def darker_end(level: np.ndarray) -> tuple[float, float]:
     """
     size = max(len(level) // _ENDS, 1)
     return min(median(level[:size]), median(level[-size:])), quantile(level, _BRIGHT)
+
+
+def taken_for_limb(evened: float, share: float, misfit: float) -> bool:
+    """Whether a fit by daylight has taken glow that fades along the limb for a lower limb.
+
+    By daylight glow is known to be nearly even: where it is dimmer its contour is lower, and a fit
+    lowers the limb. Glow that goes on down to there would be brighter than what is seen, so that
+    air in front of the ground seems to be missing, and profiles fit badly. evened : by how much the
+    slope and bend of log A have changed since first sight, of edges that were found one by one.
+    share, misfit : as of `Air` and of the median stretch.
+    """
+    return evened > _EVENED and lacks_air(share) and misfit > _POOR
+
+
+def lacks_air(share: float) -> bool:
+    """Whether less air seems to be in front of the ground than there is. share : as of `Air`."""
+    return share < _LEAST_SHARE
 
 
 def lit_shares(along: np.ndarray, level: np.ndarray) -> np.ndarray:

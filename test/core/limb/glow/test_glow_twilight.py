@@ -7,7 +7,12 @@ import pytest
 
 from horizon_sensor_ros.core.limb.air import FURTHER
 from horizon_sensor_ros.core.limb.glow.brightness import further_powers
-from horizon_sensor_ros.core.limb.glow.twilight import darker_end, lit_part, lit_shares
+from horizon_sensor_ros.core.limb.glow.twilight import (
+    darker_end,
+    lit_part,
+    lit_shares,
+    taken_for_limb,
+)
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -49,3 +54,14 @@ def test_ground_is_lit_as_its_levels_are_but_for_texture() -> None:
     texture = 1.0 + 0.1 * np.sin(40.0 * along)
     assert np.abs(lit_shares(along, 80.0 * lit * texture) - lit).max() < 0.1
     assert lit_shares(along, np.full(25, -1.0)).tolist() == [1.0] * 25
+
+
+@pytest.mark.parametrize(
+    ("evened", "share", "misfit"), [(0.0, 0.4, 1.2), (0.5, 0.5, 1.2), (0.5, 0.4, 0.4)]
+)
+def test_a_limb_is_none_of_fading_glow_where_anything_speaks_for_it(
+    evened: float, share: float, misfit: float
+) -> None:
+    """The same glow as at first sight, all of the air in front of the ground, or a good fit."""
+    assert taken_for_limb(0.5, 0.4, 1.2)
+    assert not taken_for_limb(evened, share, misfit)
