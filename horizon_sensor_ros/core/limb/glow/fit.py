@@ -237,8 +237,10 @@ def _judged(
         return _fading(glow)
     if not (misfit < _MISFIT and _plausible(air, sight)):
         return None
+    # Under the Sun's glare first sight is not of glow alone.
+    by_glow = not (air.twilit or limb.glaring)
     evened = float(np.linalg.norm((first.log_glow - air.log_glow)[1:]))
-    if not air.twilit and taken_for_limb(evened, air.share, misfit):
+    if by_glow and taken_for_limb(evened, air.share, misfit):
         return _fading(glow, taken=True)
     return limb
 
