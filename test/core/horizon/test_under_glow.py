@@ -47,16 +47,19 @@ def test_limbs_are_told_from_glow_that_fades_towards_the_terminator(i: int, seed
 
 
 @pytest.mark.parametrize(("kind", "i", "camera"), [("daylight", 237, 0), ("low_sun", 31, 1)])
-def test_glow_that_fades_along_a_limb_is_not_taken_for_a_turn_of_the_limb(
+def test_glow_that_fades_along_one_limb_is_not_taken_for_its_turn(
     kind: str, i: int, camera: int
 ) -> None:
-    """One camera: as by daylight nadir was .4 to .7 deg off, at .2 to .4 claimed."""
+    """As by daylight nadir was .67 and .38 deg off, 4.1 and 3.2 sigma. What was found so stays so
+    where it is followed.
+    """
     scene = hard_scene(kind, i, 31)
     frames = as_frames(scene.views, scene.frames)[camera : camera + 1]
     sensor = HorizonSensor()
-    for _ in range(2):  # searched, and followed
+    for _ in range(2):
         fix = sensor.process(frames)
         assert fix.ok, fix.reason
+        assert fix.limbs[0].glow_separated
         assert error_deg(fix, scene.frames[0].truth.nadir_base) < 0.15
         assert nees(fix, scene.frames[0].truth.nadir_base) < 4.0
 

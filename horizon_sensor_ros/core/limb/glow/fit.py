@@ -237,10 +237,11 @@ def _judged(
         return _fading(glow)
     if not (misfit < _MISFIT and _plausible(air, sight)):
         return None
-    # Under the Sun's glare first sight is not of glow alone.
-    by_glow = not (air.twilit or limb.glaring)
+    # Under the Sun's glare first sight is not of glow alone, and under long glow it is of edges far
+    # beyond the limb, see `_starts`.
+    told = not limb.glaring and limb.length_px < _LONG_GLOW_PX
     evened = float(np.linalg.norm((first.log_glow - air.log_glow)[1:]))
-    if by_glow and taken_for_limb(evened, air.share, misfit):
+    if told and not air.twilit and taken_for_limb(evened, air.share, misfit):
         return _fading(glow, taken=True)
     return limb
 
