@@ -30,7 +30,7 @@ from horizon_sensor_ros.core.target_motion.surfaces.edges.places import (
     Places,
     places_of_ends,
 )
-from horizon_sensor_ros.core.target_motion.surfaces.edges.runs import find_runs
+from horizon_sensor_ros.core.target_motion.surfaces.edges.runs import find_runs, mean_of_run
 from horizon_sensor_ros.core.target_motion.surfaces.fading_limb import fading_limb
 from horizon_sensor_ros.core.target_motion.surfaces.planes import Planes
 
@@ -88,8 +88,7 @@ def find_ends(image: RangeImage, planes: Planes) -> Edges:
     tilt = rough * smooth * image.focal_px / np.sqrt(sums.n * long)
     shown = _rim_cosine(normal, ray, side, direction)
     # Normals are noisy, and a rim shows all along an edge or not at all.
-    of_run = np.bincount(run[k], shown) / np.maximum(np.bincount(run[k]), 1)
-    shown = np.maximum(np.maximum(shown, of_run[run[k]]), 0)
+    shown = np.maximum(np.maximum(shown, mean_of_run(run[k], shown)), 0)
     end_px = np.hypot(EDGE_PX, _RIM_PX * shown)
     edge_px = np.where(sharp, end_px, THIN_EDGE_PX)
     edge_px = np.where(oblique[k], np.maximum(edge_px, _OBLIQUE_EDGE_PX), edge_px)
@@ -176,12 +175,12 @@ def _half_widths_px(
     within 45 deg of the sight: what falls back faster is a plate at a slant, which ends on its
     plane.
     """
-    share = np.bincount(run, places.thin) / np.bincount(run)
+    share = mean_of_run(run, places.thin)
     across = np.array([-np.sin(angle), np.cos(angle)])
     slopes = np.array([planes.slope_u.ravel(), planes.slope_v.ravel()])[:, places.pixel]
     facing = image.focal_px * np.abs(column_dots(across, slopes)) < places.inverse_depth
     width_px = places.width_px * np.abs(column_dots(across, WAYS[places.way].T))
-    return np.where(places.sharp & facing & (share[run] > 0.5), width_px / 2, 0.0)
+    return np.where(places.sharp & facing & (share > 0.5), width_px / 2, 0.0)
 
 
 def _before_end(

@@ -84,12 +84,13 @@ def _along_run(spot: np.ndarray, angle: np.ndarray, run: np.ndarray) -> np.ndarr
     """(P,) how far each place (2, P) is from the middle of its run along it, in lengths of the run:
     -.5 to .5 where places lie evenly.
     """
-    count = np.bincount(run)
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        return (np.bincount(run, values) / count)[run]
-
-    heading = np.arctan2(mean(np.sin(2 * angle)), mean(np.cos(2 * angle))) / 2
-    u, v = (each - mean(each) for each in spot)
+    sine, cosine = (mean_of_run(run, each(2 * angle)) for each in (np.sin, np.cos))
+    heading = np.arctan2(sine, cosine) / 2
+    u, v = (each - mean_of_run(run, each) for each in spot)
     along = np.cos(heading) * u + np.sin(heading) * v
-    return along / np.sqrt(np.maximum(12 * mean(along * along), 1.0))
+    return along / np.sqrt(np.maximum(12 * mean_of_run(run, along * along), 1.0))
+
+
+def mean_of_run(run: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(P,) mean of values (P,) over the run of each place; run : (P,) its number."""
+    return np.asarray((np.bincount(run, values) / np.maximum(np.bincount(run), 1))[run])
